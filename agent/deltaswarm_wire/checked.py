@@ -1,0 +1,177 @@
+"""Settings as frozen dataclasses whose fields carry their own limits.
+
+`check(cls, table, path)` makes one from a plain table (as TOML gives it) and collects every mistake
+instead of stopping at the first.
+"""
+
+import dataclasses
+import difflib
+import math
+import types
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One mistake: where, what was found, what is allowed."""
+
+    path: str
+    found: str
+    allowed: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.found}; {self.allowed}"
+
+
+class SettingsError(ValueError):
+    """Settings with mistakes; `problems` has all of them."""
+
+    def __init__(self, problems: list[Problem]) -> None:
+        super().__init__("\n".join(str(problem) for problem in problems))
+        self.problems = problems
+
+
+def key(
+    default: Any,
+    doc: str,
+    *,
+    source: str = "",
+    low: float | None = None,
+    high: float | None = None,
+    above: float | None = None,
+    choices: tuple[str, ...] | None = None,
+    length: int | None = None,
+) -> Any:
+    """A field with its default, its meaning, its source ("paper" or "our reading") and its limits."""
+    limits = {"low": low, "high": high, "above": above, "choices": choices, "length": length}
+    metadata = {"doc": doc, "source": source, **limits}
+    if isinstance(default, type):
+        return dataclasses.field(default_factory=default, metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
+    """An instance of `cls` from `table`, and all mistakes found; the instance is None if there are any."""
+    if not isinstance(table, Mapping):
+        return None, [Problem(path or "settings", f"{_shown(table)}", "a table is expected")]
+    specs = {spec.name: spec for spec in dataclasses.fields(typing.cast(Any, cls))}
+    hints = typing.get_type_hints(cls)
+    problems = [_unknown(name, specs, path) for name in table if name not in specs]
+    values: dict[str, Any] = {}
+    for name, spec in specs.items():
+        if name in table:
+            value, found = _value(table[name], hints[name], spec.metadata, _join(path, name))
+            problems += found
+            values[name] = value
+    if problems:
+        return None, problems
+    made = cls(**values)
+    extra = getattr(made, "problems", None)
+    problems = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
+    return (None if problems else made), problems
+
+
+def load(cls: type[T], table: Any, path: str = "") -> T:
+    """Like `check`, for those who want an instance or an error.
+
+    Raises:
+        SettingsError: with every mistake.
+    """
+    made, problems = check(cls, table, path)
+    if made is None:
+        raise SettingsError(problems)
+    return made
+
+
+def plain(settings: Any) -> dict[str, Any]:
+    """The settings as a plain table again, for TOML or JSON; what is None is left out."""
+    return {
+        name: plain_value(getattr(settings, name))
+        for name in (spec.name for spec in dataclasses.fields(settings))
+        if getattr(settings, name) is not None
+    }
+
+
+def plain_value(value: Any) -> Any:
+    """One value as TOML or JSON has it: tuples as lists, settings as tables."""
+    if dataclasses.is_dataclass(value):
+        return plain(value)
+    if isinstance(value, tuple):
+        return [plain_value(item) for item in value]
+    return value
+
+
+def _join(path: str, name: str) -> str:
+    return f"{path}.{name}" if path else name
+
+
+def _shown(value: Any) -> str:
+    shown = repr(value)
+    return shown if len(shown) <= 60 else f"{shown[:57]}..."
+
+
+def _unknown(name: str, specs: Mapping[str, Any], path: str) -> Problem:
+    near = difflib.get_close_matches(str(name), specs, n=1)
+    hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(specs)}"
+    return Problem(_join(path, str(name)), "unknown key", hint)
+
+
+def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple[Any, list[Problem]]:
+    origin = typing.get_origin(hint)
+    if origin in (types.UnionType, typing.Union):
+        hint = next(arm for arm in typing.get_args(hint) if arm is not type(None))
+        origin = typing.get_origin(hint)
+    if dataclasses.is_dataclass(hint):
+        return check(typing.cast(type[Any], hint), value, path)
+    if origin is tuple:
+        return _tuple(value, typing.get_args(hint)[0], limits, path)
+    allowed = _allowed(hint, limits)
+    fits = type(value) is hint or (hint is float and type(value) is int)
+    if not fits or not _within(value, limits):
+        return None, [Problem(path, _shown(value), allowed)]
+    return (float(value) if hint is float else value), []
+
+
+def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple[Any, list[Problem]]:
+    length = limits.get("length")
+    if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
+        count = f"{length} items" if length is not None else "a list"
+        return None, [Problem(path, _shown(value), f"{count} expected")]
+    inner = {**limits, "length": limits.get("length") if typing.get_origin(item) is tuple else None}
+    made, problems = [], []
+    for index, entry in enumerate(value):
+        one, found = _value(entry, item, inner, f"{path}[{index}]")
+        made.append(one)
+        problems += found
+    return tuple(made), problems
+
+
+def _within(value: Any, limits: Mapping[str, Any]) -> bool:
+    if limits.get("choices") is not None:
+        return value in limits["choices"]
+    if isinstance(value, bool | str):
+        return True
+    low, high, above = limits.get("low"), limits.get("high"), limits.get("above")
+    return (
+        math.isfinite(value)
+        and (low is None or value >= low)
+        and (high is None or value <= high)
+        and (above is None or value > above)
+    )
+
+
+def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
+    if limits.get("choices") is not None:
+        return "one of " + ", ".join(limits["choices"]) + " is allowed"
+    noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
+    bounds = [
+        f"{word} {limits[name]:g}"
+        for name, word in (("above", "above"), ("low", "at least"), ("high", "at most"))
+        if limits.get(name) is not None
+    ]
+    return f"{noun}{' ' if bounds else ''}{' and '.join(bounds)} is allowed"

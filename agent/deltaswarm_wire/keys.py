@@ -1,0 +1,58 @@
+"""The key expressions of a run, below `deltaswarm/<run>/`."""
+
+import re
+
+ROOT = "deltaswarm"
+
+FRAME, RADIO, REPORT, ACT = "frame", "radio", "report", "act"
+
+WORLD, OPERATOR, RECORDER, AGENT = "world", "operator", "recorder", "agent"
+
+_RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+class Keys:
+    """All keys of one run. A run's name is one chunk: letters, digits, `_`, `.`, `-`.
+
+    Raises:
+        ValueError: the name cannot be a chunk of a key.
+    """
+
+    def __init__(self, run: str) -> None:
+        if not _RUN_NAME.fullmatch(run):
+            raise ValueError(f"run name {run!r}: 1 to 64 letters, digits, '_', '.' or '-' are allowed")
+        self.run = run
+        self.root = f"{ROOT}/{run}"
+        self.clock = f"{self.root}/clock"
+        self.truth = f"{self.root}/world/truth"
+        self.status = f"{self.root}/world/status"
+        self.workload = f"{self.root}/operator/workload"
+        self.from_agents = self.agent("*", "*")
+        self.all_radio = self.agent("*", RADIO)
+        self.all_reports = self.agent("*", REPORT)
+        self.all_acts = self.agent("*", ACT)
+        self.all_tokens = f"{self.root}/@lv/*/*"
+
+    def agent(self, agent: int | str, leaf: str) -> str:
+        """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, or `*`."""
+        return f"{self.root}/agent/{agent}/{leaf}"
+
+    def token(self, role: str, number: int | str = 0) -> str:
+        """The liveliness token of one process."""
+        return f"{self.root}/@lv/{role}/{number}"
+
+
+def parse_agent_key(key: str) -> tuple[int, str] | None:
+    """Agent and leaf of `.../agent/<id>/<leaf>`, or None where it is no such key."""
+    chunks = key.rsplit("/", 3)
+    if len(chunks) != 4 or chunks[1] != AGENT or not chunks[2].isdecimal():
+        return None
+    return int(chunks[2]), chunks[3]
+
+
+def parse_token(key: str) -> tuple[str, int] | None:
+    """Role and number of `.../@lv/<role>/<number>`, or None where it is no such key."""
+    chunks = key.rsplit("/", 3)
+    if len(chunks) != 4 or chunks[1] != "@lv" or not chunks[3].isdecimal():
+        return None
+    return chunks[2], int(chunks[3])

@@ -1,0 +1,155 @@
+"""How a process opens its Zenoh session, as plain (key, JSON value) pairs; and who may do what.
+
+The world's session is the router. Its access control makes range gating a fact: an agent may send on
+its own keys and receive its own frame, and nothing else.
+"""
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
+
+CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
+"""Names a JSON5 file that a session starts from, as in rmw_zenoh."""
+
+PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
+"""Holds the password of a part that is started by hand, so that it shows in no process list."""
+
+_ONE_WORKER = (
+    "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
+)
+
+Pairs = list[tuple[str, Any]]
+
+
+@dataclass(frozen=True)
+class Link:
+    """How one process reaches the router.
+
+    `low_latency` is for agents on the router's machine: faster, but no sample may exceed 32 KiB.
+    `overrides` are the user's own (key, JSON5 text) pairs; they win.
+    """
+
+    endpoint: str
+    user: str = ""
+    password: str = ""
+    low_latency: bool = False
+    overrides: tuple[tuple[str, str], ...] = ()
+
+
+def use_one_worker_thread() -> None:
+    """Let Zenoh run on one worker thread. Call before `import zenoh`.
+
+    With dozens of sessions on few cores, more threads only add switches.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", _ONE_WORKER)
+
+
+def user_name(role: str, number: int = 0) -> str:
+    """The name under which a process logs in at the router."""
+    return f"agent-{number}" if role == AGENT else role
+
+
+def client_pairs(link: Link) -> Pairs:
+    """A client that knows where its router is, and does not scout."""
+    pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *_quiet(link.low_latency)]
+    if link.user:
+        pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
+    return pairs
+
+
+def router_pairs(link: Link, dictionary_file: str, rules: dict[str, Any]) -> Pairs:
+    """The router: listens on the link's endpoint, knows users from a file, enforces `rules`."""
+    return [
+        ("mode", "router"),
+        ("listen/endpoints", [link.endpoint]),
+        *_quiet(low_latency=True),
+        ("transport/auth/usrpwd/user", link.user),
+        ("transport/auth/usrpwd/password", link.password),
+        ("transport/auth/usrpwd/dictionary_file", dictionary_file),
+        ("access_control", rules),
+    ]
+
+
+def _quiet(low_latency: bool) -> Pairs:
+    pairs: Pairs = [("scouting/multicast/enabled", False), ("scouting/gossip/enabled", False)]
+    if low_latency:
+        pairs += [("transport/unicast/qos/enabled", False), ("transport/unicast/lowlatency", True)]
+    return pairs
+
+
+def access_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
+    """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
+
+    A client's publisher stays silent until the router tells it of a matching subscription, so the
+    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress).
+    """
+    book = _RuleBook()
+    world = keys.token(WORLD)
+    subscriptions = [keys.from_agents, keys.all_reports, keys.all_radio, keys.all_acts]
+    for agent in agents:
+        name = user_name(AGENT, agent)
+        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT)]
+        inbox = keys.agent(agent, FRAME)
+        book.allow(name, own, [inbox], heard_by=subscriptions, token=keys.token(AGENT, agent), watches=world)
+    book.allow(
+        OPERATOR,
+        sends=[keys.workload],
+        receives=[keys.all_reports, keys.clock],
+        heard_by=[keys.workload],
+        token=keys.token(OPERATOR),
+        watches=world,
+    )
+    book.allow(
+        RECORDER,
+        sends=[],
+        receives=[keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload],
+        heard_by=[],
+        token=keys.token(RECORDER),
+        watches=keys.all_tokens,
+    )
+    return book.access_control()
+
+
+class _RuleBook:
+    """Collects rules, subjects and policies."""
+
+    def __init__(self) -> None:
+        self._rules: list[dict[str, Any]] = []
+        self._policies: list[dict[str, Any]] = []
+        self._subjects: list[dict[str, Any]] = []
+
+    def allow(
+        self, user: str, sends: list[str], receives: list[str], heard_by: list[str], token: str, watches: str
+    ) -> None:
+        self._subjects.append({"id": user, "usernames": [user]})
+        rules = [
+            self._rule(f"{user}-sends", ["put"], ["ingress"], sends),
+            self._rule(f"{user}-receives", ["put"], ["egress"], receives),
+            self._rule(f"{user}-subscribes", ["declare_subscriber"], ["ingress"], receives),
+            self._rule(f"{user}-is-heard", ["declare_subscriber"], ["egress"], heard_by),
+            self._rule(f"{user}-lives", ["liveliness_token"], ["ingress"], [token]),
+            self._rule(
+                f"{user}-watches", ["declare_liveliness_subscriber", "liveliness_query"], ["ingress"], [watches]
+            ),
+            self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
+        ]
+        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [user]})
+
+    def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: list[str]) -> str:
+        if key_exprs:
+            self._rules.append(
+                {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": key_exprs}
+            )
+        return name if key_exprs else ""
+
+    def access_control(self) -> dict[str, Any]:
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": self._rules,
+            "subjects": self._subjects,
+            "policies": self._policies,
+        }

@@ -1,0 +1,208 @@
+"""The settings of all parts, with the paper's values as defaults.
+
+`source` says where a default comes from: "paper", or "our reading" where the paper is silent.
+"""
+
+from dataclasses import dataclass
+
+from deltaswarm_wire.checked import Problem, key, plain_value
+
+MODES = ("decentralised", "hierarchical", "hybrid")
+DENSITIES = ("gaussian", "mixture", "uniform", "grid")
+CLOCKS = ("lockstep", "realtime")
+OBSERVES = ("all", "nearest")
+RECORDS = ("off", "views", "wire")
+
+PAPER, OURS = "paper", "our reading"
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """How long, how fast."""
+
+    duration_s: float = key(9000.0, "simulated time of a run [s]", source=PAPER, above=0, high=1e8)
+    step_s: float = key(1.0, "length of a step [s]", source="paper (implied)", low=0.01, high=60)
+    clock: str = key("lockstep", "as fast as the machine goes, or paced by the wall clock", choices=CLOCKS)
+    real_time_factor: float = key(1.0, "simulated per wall second, with clock realtime", above=0, high=1e4)
+    step_timeout_s: float = key(5.0, "wall time after which the world goes on without an agent", low=0.05, high=3600)
+    start_timeout_s: float = key(60.0, "wall time within which all parts must have come up", low=1, high=3600)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps, rounded to the nearest."""
+        return max(1, round(self.duration_s / self.step_s))
+
+
+@dataclass(frozen=True)
+class ArenaSettings:
+    """The bounded environment Q (Experimental Setup), a rectangle from (0, 0)."""
+
+    width_m: float = key(100.0, "along x [m]", source=PAPER, low=1, high=1e5)
+    height_m: float = key(100.0, "along y [m]", source=PAPER, low=1, high=1e5)
+
+
+@dataclass(frozen=True)
+class ComponentSettings:
+    """One normal distribution of a mixture."""
+
+    weight: float = key(1.0, "share of the events, relative to the other components", above=0)
+    mean_m: tuple[float, ...] = key((50.0, 50.0), "mean [m]", length=2)
+    covariance_m2: tuple[tuple[float, ...], ...] = key(((50.0, 0.0), (0.0, 50.0)), "covariance [m2]", length=2)
+
+    def problems(self) -> list[Problem]:
+        """A covariance must be symmetric and positive definite."""
+        (a, b), (c, d) = self.covariance_m2
+        if b != c or a <= 0 or a * d - b * c <= 0:
+            allowed = "a symmetric, positive definite matrix is allowed"
+            return [Problem("covariance_m2", str(plain_value(self.covariance_m2)), allowed)]
+        return []
+
+
+@dataclass(frozen=True)
+class DensitySettings:
+    """Where events occur: the density phi(x, y) (Experimental Setup). What falls outside is drawn again."""
+
+    kind: str = key("gaussian", "the family", source=PAPER, choices=DENSITIES)
+    mean_m: tuple[float, ...] = key((50.0, 50.0), "gaussian: mean [m]", source=PAPER, length=2)
+    covariance_m2: tuple[tuple[float, ...], ...] = key(
+        ((50.0, 0.0), (0.0, 50.0)), "gaussian: covariance [m2]", source=PAPER, length=2
+    )
+    components: tuple[ComponentSettings, ...] = key((), "mixture: its normal distributions")
+    file: str = key("", "grid: a .npy or .csv file of weights, rows from y = 0 upwards")
+
+    def problems(self) -> list[Problem]:
+        """What the chosen family needs must be there."""
+        found = ComponentSettings(1.0, self.mean_m, self.covariance_m2).problems()
+        if self.kind == "mixture" and not self.components:
+            found.append(Problem("components", "none", "a mixture needs at least one"))
+        if self.kind == "grid" and not self.file.endswith((".npy", ".csv")):
+            found.append(Problem("file", repr(self.file), "a grid needs a .npy or .csv file"))
+        return found
+
+
+@dataclass(frozen=True)
+class EventSettings:
+    """Events that appear, wait, and are worked on until complete."""
+
+    rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
+    work_agent_s: float = key(200.0, "agent-seconds of observation to complete one", source=PAPER, above=0)
+    density: DensitySettings = key(DensitySettings, "where they occur")
+
+
+@dataclass(frozen=True)
+class SwarmSettings:
+    """The agents' number and bodies."""
+
+    count: int = key(25, "number of agents", source=PAPER, low=1, high=10_000)
+    speed_mps: float = key(1.0, "maximum speed [m/s]", source=PAPER, above=0, high=100)
+    sensing_range_m: float = key(5.0, "an event is sensed up to here [m]", source="paper (scalability)", above=0)
+
+
+@dataclass(frozen=True)
+class RadioSettings:
+    """The air between the agents, emulated by the world."""
+
+    range_m: float = key(10.0, "a frame is heard up to here [m]", source=OURS, above=0)
+    loss: float = key(0.0, "share of frames in range that are lost all the same", low=0, high=1)
+
+
+@dataclass(frozen=True)
+class ControlSettings:
+    """How agents decide (Hybrid coordination)."""
+
+    mode: str = key("hybrid", "control structure", source=PAPER, choices=MODES)
+    delta: int = key(3, "hybrid: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
+    rho: int = key(2, "hierarchical: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
+    recruitment: bool = key(True, "active recruitment; off is an ablation", source=PAPER)
+    dissolution: bool = key(True, "dissolution; off is an ablation", source=PAPER)
+    d_min_m: float = key(6.0, "least distance between members of a tree [m]", source=OURS, low=0)
+    gamma_max: int = key(50, "dissolution parameter when an event is sensed", source=OURS, low=1, high=1_000_000)
+    recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
+    leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
+    member_observes: str = key(
+        "nearest",
+        "events that a tree member works on at once: all it senses, or the nearest",
+        source=OURS,
+        choices=OBSERVES,
+    )
+
+
+@dataclass(frozen=True)
+class OperatorSettings:
+    """How the workload is measured."""
+
+    threshold_hz: float = key(5.0, "time above this message rate is counted (sliding 60 s)", low=0)
+
+
+@dataclass(frozen=True)
+class AgentSettings:
+    """All that one agent is told before it starts: its task and its own body, nothing of the others."""
+
+    seed: int = key(1, "seed of the run", low=0, high=2**63 - 1)
+    step_s: float = key(1.0, "length of a step [s]", low=0.01, high=60)
+    width_m: float = key(100.0, "arena along x [m]", low=1, high=1e5)
+    height_m: float = key(100.0, "arena along y [m]", low=1, high=1e5)
+    speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
+    sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
+    range_m: float = key(10.0, "nominal range of its radio [m]", above=0)
+    control: ControlSettings = key(ControlSettings, "how it decides")
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A whole experiment. Every key can be given in TOML and by `--set key=value`."""
+
+    schema: int = key(1, "version of this table", low=1, high=1)
+    name: str = key("unnamed", "used in the run folder's name")
+    seed: int = key(1, "all randomness comes from it", low=0, high=2**63 - 1)
+    record: str = key("views", "recording: none, for viewers, or also every raw frame", choices=RECORDS)
+    run: RunSettings = key(RunSettings, "how long, how fast")
+    arena: ArenaSettings = key(ArenaSettings, "the bounded environment")
+    events: EventSettings = key(EventSettings, "what happens in it")
+    agents: SwarmSettings = key(SwarmSettings, "the swarm")
+    radio: RadioSettings = key(RadioSettings, "the air between agents")
+    control: ControlSettings = key(ControlSettings, "how agents decide")
+    operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
+
+    def problems(self) -> list[Problem]:
+        """What no single key can show."""
+        found = []
+        if not self.name or len(self.name) > 64 or not self.name.replace("-", "").replace("_", "").isalnum():
+            found.append(Problem("name", repr(self.name), "1 to 64 letters, digits, '-' or '_' are allowed"))
+        if self.control.d_min_m >= self.radio.range_m:
+            allowed = f"below radio.range_m ({self.radio.range_m:g}) is allowed"
+            found.append(Problem("control.d_min_m", f"{self.control.d_min_m:g}", allowed))
+        if self.run.duration_s < self.run.step_s:
+            allowed = f"at least run.step_s ({self.run.step_s:g}) is allowed"
+            found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
+        return found + self._density_problems()
+
+    def _density_problems(self) -> list[Problem]:
+        """A mean outside the arena would make drawing again endless."""
+        density = self.events.density
+        means = {
+            "gaussian": [("events.density.mean_m", density.mean_m)],
+            "mixture": [
+                (f"events.density.components[{i}].mean_m", component.mean_m)
+                for i, component in enumerate(density.components)
+            ],
+        }.get(density.kind, [])
+        allowed = f"a place within {self.arena.width_m:g} m x {self.arena.height_m:g} m is allowed"
+        return [
+            Problem(path, str(list(mean)), allowed)
+            for path, mean in means
+            if not (0 <= mean[0] <= self.arena.width_m and 0 <= mean[1] <= self.arena.height_m)
+        ]
+
+    def for_agent(self) -> AgentSettings:
+        """What an agent of this scenario is told."""
+        return AgentSettings(
+            seed=self.seed,
+            step_s=self.run.step_s,
+            width_m=self.arena.width_m,
+            height_m=self.arena.height_m,
+            speed_mps=self.agents.speed_mps,
+            sensing_range_m=self.agents.sensing_range_m,
+            range_m=self.radio.range_m,
+            control=self.control,
+        )

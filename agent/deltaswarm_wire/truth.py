@@ -1,0 +1,164 @@
+"""Truth: what the world knows of one step, for the recorder alone.
+
+It goes over an ordinary link, since it grows with the swarm. A map with named fields.
+"""
+
+from typing import Any, NamedTuple
+
+from deltaswarm_wire.codec import (
+    MAX_ABS_M,
+    MAX_AGENT_ID,
+    MAX_ID,
+    MAX_ORDINARY_BYTES,
+    MAX_STEP,
+    PROTOCOL_VERSION,
+    array,
+    arrays,
+    fields,
+    integer,
+    number,
+    pack,
+    text,
+    unpack,
+)
+from deltaswarm_wire.messages import MAX_TIME_S
+
+ROLES = ("free", "attending", "root", "member", "orphan", "relocating", "leaving", "dead")
+"""What an agent is, as its radio frame of this step shows: a silent agent is free."""
+
+IN_TREE = frozenset({"root", "member", "orphan", "relocating"})
+
+NOBODY = -1
+
+DROP_REASONS = ("range", "loss", "crowded", "dead")
+"""Why a frame did not reach a receiver.
+
+range: too far; loss: the seeded loss of the radio model; crowded: the receiver's own frame over the
+fabric was full; dead: the receiver's process is gone or hangs.
+"""
+
+
+class Body(NamedTuple):
+    """One agent, as it is. Place in m, world frame; `parent` is NOBODY outside a tree."""
+
+    agent: int
+    x_m: float
+    y_m: float
+    role: str
+    level: int
+    parent: int
+
+
+class EventState(NamedTuple):
+    """One event that arrived and is not complete, or changed in this step. Times in s; None is not yet."""
+
+    event: int
+    x_m: float
+    y_m: float
+    arrived_s: float
+    sensed_s: float | None
+    completed_s: float | None
+    work_agent_s: float
+
+
+class Tally(NamedTuple):
+    """The world's row of `series.csv`: what happened in one step."""
+
+    step: int
+    time_s: float
+    agents_alive: int
+    agents_late: int
+    agents_in_trees: int
+    trees: int
+    covered_area_m2: float | None
+    events_active: int
+    frames_sent: int
+    bytes_sent: int
+    frames_received: int
+    dropped_range: int
+    dropped_loss: int
+    dropped_crowded: int
+    dropped_dead: int
+    rejected: int
+    transport_lost: int
+
+
+class Truth(NamedTuple):
+    """One step of the world."""
+
+    step: int
+    time_s: float
+    bodies: tuple[Body, ...]
+    events: tuple[EventState, ...]
+    links: tuple[tuple[int, int], ...]
+    tally: Tally
+
+
+MAX_BODIES = MAX_AGENT_ID + 1
+MAX_EVENTS = 100_000
+MAX_LINKS = 1_000_000
+
+
+def encode_truth(truth: Truth) -> bytes:
+    """A map with the fields of `Truth` and the version `v`; rows are arrays. Raises WireError."""
+    return pack({"v": PROTOCOL_VERSION, **truth._asdict()}, MAX_ORDINARY_BYTES)
+
+
+def decode_truth(data: bytes) -> Truth:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data, MAX_ORDINARY_BYTES), Truth._fields, "truth")
+    return Truth(
+        integer(raw["step"], 0, MAX_STEP, "truth.step"),
+        number(raw["time_s"], 0.0, MAX_TIME_S, "truth.time_s"),
+        tuple([_body(row) for row in arrays(raw["bodies"], MAX_BODIES, "truth.bodies")]),
+        tuple([_event_state(row) for row in arrays(raw["events"], MAX_EVENTS, "truth.events")]),
+        tuple([_link(row) for row in arrays(raw["links"], MAX_LINKS, "truth.links")]),
+        _tally(raw["tally"]),
+    )
+
+
+def _body(row: Any) -> Body:
+    array(row, 6, "truth.bodies")
+    return Body(
+        integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
+        number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
+        number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.y_m"),
+        text(row[3], "truth.bodies.role", allowed=ROLES),
+        integer(row[4], 0, MAX_AGENT_ID, "truth.bodies.level"),
+        integer(row[5], NOBODY, MAX_AGENT_ID, "truth.bodies.parent"),
+    )
+
+
+def _time(value: Any, field: str) -> float | None:
+    return None if value is None else number(value, 0.0, MAX_TIME_S, field)
+
+
+def _event_state(row: Any) -> EventState:
+    array(row, 7, "truth.events")
+    return EventState(
+        integer(row[0], 0, MAX_ID, "truth.events.event"),
+        number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.events.x_m"),
+        number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.events.y_m"),
+        number(row[3], 0.0, MAX_TIME_S, "truth.events.arrived_s"),
+        _time(row[4], "truth.events.sensed_s"),
+        _time(row[5], "truth.events.completed_s"),
+        number(row[6], 0.0, MAX_TIME_S, "truth.events.work_agent_s"),
+    )
+
+
+def _link(row: Any) -> tuple[int, int]:
+    array(row, 2, "truth.links")
+    return (
+        integer(row[0], 0, MAX_AGENT_ID, "truth.links.sender"),
+        integer(row[1], 0, MAX_AGENT_ID, "truth.links.receiver"),
+    )
+
+
+def _tally(row: Any) -> Tally:
+    array(row, len(Tally._fields), "truth.tally")
+    named = dict(zip(Tally._fields, row, strict=True))
+    area = named.pop("covered_area_m2")
+    time_s = number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.tally.time_s")
+    counts = {name: integer(value, 0, MAX_ID, f"truth.tally.{name}") for name, value in named.items()}
+    covered = None if area is None else number(area, 0.0, MAX_ABS_M**2, "truth.tally.covered_area_m2")
+    return Tally(time_s=time_s, covered_area_m2=covered, **counts)

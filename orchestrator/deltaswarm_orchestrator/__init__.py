@@ -1,0 +1,1 @@
+"""The orchestrator: launches runs, records them, and shows their results."""

@@ -1,0 +1,1 @@
+"""The world: physics, the air between the radios, and the truth."""
