@@ -1,0 +1,438 @@
+"""The agent: a pure function of its state and the frame of this step.
+
+It knows its own settings, its own sensor and the radio frames that reached it. Each step takes one
+`Frame` and gives one `Decision`: an act, at most one radio frame, at most one report.
+"""
+
+from collections.abc import Callable, Sequence
+from random import Random
+from typing import NamedTuple
+
+from deltaswarm_agent.beliefs import Beliefs, to_cm
+from deltaswarm_agent.motion import STAND, Velocity, Walk, towards
+from deltaswarm_agent.recruitment import BLOCKED_S, ORDER_TTL_STEPS, Place, best_place, weakest_leaf
+from deltaswarm_agent.states import FREE, TRANSITIONS, Cause, State
+from deltaswarm_agent.strategies import strategy_of
+from deltaswarm_agent.tree import (
+    FORMER_STEPS,
+    RANGE_MARGIN_M,
+    SILENCE_STEPS,
+    STALL_STEPS,
+    Former,
+    Membership,
+    is_fresh,
+    is_senior,
+)
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.messages import MAX_REPORTED, Act, Event, Frame, Report
+from deltaswarm_wire.radio import Attending, Leaving, Member, Order, RadioFrame, Relocating, decode_radio
+from deltaswarm_wire.settings import AgentSettings
+
+TRAIL_STEPS = 4
+"""An agent comes *newly* into range if it was out of range at one of so many last positions."""
+
+LEAVING_STEPS = 4
+"""Leaving is said in so many frames."""
+
+AT_PLACE_M = 0.01
+"""This close to a place is on it."""
+
+ORPHAN_STRICT_STEPS, ORPHAN_STEPS = 2, 5
+"""An orphan takes parents at legal distance only, then any in range, then gives up."""
+
+ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS = 3, 8
+"""The same for a mover at its place."""
+
+FORGET_SENDER_STEPS = 20
+"""A sender unheard for so long may begin its counter anew."""
+
+
+class Decision(NamedTuple):
+    """What an agent sends in one step; the act closes it."""
+
+    act: Act
+    radio: RadioFrame | None
+    report: Report | None
+
+
+class AgentCore:
+    """One agent. `step` is its one mutating method; the generator and the decoder are handed in."""
+
+    def __init__(
+        self,
+        agent: int,
+        settings: AgentSettings,
+        rng: Random,
+        decode: Callable[[bytes], RadioFrame] = decode_radio,
+    ) -> None:
+        self.agent = agent
+        self.settings = settings
+        self.state = State.WALKING
+        self.membership: Membership | None = None
+        self.rejected_frames = 0
+        """Frames heard that broke the protocol."""
+
+        control = settings.control
+        self._strategy = strategy_of(control)
+        self._rng = rng
+        self._decode = decode
+        self._walk = Walk(settings, rng)
+        self._beliefs = Beliefs(settings.sensing_range_m)
+        self._range_m2 = settings.range_m**2
+        self._join_m2 = (control.d_min_m**2, (settings.range_m - RANGE_MARGIN_M) ** 2)
+        self._recruit_every = max(1, round(control.recruitment_interval_s / settings.step_s))
+        self._newest: dict[int, tuple[int, int]] = {}
+        self._trail: list[Place] = []
+        self._target: Event | None = None
+        self._place: Place = (0.0, 0.0)
+        self._since = 0
+        self._farewells = 0
+        self._former: Former | None = None
+        self._order: Order | None = None
+        self._last_order = (-1, -1)
+        self._orders_given = 0
+        self._movers: dict[int, tuple[Place, int]] = {}
+        self._now = 0
+        self._x_m = 0.0
+        self._y_m = 0.0
+        self._counter = 0
+        self._sequence = 0
+
+    def step(self, frame: Frame) -> Decision:
+        """Decide. Frames come in order of their steps; steps may be missing between them."""
+        self._now, self._x_m, self._y_m = frame.step, frame.x_m, frame.y_m
+        heard = self._newest_of(frame.heard) if frame.heard else []
+        if self.state in FREE:
+            self._step_free(frame.events, heard)
+        else:
+            self._step_in_tree(frame.events, heard)
+        decision = self._decision(frame)
+        self._trail = [*self._trail[1 - TRAIL_STEPS :], (frame.x_m, frame.y_m)]
+        return decision
+
+    # Hearing
+
+    def _newest_of(self, heard: Sequence[bytes]) -> list[RadioFrame]:
+        """Of each sender its newest frame; late and duplicate ones are dropped; in sender order."""
+        newest: dict[int, RadioFrame] = {}
+        for data in heard:
+            try:
+                frame = self._decode(data)
+            except WireError:
+                self.rejected_frames += 1
+                continue
+            sender = frame.sender
+            counter, step = self._newest.get(sender, (-1, self._now))
+            if sender != self.agent and (frame.counter > counter or self._now - step > FORGET_SENDER_STEPS):
+                self._newest[sender] = (frame.counter, self._now)
+                newest[sender] = frame
+        return [newest[sender] for sender in sorted(newest)]
+
+    def _distance_m2(self, x_cm: int, y_cm: int) -> float:
+        return (x_cm * 0.01 - self._x_m) ** 2 + (y_cm * 0.01 - self._y_m) ** 2
+
+    def _is_newly_met(self, frame: RadioFrame) -> bool:
+        """Whether the sender's place was out of range a moment ago ("moves within communication range")."""
+        x_m, y_m = frame.x_cm * 0.01, frame.y_cm * 0.01
+        return any((x_m - px) ** 2 + (y_m - py) ** 2 > self._range_m2 for px, py in self._trail)
+
+    # Free agents
+
+    def _step_free(self, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
+        members = [frame for frame in heard if type(frame) is Member]
+        threshold = self._strategy.founds_at
+        if threshold is not None and len(sensed) >= threshold and not members:
+            self._enter_tree(None, Cause.THRESHOLD_REACHED)
+            self._step_in_tree(sensed, heard)
+            return
+        parent = self._parent_to_join(members) if members else None
+        if parent is not None:
+            self._enter_tree(parent, Cause.MEMBER_MET)
+            self._step_in_tree(sensed, heard)
+        elif self._strategy.attends:
+            self._seek_event(sensed, heard)
+
+    def _parent_to_join(self, members: Sequence[Member]) -> Member | None:
+        """Tree Growth: the nearest member newly in range and at least d_min away."""
+        candidates = [
+            frame
+            for frame in members
+            if not frame.orphan and self._is_legal(frame) and self._is_newly_met(frame) and self._is_trusted(frame)
+        ]
+        return self._nearest(candidates)
+
+    def _is_legal(self, frame: Member) -> bool:
+        """At a distance from d_min to just within range."""
+        return self._join_m2[0] <= self._distance_m2(frame.x_cm, frame.y_cm) <= self._join_m2[1]
+
+    def _is_within_reach(self, frame: Member) -> bool:
+        return self._distance_m2(frame.x_cm, frame.y_cm) <= self._join_m2[1]
+
+    def _is_trusted(self, frame: Member) -> bool:
+        """A freed agent goes back to its former tree only where that tree's root is known to live."""
+        former = self._former
+        if former is None or former.root != frame.path[0]:
+            return True
+        return self._now - former.freed > FORMER_STEPS or is_fresh(
+            frame.pulse, former.pulse, former.pulse_step, self._now
+        )
+
+    def _nearest(self, candidates: Sequence[Member]) -> Member | None:
+        if not candidates:
+            return None
+        return min(candidates, key=lambda frame: (self._distance_m2(frame.x_cm, frame.y_cm), frame.sender))
+
+    def _seek_event(self, sensed: Sequence[Event], heard: Sequence[RadioFrame]) -> None:
+        """Baseline coordination algorithm: go to an event, observe it until it is complete."""
+        target = self._target
+        if self.state is State.ATTENDING and target is not None:
+            if any(event.event == target.event for event in sensed):
+                return
+            self._change(Cause.ANOTHER_SENSED if sensed else Cause.EVENT_COMPLETE)
+        if sensed:
+            self._target = min(sensed, key=self._event_distance)
+            if self.state is State.WALKING:
+                self._change(Cause.EVENT_SENSED)
+        elif self.state is State.GOING and target is not None:
+            if self._event_distance(target)[0] < (self.settings.sensing_range_m - 0.05) ** 2:
+                self._change(Cause.EVENT_NOT_THERE)
+        elif self.state is State.WALKING:
+            self._join_attending(heard)
+        if self.state is State.GOING and self._is_at_sensed_event(sensed):
+            self._change(Cause.AT_THE_EVENT)
+
+    def _is_at_sensed_event(self, sensed: Sequence[Event]) -> bool:
+        target = self._target
+        return bool(sensed) and target is not None and self._event_distance(target)[0] <= AT_PLACE_M**2
+
+    def _event_distance(self, event: Event) -> tuple[float, int]:
+        return (event.x_m - self._x_m) ** 2 + (event.y_m - self._y_m) ** 2, event.event
+
+    def _join_attending(self, heard: Sequence[RadioFrame]) -> None:
+        """A walking agent that comes newly into range of an attending one goes to its event too."""
+        attending = [frame for frame in heard if type(frame) is Attending and self._is_newly_met(frame)]
+        if attending:
+            near = min(attending, key=lambda frame: (self._distance_m2(frame.x_cm, frame.y_cm), frame.sender))
+            self._target = Event(near.event, near.event_x_cm / 100, near.event_y_cm / 100)
+            self._change(Cause.NEIGHBOUR_ATTENDS)
+
+    # Agents in trees
+
+    def _enter_tree(self, parent: Member | None, cause: Cause) -> None:
+        self._change(cause)
+        self.membership = Membership(self.agent, parent, self.settings.control.gamma_max, self._now)
+        self._target = None
+        self._order = None
+        self._movers.clear()
+        self._farewells = 0
+
+    def _leave_tree(self, cause: Cause) -> None:
+        """Become free, and the whole subtree with it: children hear of it and leave too."""
+        assert self.membership is not None
+        self._former = self.membership.former(self._now)
+        self.membership = None
+        self._farewells = LEAVING_STEPS
+        self._change(cause)
+
+    def _step_in_tree(self, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
+        membership = self.membership
+        assert membership is not None
+        carried, self._order = self._order, None
+        membership.hear_children(heard, self._now)
+        for frame in heard:
+            if type(frame) is Member and frame.path[0] == membership.root:
+                self._beliefs.hear(frame.events, frame.gone, self._now)
+        self._beliefs.sense(sensed, self._x_m, self._y_m, self._now)
+        self._beliefs.forget(self._now)
+        if self.state is State.ROOT:
+            self._step_root(membership, heard, carried)
+        elif self.state is State.MEMBER:
+            self._step_member(membership, sensed, heard)
+        elif self.state is State.ORPHAN:
+            self._find_parent(membership, heard, ORPHAN_STRICT_STEPS, ORPHAN_STEPS)
+        elif self._has_arrived():
+            self._find_parent(membership, heard, ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS)
+        else:
+            self._since = self._now + 1
+
+    def _step_root(self, membership: Membership, heard: Sequence[RadioFrame], carried: Order | None) -> None:
+        rivals = [
+            frame
+            for frame in heard
+            if type(frame) is Member and len(frame.path) == 1 and is_senior(frame, membership.pulse, self.agent)
+        ]
+        membership.beat(self._now)
+        if rivals:
+            senior = min(rivals, key=lambda frame: (-frame.pulse, frame.sender))
+            if self._distance_m2(senior.x_cm, senior.y_cm) >= self._join_m2[0] and membership.follow(senior, self._now):
+                self._change(Cause.SENIOR_ROOT)
+            else:
+                self._leave_tree(Cause.SENIOR_TOO_CLOSE)
+        elif self.settings.control.recruitment and membership.pulse % self._recruit_every == 0:
+            self._order = self._recruit(membership)
+        elif carried is not None and carried.ttl > 1:
+            self._order = carried._replace(ttl=carried.ttl - 1)
+
+    def _recruit(self, membership: Membership) -> Order | None:
+        """Active Recruitment: the weakest leaf is to go where most known events are."""
+        table = membership.table()
+        leaf = weakest_leaf(table, self._rng)
+        if leaf is None:
+            return None
+        self._movers = {agent: mover for agent, mover in self._movers.items() if mover[1] > self._now}
+        members = [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent]
+        members += [place for agent, (place, _) in self._movers.items() if agent != leaf.agent]
+        place = best_place(
+            (leaf.x_cm * 0.01, leaf.y_cm * 0.01),
+            [(self._x_m, self._y_m), *members],
+            self._beliefs.active(),
+            sensing_range_m=self.settings.sensing_range_m,
+            range_m=self.settings.range_m - RANGE_MARGIN_M,
+            d_min_m=self.settings.control.d_min_m,
+            size_m=(self.settings.width_m, self.settings.height_m),
+        )
+        if place is None:
+            return None
+        self._orders_given += 1
+        self._movers[leaf.agent] = (place, self._now + round(BLOCKED_S / self.settings.step_s))
+        return Order(leaf.agent, to_cm(place[0]), to_cm(place[1]), self._orders_given, ORDER_TTL_STEPS)
+
+    def _step_member(self, membership: Membership, sensed: Sequence[Event], heard: Sequence[RadioFrame]) -> None:
+        for frame in heard:
+            if frame.sender == membership.parent and self._hear_parent(membership, frame):
+                return
+        if self._now - membership.parent_heard >= SILENCE_STEPS:
+            self._become_orphan(Cause.PARENT_LOST)
+        elif self._now - membership.pulse_step >= STALL_STEPS:
+            self._leave_tree(Cause.PULSE_STALLED)
+        elif sensed or not self.settings.control.dissolution:
+            membership.gamma = self.settings.control.gamma_max
+        else:
+            membership.gamma -= membership.level
+            if membership.gamma <= 0:
+                self._leave_tree(Cause.DISSOLVED)
+
+    def _hear_parent(self, membership: Membership, frame: RadioFrame) -> bool:
+        """Follow the parent's frame; True if that ends this agent's membership as it was."""
+        if type(frame) is Leaving:
+            self._leave_tree(Cause.PARENT_LEFT)
+        elif type(frame) is not Member:
+            self._become_orphan(Cause.PARENT_LOST)
+        elif not membership.follow(frame, self._now):
+            self._become_orphan(Cause.CYCLE_FOUND)
+        elif frame.order is not None:
+            return self._hear_order(membership, frame.order)
+        else:
+            return False
+        return True
+
+    def _hear_order(self, membership: Membership, order: Order) -> bool:
+        """Carry out an order, or pass it on to the branch that has its leaf; True if this agent goes."""
+        if order.leaf != self.agent:
+            if order.ttl > 1 and any(row.agent == order.leaf for row in membership.table()):
+                self._order = order._replace(ttl=order.ttl - 1)
+            return False
+        number = (membership.root, order.number)
+        if membership.children or number == self._last_order:
+            return False
+        self._last_order = number
+        self._place = (order.x_cm / 100, order.y_cm / 100)
+        self._since = self._now + 1
+        self._change(Cause.ORDERED)
+        return True
+
+    def _become_orphan(self, cause: Cause) -> None:
+        self._change(cause)
+        self._since = self._now
+
+    def _has_arrived(self) -> bool:
+        x_m, y_m = self._place
+        return (x_m - self._x_m) ** 2 + (y_m - self._y_m) ** 2 <= AT_PLACE_M**2
+
+    def _find_parent(self, membership: Membership, heard: Sequence[RadioFrame], strict_steps: int, steps: int) -> None:
+        """An orphan, or a mover at its place, looks for a parent in its own tree; at last it gives up."""
+        waited = self._now - self._since
+        fitting = self._is_legal if waited < strict_steps else self._is_within_reach
+        parent = self._nearest(
+            [f for f in heard if type(f) is Member and fitting(f) and membership.adopts(f, self._now)]
+        )
+        if parent is not None and membership.follow(parent, self._now):
+            membership.gamma = self.settings.control.gamma_max
+            self._change(Cause.ADOPTED)
+        elif waited >= steps:
+            self._leave_tree(Cause.NOBODY_FOUND)
+
+    # Speaking
+
+    def _change(self, cause: Cause) -> None:
+        """The one place where the state changes: along the table."""
+        self.state = TRANSITIONS[self.state, cause]
+        if self.state is State.WALKING:
+            self._target = None
+            self._walk.turn()
+
+    def _decision(self, frame: Frame) -> Decision:
+        velocity = self._velocity()
+        observed = self._observed(frame.events)
+        radio = self._radio(len(frame.events))
+        if radio is not None:
+            self._counter += 1
+        report = self._report(frame)
+        if report is not None:
+            self._sequence += 1
+        return Decision(Act(frame.step, *velocity, observed), radio, report)
+
+    def _velocity(self) -> Velocity:
+        if self.state is State.WALKING:
+            return self._walk.velocity(self._x_m, self._y_m)
+        if self.state is State.GOING and self._target is not None:
+            return towards(self._x_m, self._y_m, self._target.x_m, self._target.y_m, self.settings)
+        if self.state is State.RELOCATING:
+            return towards(self._x_m, self._y_m, *self._place, self.settings)
+        return STAND
+
+    def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
+        """The events that this agent works on in this step."""
+        if not sensed or self.state in (State.WALKING, State.GOING, State.RELOCATING):
+            return ()
+        if self.state is State.ATTENDING:
+            assert self._target is not None
+            return (self._target.event,)
+        if self.settings.control.member_observes == "all":
+            return tuple(event.event for event in sensed)
+        return (min(sensed, key=self._event_distance).event,)
+
+    def _radio(self, score: int) -> RadioFrame | None:
+        """What the neighbours are told; who has nothing to say is silent."""
+        head = (self.agent, self._counter, to_cm(self._x_m), to_cm(self._y_m))
+        if self.state is State.RELOCATING:
+            return Relocating(*head)
+        if self.membership is not None:
+            return Member(
+                *head,
+                self.state is State.ORPHAN,
+                self.membership.path,
+                self.membership.pulse,
+                score,
+                self.membership.table(),
+                self._beliefs.sightings(self._now),
+                self._beliefs.departures(self._now),
+                self._order,
+            )
+        if self._farewells > 0:
+            self._farewells -= 1
+            return Leaving(*head)
+        if self.state is State.ATTENDING and self._target is not None:
+            target = self._target
+            return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
+        return None
+
+    def _report(self, frame: Frame) -> Report | None:
+        """What the operator is told: by an attending agent its event, by a root what its tree knows."""
+        head = (self.agent, self._sequence, frame.step)
+        if self.state is State.ATTENDING and self._target is not None:
+            return Report(*head, "attending", frame.x_m, frame.y_m, 0, (self._target,))
+        if self.state is State.ROOT and self._beliefs and self.membership is not None:
+            followers = len(self.membership.table())
+            return Report(*head, "root", frame.x_m, frame.y_m, followers, tuple(self._beliefs.active()[:MAX_REPORTED]))
+        return None

@@ -1,0 +1,97 @@
+"""The states of an agent and every way from one to the next.
+
+The core changes its state only through this table, and the diagram in `agent/STATES.md` is drawn
+from it.
+"""
+
+from enum import Enum
+
+
+class State(Enum):
+    """What an agent is doing. The first three are the paper's free agents."""
+
+    WALKING = "walking"
+    GOING = "going"
+    ATTENDING = "attending"
+    ROOT = "root"
+    MEMBER = "member"
+    ORPHAN = "orphan"
+    RELOCATING = "relocating"
+
+
+FREE = frozenset({State.WALKING, State.GOING, State.ATTENDING})
+
+
+class Cause(Enum):
+    """Why an agent changes its state; the paper's section, or the rule of `agent/PROTOCOL.md`, behind it."""
+
+    EVENT_SENSED = "event sensed"
+    NEIGHBOUR_ATTENDS = "newly in range of an attending agent"
+    AT_THE_EVENT = "at the event"
+    EVENT_NOT_THERE = "event not there"
+    EVENT_COMPLETE = "event complete"
+    ANOTHER_SENSED = "event complete, another sensed"
+    THRESHOLD_REACHED = "threshold of events sensed"
+    MEMBER_MET = "newly in range of a member"
+    SENIOR_ROOT = "senior root in range"
+    SENIOR_TOO_CLOSE = "senior root closer than d_min"
+    DISSOLVED = "gamma exhausted"
+    PARENT_LEFT = "parent left"
+    PULSE_STALLED = "pulse stalled"
+    PARENT_LOST = "parent lost"
+    CYCLE_FOUND = "itself in its parent's path"
+    ADOPTED = "member of the same tree in range"
+    NOBODY_FOUND = "no member in range"
+    ORDERED = "recruited by its root"
+
+
+PAPER_SECTION = {
+    Cause.EVENT_SENSED: "Baseline coordination algorithm",
+    Cause.NEIGHBOUR_ATTENDS: "Baseline coordination algorithm",
+    Cause.AT_THE_EVENT: "Baseline coordination algorithm",
+    Cause.EVENT_COMPLETE: "Baseline coordination algorithm",
+    Cause.ANOTHER_SENSED: "Baseline coordination algorithm",
+    Cause.THRESHOLD_REACHED: "Root Formation; Hybrid coordination",
+    Cause.MEMBER_MET: "Tree Growth",
+    Cause.DISSOLVED: "Dissolution",
+    Cause.PARENT_LEFT: "Dissolution",
+    Cause.ORDERED: "Active Recruitment",
+    Cause.ADOPTED: "Active Recruitment",
+}
+"""Causes that the paper has; the others are what real messages need besides."""
+
+TRANSITIONS: dict[tuple[State, Cause], State] = {
+    (State.WALKING, Cause.EVENT_SENSED): State.GOING,
+    (State.WALKING, Cause.NEIGHBOUR_ATTENDS): State.GOING,
+    (State.GOING, Cause.AT_THE_EVENT): State.ATTENDING,
+    (State.GOING, Cause.EVENT_NOT_THERE): State.WALKING,
+    (State.ATTENDING, Cause.EVENT_COMPLETE): State.WALKING,
+    (State.ATTENDING, Cause.ANOTHER_SENSED): State.GOING,
+    (State.WALKING, Cause.THRESHOLD_REACHED): State.ROOT,
+    (State.GOING, Cause.THRESHOLD_REACHED): State.ROOT,
+    (State.ATTENDING, Cause.THRESHOLD_REACHED): State.ROOT,
+    (State.WALKING, Cause.MEMBER_MET): State.MEMBER,
+    (State.GOING, Cause.MEMBER_MET): State.MEMBER,
+    (State.ATTENDING, Cause.MEMBER_MET): State.MEMBER,
+    (State.ROOT, Cause.SENIOR_ROOT): State.MEMBER,
+    (State.ROOT, Cause.SENIOR_TOO_CLOSE): State.WALKING,
+    (State.MEMBER, Cause.DISSOLVED): State.WALKING,
+    (State.MEMBER, Cause.PARENT_LEFT): State.WALKING,
+    (State.MEMBER, Cause.PULSE_STALLED): State.WALKING,
+    (State.MEMBER, Cause.PARENT_LOST): State.ORPHAN,
+    (State.MEMBER, Cause.CYCLE_FOUND): State.ORPHAN,
+    (State.MEMBER, Cause.ORDERED): State.RELOCATING,
+    (State.ORPHAN, Cause.ADOPTED): State.MEMBER,
+    (State.ORPHAN, Cause.NOBODY_FOUND): State.WALKING,
+    (State.RELOCATING, Cause.ADOPTED): State.MEMBER,
+    (State.RELOCATING, Cause.NOBODY_FOUND): State.WALKING,
+}
+
+
+def diagram() -> str:
+    """The table as a Mermaid state diagram."""
+    lines = ["stateDiagram-v2", f"    [*] --> {State.WALKING.value}"]
+    lines += [
+        f"    {source.value} --> {target.value}: {cause.value}" for (source, cause), target in TRANSITIONS.items()
+    ]
+    return "\n".join(lines) + "\n"

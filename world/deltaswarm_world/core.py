@@ -1,0 +1,209 @@
+"""The world's core: one step at a time, frames out, acts and radio frames in, truth and tally out.
+
+Inputs are processed in agent order, never in arrival order. What arrives is checked here: an agent's
+bytes are a stranger's.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
+
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.digest import ACT, RADIO, Digest
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, SENSED_BYTES, Act, Event, Frame, decode_act
+from deltaswarm_wire.radio import RadioFrame, decode_radio
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Body, EventState, Tally, Truth
+from deltaswarm_world.environment import RADIO_STREAM, Environment, Happening, generator
+from deltaswarm_world.ledger import Coverage, is_in_tree, standing
+from deltaswarm_world.lockstep import LockStep
+from deltaswarm_world.radio import RangeDisc
+
+
+class WorldCore:
+    """The world of one run, with `scenario.agents.count` agents numbered from 0."""
+
+    def __init__(self, scenario: Scenario, decode: Callable[[bytes], RadioFrame] = decode_radio) -> None:
+        self.scenario = scenario
+        self.environment = Environment(scenario)
+        self.lockstep = LockStep(range(scenario.agents.count))
+        self.rejected: Counter[int] = Counter()
+        """Samples dropped at the edge, per agent whose key they came on."""
+        self.refused_claims = 0
+        """Observations claimed of events that were out of sensing range."""
+        self.digest = Digest()
+
+        self._decode = decode
+        self._radio = RangeDisc(scenario.radio, generator(scenario.seed, RADIO_STREAM))
+        self._coverage = Coverage(scenario)
+        self._present = [True] * scenario.agents.count
+        self._spoken: dict[int, tuple[bytes, RadioFrame]] = {}
+        self._acts: dict[int, tuple[bytes, Act]] = {}
+        self._sensed: list[list[Event]] = []
+        self._links: Sequence[tuple[int, int]] = ()
+        self._newest_counter: dict[int, int] = {}
+        self._rejected_in_step = 0
+        self._lost_in_step = 0
+        self._step = -1
+        self._time_s = 0.0
+        self._frame_counts = (0, 0, 0, 0)
+
+    # A step: begin, then acts and radio frames as they arrive, then end
+
+    def begin(self, step: int, last: bool) -> Iterable[tuple[int, Frame]]:
+        """Move, let events arrive, work out sensing and hearing; yields each agent's frame."""
+        environment = self.environment
+        self._step, self._time_s = step, step * self.scenario.run.step_s
+        taking_part = self.lockstep.begin(step)
+        for agent, there in enumerate(self._present):
+            if there != (agent in self.lockstep.alive):
+                self._present[agent] = not there
+                environment.command(agent, 0.0, 0.0)
+        if step > 0:
+            environment.move()
+        environment.arrive(self._time_s)
+        self._sensed = environment.sense(self._time_s, self._present)
+        heard = self._hear(taking_part)
+        positions = environment.positions_m.tolist()
+        self._spoken, self._acts = {}, {}
+        for agent in taking_part:
+            x_m, y_m = positions[agent]
+            yield agent, Frame(step, self._time_s, last, x_m, y_m, tuple(self._sensed[agent]), tuple(heard[agent]))
+
+    def _hear(self, taking_part: Sequence[int]) -> dict[int, list[bytes]]:
+        """Deliver the radio frames of the step before."""
+        senders = sorted(self._spoken)
+        listening = [False] * len(self._present)
+        for agent in taking_part:
+            listening[agent] = True
+        reception = self._radio.receive(self.environment.positions_m, senders, listening)
+        heard: dict[int, list[bytes]] = {agent: [] for agent in taking_part}
+        room = {agent: FRAME_ROOM_BYTES - SENSED_BYTES * len(self._sensed[agent]) for agent in taking_part}
+        delivered = []
+        for link in reception.links:
+            data = self._spoken[link[0]][0]
+            room[link[1]] -= len(data) + 3
+            if room[link[1]] >= 0:
+                heard[link[1]].append(data)
+                delivered.append(link)
+        self._links = delivered
+        crowded = len(reception.links) - len(delivered)
+        self._frame_counts = (reception.dropped_range, reception.dropped_loss, crowded, reception.dropped_dead)
+        return heard
+
+    def hear_radio(self, agent: int, data: bytes) -> str | None:
+        """Take one radio frame from an agent's key; the reason if it is dropped."""
+        try:
+            frame = self._decode(data)
+        except WireError as error:
+            return self._reject(agent, str(error))
+        if frame.sender != agent:
+            return self._reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
+        expected = self._newest_counter.get(agent, -1) + 1
+        if frame.counter > expected:
+            self._lost_in_step += frame.counter - expected
+        self._newest_counter[agent] = frame.counter
+        if agent in self._spoken or agent not in self.lockstep.waiting:
+            return self._reject(agent, "radio: a second frame in one step, or one out of turn")
+        self._spoken[agent] = (data, frame)
+        return None
+
+    def hear_act(self, agent: int, data: bytes) -> str | None:
+        """Take one act from an agent's key; the reason if it is dropped."""
+        try:
+            act = decode_act(data)
+        except WireError as error:
+            return self._reject(agent, str(error))
+        if act.step > self._step:
+            return self._reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
+        if self.lockstep.close(agent, act.step):
+            self._acts[agent] = (data, act)
+        return None
+
+    def _reject(self, agent: int, reason: str) -> str:
+        self.rejected[agent] += 1
+        self._rejected_in_step += 1
+        return reason
+
+    def reject(self, agent: int, reason: str) -> str:
+        """Count a sample that came on a key of this agent and is none of its messages."""
+        return self._reject(agent, reason)
+
+    def end(self) -> Tally:
+        """Close the step: commands, work, completion, tally, digest."""
+        late = self.lockstep.give_up()
+        observers: Counter[int] = Counter()
+        for agent in sorted(self._acts):
+            data, act = self._acts[agent]
+            self.environment.command(agent, act.vx_mps, act.vy_mps)
+            if act.observed:
+                sensed = {event.event for event in self._sensed[agent]}
+                for event in set(act.observed):
+                    if event in sensed:
+                        observers[event] += 1
+                    else:
+                        self.refused_claims += 1
+            spoken = self._spoken.get(agent)
+            if spoken is not None:
+                self.digest.add(self._step, agent, RADIO, spoken[0])
+            self.digest.add(self._step, agent, ACT, data)
+        self.environment.work(observers, self._time_s)
+        return self._tally(len(late))
+
+    def _tally(self, late: int) -> Tally:
+        roles = {agent: standing(frame)[0] for agent, (_, frame) in self._spoken.items()}
+        in_trees = sorted(agent for agent, role in roles.items() if is_in_tree(role))
+        due = self._coverage.is_due(self._step)
+        rejected, self._rejected_in_step = self._rejected_in_step, 0
+        lost, self._lost_in_step = self._lost_in_step, 0
+        out_of_range, lost_by_chance, crowded, dead = self._frame_counts
+        return Tally(
+            step=self._step,
+            time_s=self._time_s,
+            agents_alive=len(self.lockstep.alive),
+            agents_late=late,
+            agents_in_trees=len(in_trees),
+            trees=sum(role == "root" for role in roles.values()),
+            covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
+            events_active=len(self.environment.active),
+            frames_sent=len(self._spoken),
+            bytes_sent=sum(len(data) for data, _ in self._spoken.values()),
+            frames_received=len(self._links),
+            dropped_range=out_of_range,
+            dropped_loss=lost_by_chance,
+            dropped_crowded=crowded,
+            dropped_dead=dead,
+            rejected=rejected,
+            transport_lost=lost,
+        )
+
+    def truth(self, tally: Tally) -> Truth:
+        """Everything about the step just ended, for the recorder. Call once a step, or never."""
+        bodies = []
+        for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
+            spoken = self._spoken.get(agent)
+            role, level, parent = standing(spoken[1] if spoken else None)
+            if agent not in self.lockstep.alive:
+                role = "dead"
+            bodies.append(Body(agent, x_m, y_m, role, level, parent))
+        shown = {happening.event: happening for happening in self.environment.active}
+        shown |= {happening.event: happening for happening in self.environment.take_changed()}
+        events = tuple(as_state(shown[event]) for event in sorted(shown))
+        return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
+
+    def mean_waiting_s(self) -> float:
+        """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
+        waits = [h.sensed_s - h.arrived_s for h in self.environment.happenings if h.sensed_s is not None]
+        return sum(waits) / len(waits) if waits else 0.0
+
+
+def as_state(happening: Happening) -> EventState:
+    """An event's life as it goes to the recorder and into `events.csv`."""
+    return EventState(
+        happening.event,
+        happening.x_m,
+        happening.y_m,
+        happening.arrived_s,
+        happening.sensed_s,
+        happening.completed_s,
+        happening.work_agent_s,
+    )

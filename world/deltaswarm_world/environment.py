@@ -1,0 +1,117 @@
+"""Bodies and events: where they are, who senses what, and how work gets done."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.density import Floats, sampler
+
+ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
+"""Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
+
+
+def generator(seed: int, stream: int) -> np.random.Generator:
+    """The generator of one stream of a run."""
+    return np.random.default_rng([seed, stream])
+
+
+@dataclass
+class Happening:
+    """One event's life. Place in m, world frame; times in s."""
+
+    event: int
+    x_m: float
+    y_m: float
+    arrived_s: float
+    sensed_s: float | None = None
+    completed_s: float | None = None
+    work_agent_s: float = 0.0
+    as_sensed: Event = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.as_sensed = Event(self.event, self.x_m, self.y_m)
+
+
+class Environment:
+    """Positions (n, 2) [m; world frame] and velocities (n, 2) [m/s] of the agents, and all events."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        count = scenario.agents.count
+        size = np.array([scenario.arena.width_m, scenario.arena.height_m])
+        self.positions_m: Floats = generator(scenario.seed, START_STREAM).random((count, 2)) * size
+        self.velocities_mps: Floats = np.zeros((count, 2))
+        self.happenings: list[Happening] = []
+        self.active: list[Happening] = []
+        self.changed: list[Happening] = []
+        self._size_m = size
+        self._step_s = scenario.run.step_s
+        self._speed_mps = scenario.agents.speed_mps
+        self._sensing_m2 = scenario.agents.sensing_range_m**2
+        self._work_agent_s = scenario.events.work_agent_s
+        self._mean_arrivals = scenario.events.rate_hz * scenario.run.step_s
+        self._draw = sampler(scenario.events.density, scenario.arena)
+        self._rng = generator(scenario.seed, ARRIVALS_STREAM)
+        self._places_m: Floats = np.zeros((0, 2))
+
+    def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
+        """Set an agent's velocity; above the speed limit the direction is kept."""
+        speed = (vx_mps * vx_mps + vy_mps * vy_mps) ** 0.5
+        if speed > self._speed_mps:
+            vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
+        self.velocities_mps[agent] = vx_mps, vy_mps
+
+    def move(self) -> None:
+        """One step of motion; walls hold."""
+        moved = self.positions_m + self.velocities_mps * self._step_s
+        self.positions_m = np.clip(moved, 0.0, self._size_m)
+
+    def arrive(self, time_s: float) -> None:
+        """Let events arrive (Poisson)."""
+        for _ in range(self._rng.poisson(self._mean_arrivals)):
+            x_m, y_m = self._draw(self._rng)
+            happening = Happening(len(self.happenings) + 1, x_m, y_m, time_s)
+            self.happenings.append(happening)
+            self.active.append(happening)
+            self.changed.append(happening)
+            self._place_active()
+
+    def sense(self, time_s: float, present: list[bool]) -> list[list[Event]]:
+        """Per agent the events within its sensing range, by id; notes when an event is first sensed."""
+        sensed: list[list[Event]] = [[] for _ in present]
+        if self.active:
+            offsets = self.positions_m[:, None, :] - self._places_m[None, :, :]
+            near = np.einsum("ijk,ijk->ij", offsets, offsets) <= self._sensing_m2
+            for agent, index in zip(*(axis.tolist() for axis in near.nonzero()), strict=True):
+                if present[agent]:
+                    happening = self.active[index]
+                    sensed[agent].append(happening.as_sensed)
+                    if happening.sensed_s is None:
+                        happening.sensed_s = time_s
+                        self.changed.append(happening)
+        return sensed
+
+    def work(self, observers: dict[int, int], time_s: float) -> None:
+        """Let each event's number of distinct observers work on it for one step; complete what is done."""
+        done = False
+        for happening in self.active:
+            count = observers.get(happening.event, 0)
+            if count:
+                happening.work_agent_s += count * self._step_s
+                if happening.work_agent_s >= self._work_agent_s - 1e-9:
+                    happening.completed_s = time_s
+                    self.changed.append(happening)
+                    done = True
+        if done:
+            self.active = [happening for happening in self.active if happening.completed_s is None]
+            self._place_active()
+
+    def take_changed(self) -> list[Happening]:
+        """The events that arrived, were first sensed or completed since the last call."""
+        changed, self.changed = self.changed, []
+        return changed
+
+    def _place_active(self) -> None:
+        places = [(happening.x_m, happening.y_m) for happening in self.active]
+        self._places_m = np.array(places, dtype=np.float64).reshape(-1, 2)
