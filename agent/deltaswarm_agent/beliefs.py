@@ -21,70 +21,68 @@ def to_cm(metres: float) -> int:
 
 
 class Beliefs:
-    """Known events, each with the step in which it was last sensed; the freshest word wins."""
+    """Events by the freshest word about each: seen at a place in some step, or found missing in it."""
 
     def __init__(self, sensing_range_m: float) -> None:
-        self._near_m2 = max(0.0, sensing_range_m - GONE_MARGIN_M) ** 2
-        self._seen: dict[int, tuple[int, int, int]] = {}
-        self._gone: dict[int, int] = {}
+        self._near_cm2 = (100.0 * max(0.0, sensing_range_m - GONE_MARGIN_M)) ** 2
+        self._word: dict[int, int] = {}
+        """The step of the freshest word about an event, that it is there or that it is gone."""
+        self._places: dict[int, tuple[int, int]] = {}
+        """Places of the events that are believed to be there [cm]."""
 
     def sense(self, events: Sequence[Event], x_m: float, y_m: float, now: int) -> None:
         """Take in what the own sensor shows at a place, and what it fails to show."""
         for event, ex_m, ey_m in events:
-            self._seen[event] = (to_cm(ex_m), to_cm(ey_m), now)
-            self._gone.pop(event, None)
-        missing = [
-            event
-            for event, (x_cm, y_cm, seen) in self._seen.items()
-            if seen != now and (x_cm * 0.01 - x_m) ** 2 + (y_cm * 0.01 - y_m) ** 2 < self._near_m2
-        ]
-        for event in missing:
-            del self._seen[event]
-            self._gone[event] = now
+            self._word[event] = now
+            self._places[event] = (to_cm(ex_m), to_cm(ey_m))
+        x_cm, y_cm = 100.0 * x_m, 100.0 * y_m
+        for event, place in list(self._places.items()):
+            near = (place[0] - x_cm) ** 2 + (place[1] - y_cm) ** 2 < self._near_cm2
+            if near and self._word[event] != now:
+                self._word[event] = now
+                del self._places[event]
 
     def hear(self, events: Sequence[Sighting], gone: Sequence[Gone], now: int) -> None:
-        """Take in what a member of the same tree said one step ago."""
+        """Take in what a member of the same tree said one step ago; the fresher word wins."""
         sent = now - 1
+        word = self._word
         for event, x_cm, y_cm, age in events:
-            step = sent - age
-            known = self._seen.get(event)
-            if (known is None or step > known[2]) and self._gone.get(event, -1) < step:
-                self._seen[event] = (x_cm, y_cm, step)
-                self._gone.pop(event, None)
+            if word.get(event, -1) < sent - age:
+                word[event] = sent - age
+                self._places[event] = (x_cm, y_cm)
         for event, age in gone:
-            step = sent - age
-            known = self._seen.get(event)
-            if known is not None and known[2] < step:
-                del self._seen[event]
-            if known is None or known[2] < step:
-                self._gone[event] = max(step, self._gone.get(event, -1))
+            if word.get(event, -1) < sent - age:
+                word[event] = sent - age
+                self._places.pop(event, None)
 
     def forget(self, now: int) -> None:
         """Drop what is too old to be believed, or to be told."""
-        old = [event for event, (_, _, seen) in self._seen.items() if now - seen > MEMORY_STEPS]
-        for event in old:
-            del self._seen[event]
-        old = [event for event, step in self._gone.items() if now - step > GONE_STEPS]
-        for event in old:
-            del self._gone[event]
+        word, places = self._word, self._places
+        for event, step in list(word.items()):
+            if now - step > MEMORY_STEPS and (event in places or now - step > GONE_STEPS):
+                del word[event]
+                places.pop(event, None)
 
     def active(self) -> list[Event]:
         """The events believed to be there, by id."""
-        return [Event(event, x_cm / 100, y_cm / 100) for event, (x_cm, y_cm, _) in sorted(self._seen.items())]
+        return [Event(event, x_cm / 100, y_cm / 100) for event, (x_cm, y_cm) in sorted(self._places.items())]
 
     def __bool__(self) -> bool:
-        return bool(self._seen)
+        return bool(self._places)
 
     def sightings(self, now: int) -> tuple[Sighting, ...]:
-        """The freshest of them, as they go on the air."""
-        rows = [Sighting(event, x_cm, y_cm, now - seen) for event, (x_cm, y_cm, seen) in self._seen.items()]
+        """The freshest events believed to be there, as they go on the air."""
+        word = self._word
+        rows = [Sighting(event, x_cm, y_cm, now - word[event]) for event, (x_cm, y_cm) in self._places.items()]
         if len(rows) > MAX_EVENTS:
             rows.sort(key=lambda row: (row.age, row.event))
-        return tuple(rows[:MAX_EVENTS])
+            del rows[MAX_EVENTS:]
+        return tuple(rows)
 
     def departures(self, now: int) -> tuple[Gone, ...]:
         """The events most freshly found missing, as they go on the air."""
-        rows = [Gone(event, now - step) for event, step in self._gone.items()]
+        rows = [Gone(event, now - step) for event, step in self._word.items() if event not in self._places]
         if len(rows) > MAX_GONE:
             rows.sort(key=lambda row: (row.age, row.event))
-        return tuple(rows[:MAX_GONE])
+            del rows[MAX_GONE:]
+        return tuple(rows)

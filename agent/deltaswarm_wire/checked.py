@@ -111,7 +111,10 @@ def _join(path: str, name: str) -> str:
 
 
 def _shown(value: Any) -> str:
-    shown = repr(value)
+    try:
+        shown = repr(value)
+    except (ValueError, RecursionError):  # thousands of digits, or of levels
+        return type(value).__name__
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
@@ -158,11 +161,18 @@ def _within(value: Any, limits: Mapping[str, Any]) -> bool:
         return True
     low, high, above = limits.get("low"), limits.get("high"), limits.get("above")
     return (
-        math.isfinite(value)
+        _is_finite(value)
         and (low is None or value >= low)
         and (high is None or value <= high)
         and (above is None or value > above)
     )
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:  # an integer beyond every float
+        return False
 
 
 def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:

@@ -25,7 +25,7 @@ MAX_ID = 0xFFFF_FFFF
 MAX_AGENT_ID = 0xFFFF
 MAX_STEP = 0xFFFF_FFFF
 MAX_ABS_M = 1e6
-MAX_ABS_CM = 100_000_000
+MAX_ABS_CM = 0x7FFF_FFFF
 
 
 class WireError(ValueError):
@@ -59,7 +59,12 @@ def unpack(data: bytes, limit_bytes: int = MAX_SAMPLE_BYTES) -> Any:
     try:
         return msgpack.unpackb(data)
     except (ValueError, TypeError, OverflowError, RecursionError, msgpack.UnpackException) as error:
-        raise WireError("sample", f"not MessagePack: {error or type(error).__name__}") from None
+        raise WireError("sample", f"not MessagePack: {str(error) or type(error).__name__}") from None
+
+
+def shown(value: Any) -> str:
+    """A stranger's value in an error text: numbers as they are, the rest by type, since it may be huge or deep."""
+    return repr(value) if value is None or type(value) in (bool, int, float) else type(value).__name__
 
 
 def array(value: Any, length: int, field: str) -> list[Any]:
@@ -120,7 +125,7 @@ def text(value: Any, field: str, limit: int = 200, allowed: Collection[str] | No
 def version(value: Any) -> None:
     """Accept the one protocol version that is known."""
     if type(value) is not int or value != PROTOCOL_VERSION:
-        raise WireError("version", f"{value!r} is not known, {PROTOCOL_VERSION} is")
+        raise WireError("version", f"{shown(value)} is not known, {PROTOCOL_VERSION} is")
 
 
 def fields(value: Any, names: tuple[str, ...], message: str) -> dict[str, Any]:

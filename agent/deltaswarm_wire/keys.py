@@ -2,6 +2,8 @@
 
 import re
 
+from deltaswarm_wire.codec import MAX_AGENT_ID
+
 ROOT = "deltaswarm"
 
 FRAME, RADIO, REPORT, ACT = "frame", "radio", "report", "act"
@@ -45,14 +47,20 @@ class Keys:
 def parse_agent_key(key: str) -> tuple[int, str] | None:
     """Agent and leaf of `.../agent/<id>/<leaf>`, or None where it is no such key."""
     chunks = key.rsplit("/", 3)
-    if len(chunks) != 4 or chunks[1] != AGENT or not chunks[2].isdecimal():
-        return None
-    return int(chunks[2]), chunks[3]
+    number = _number(chunks[2]) if len(chunks) == 4 and chunks[1] == AGENT else None
+    return None if number is None else (number, chunks[3])
 
 
 def parse_token(key: str) -> tuple[str, int] | None:
     """Role and number of `.../@lv/<role>/<number>`, or None where it is no such key."""
     chunks = key.rsplit("/", 3)
-    if len(chunks) != 4 or chunks[1] != "@lv" or not chunks[3].isdecimal():
+    number = _number(chunks[3]) if len(chunks) == 4 and chunks[1] == "@lv" else None
+    return None if number is None else (chunks[2], number)
+
+
+def _number(chunk: str) -> int | None:
+    """An agent's number, if the chunk spells it the one way that keys do: ASCII, no leading zero."""
+    if not (chunk.isascii() and chunk.isdecimal()) or len(chunk) > 5 or (chunk[0] == "0" and chunk != "0"):
         return None
-    return chunks[2], int(chunks[3])
+    number = int(chunk)
+    return number if number <= MAX_AGENT_ID else None

@@ -28,7 +28,8 @@ from deltaswarm_wire.codec import (
 )
 
 MAX_SENSED = 1000
-MAX_HEARD = 1000
+MAX_HEARD = 4096
+"""More than the smallest radio frames could fill: the bound on a frame is its bytes."""
 MAX_SPEED_MPS = 1000.0
 MAX_TIME_S = 1e9
 MAX_REPORTED = 64
@@ -111,14 +112,13 @@ def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
     raw = array(unpack(data), 5, "act")
     version(raw[0])
-    observed = arrays(raw[4], MAX_SENSED, "act.observed")
-    for event in observed:
-        integer(event, 0, MAX_ID, "act.observed")
     return Act(
         integer(raw[1], 0, MAX_STEP, "act.step"),
         number(raw[2], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(raw[3], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
-        tuple(observed),
+        tuple([integer(event, 0, MAX_ID, "act.observed") for event in arrays(raw[4], MAX_SENSED, "act.observed")])
+        if raw[4] != []
+        else (),
     )
 
 

@@ -1,17 +1,21 @@
 """Radio frames: all that an agent ever tells another agent.
 
-They are MessagePack arrays, since their bytes count on the air. Positions are whole centimetres in
-the world frame. At most one frame per agent and step; who has nothing to say is silent.
+They are MessagePack arrays, since their bytes count on the air; rows stand one after the other in flat
+arrays. Positions are whole centimetres in the world frame. At most one frame per agent and step; who has
+nothing to say is silent.
 """
 
-from typing import Any, NamedTuple
+import struct
+from collections.abc import Callable, Sequence
+from functools import cache, partial
+from itertools import chain, cycle
+from typing import Any, Generic, NamedTuple, TypeVar, cast
 
 from deltaswarm_wire.codec import (
     MAX_ABS_CM,
     MAX_AGENT_ID,
     MAX_ID,
     MAX_RADIO_BYTES,
-    MAX_STEP,
     PROTOCOL_VERSION,
     WireError,
     array,
@@ -24,12 +28,12 @@ from deltaswarm_wire.codec import (
 )
 
 MAX_PATH = 128
-MAX_TABLE = 512
+MAX_TABLE = 350
 MAX_EVENTS = 16
 MAX_GONE = 8
-MAX_AGE = 255
+MAX_AGE = 0xFF
 MAX_SCORE = 0xFFFF
-MAX_TTL = 64
+MAX_TTL = 0xFF
 
 ATTENDING, MEMBER, RELOCATING, LEAVING = 0, 1, 2, 3
 
@@ -122,8 +126,74 @@ RadioFrame = Attending | Member | Relocating | Leaving
 _KIND_OF = {Attending: ATTENDING, Member: MEMBER, Relocating: RELOCATING, Leaving: LEAVING}
 
 
+R = TypeVar("R", Descendant, Sighting, Gone)
+
+
+class _Rows(Generic[R]):
+    """Rows of integers of one kind, written one after the other into a flat array.
+
+    `codes` are the C types of a row's integers as `struct` names them: one call then checks the ranges of
+    all rows, which matters since this is most of an agent's work.
+    """
+
+    def __init__(self, kind: type[R], codes: str, limit: int, field: str) -> None:
+        self._codes = codes
+        self._width = len(codes)
+        self._limit = limit
+        self._field = field
+        self._make: Callable[[tuple[int, ...]], R] = partial(cast(Any, tuple.__new__), kind)
+
+    def encode(self, rows: Sequence[R]) -> list[int]:
+        return list(chain.from_iterable(rows))
+
+    def decode(self, raw: Any) -> tuple[R, ...]:
+        if raw == [] and type(raw) is list:
+            return ()
+        flat = arrays(raw, self._limit * self._width, self._field)
+        if len(flat) % self._width:
+            raise WireError(self._field, f"{len(flat)} items, a multiple of {self._width} is expected")
+        check_integers(flat, self._codes * (len(flat) // self._width), self._field)
+        return tuple(map(self._make, zip(*[iter(flat)] * self._width, strict=True)))
+
+
+_TABLE = _Rows(Descendant, "HHiiH", MAX_TABLE, "radio.table")
+_EVENTS = _Rows(Sighting, "IiiB", MAX_EVENTS, "radio.events")
+_GONE = _Rows(Gone, "IB", MAX_GONE, "radio.gone")
+_ORDER_CODES = "HiiIB"
+
+_HEAD = ("radio.sender", "radio.counter", "radio.x_cm", "radio.y_cm")
+_ONLY_INT = {int}
+_BOUNDS = {"B": (0, 0xFF), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
+
+
+@cache
+def _packer(codes: str) -> struct.Struct:
+    return struct.Struct("<" + codes)
+
+
+def check_integers(values: list[Any], codes: str, *fields: str) -> None:
+    """Whether each value is an integer (no bool) that its C type holds; `fields` names each, or all of them.
+
+    Raises:
+        WireError: for the first that is not.
+    """
+    if set(map(type, values)) == _ONLY_INT:
+        try:
+            _packer(codes).pack(*values)
+        except struct.error:
+            pass
+        else:
+            return
+    for value, code, field in zip(values, codes, cycle(fields)):
+        integer(value, *_BOUNDS[code], field)
+
+
 def encode_radio(frame: RadioFrame) -> bytes:
-    """The frame's bytes on the air: `[version, kind, *fields]`."""
+    """The frame's bytes on the air: `[version, kind, *fields]`, rows in flat arrays."""
+    if type(frame) is Member:
+        *head, table, events, gone, order = frame
+        rows = _TABLE.encode(table), _EVENTS.encode(events), _GONE.encode(gone)
+        return pack((PROTOCOL_VERSION, MEMBER, *head, *rows, order), MAX_RADIO_BYTES)
     return pack((PROTOCOL_VERSION, _KIND_OF[type(frame)], *frame), MAX_RADIO_BYTES)
 
 
@@ -137,13 +207,11 @@ def decode_radio(data: bytes) -> RadioFrame:
     if type(raw) is not list or len(raw) < 6:
         raise WireError("radio", "an array of at least 6 items is expected")
     version(raw[0])
-    kind = raw[1]
-    sender = integer(raw[2], 0, MAX_AGENT_ID, "radio.sender")
-    counter = integer(raw[3], 0, MAX_STEP, "radio.counter")
-    x_cm = integer(raw[4], -MAX_ABS_CM, MAX_ABS_CM, "radio.x_cm")
-    y_cm = integer(raw[5], -MAX_ABS_CM, MAX_ABS_CM, "radio.y_cm")
+    kind = integer(raw[1], ATTENDING, LEAVING, "radio.kind")
     if kind == MEMBER:
         array(raw, 14, "radio")
+        check_integers([*raw[2:6], raw[8], raw[9]], "HIiiIH", *_HEAD, "radio.pulse", "radio.score")
+        sender, counter, x_cm, y_cm = raw[2:6]
         return Member(
             sender,
             counter,
@@ -151,69 +219,33 @@ def decode_radio(data: bytes) -> RadioFrame:
             y_cm,
             boolean(raw[6], "radio.orphan"),
             _path(raw[7], sender),
-            integer(raw[8], 0, MAX_STEP, "radio.pulse"),
-            integer(raw[9], 0, MAX_SCORE, "radio.score"),
-            tuple([_descendant(row) for row in arrays(raw[10], MAX_TABLE, "radio.table")]),
-            tuple([_sighting(row) for row in arrays(raw[11], MAX_EVENTS, "radio.events")]),
-            tuple([_gone(row) for row in arrays(raw[12], MAX_GONE, "radio.gone")]),
-            _order(raw[13]),
+            raw[8],
+            raw[9],
+            _TABLE.decode(raw[10]),
+            _EVENTS.decode(raw[11]),
+            _GONE.decode(raw[12]),
+            None if raw[13] is None else _order(raw[13]),
         )
     if kind == ATTENDING:
         array(raw, 9, "radio")
-        return Attending(
-            sender,
-            counter,
-            x_cm,
-            y_cm,
-            integer(raw[6], 0, MAX_ID, "radio.event"),
-            integer(raw[7], -MAX_ABS_CM, MAX_ABS_CM, "radio.event_x_cm"),
-            integer(raw[8], -MAX_ABS_CM, MAX_ABS_CM, "radio.event_y_cm"),
-        )
-    if kind in (RELOCATING, LEAVING):
-        array(raw, 6, "radio")
-        return (Relocating if kind == RELOCATING else Leaving)(sender, counter, x_cm, y_cm)
-    raise WireError("radio.kind", f"{kind!r} is not one of 0 to 3")
+        check_integers(raw[2:], "HIiiIii", *_HEAD, "radio.event", "radio.event_x_cm", "radio.event_y_cm")
+        return Attending(*raw[2:])
+    array(raw, 6, "radio")
+    check_integers(raw[2:], "HIii", *_HEAD)
+    return (Relocating if kind == RELOCATING else Leaving)(*raw[2:])
 
 
 def _path(raw: Any, sender: int) -> tuple[int, ...]:
-    path = tuple(arrays(raw, MAX_PATH, "radio.path"))
-    for agent in path:
-        integer(agent, 0, MAX_AGENT_ID, "radio.path")
+    path = arrays(raw, MAX_PATH, "radio.path")
+    check_integers(path, "H" * len(path), "radio.path")
     if not path or path[-1] != sender:
         raise WireError("radio.path", "must end with the sender")
     if len(set(path)) != len(path):
         raise WireError("radio.path", "names an agent twice")
-    return path
+    return tuple(path)
 
 
-def _row(row: Any, highs: tuple[int, ...], field: str) -> list[int]:
-    """A list of integers, each between 0 (or, for a coordinate, minus its bound) and its bound."""
-    if type(row) is not list or len(row) != len(highs):
-        raise WireError(field, f"{len(highs)} integers are expected")
-    for value, high in zip(row, highs, strict=True):
-        low = -MAX_ABS_CM if high == MAX_ABS_CM else 0
-        if type(value) is not int or not low <= value <= high:
-            raise WireError(field, f"{value!r} is not an integer from {low} to {high}")
-    return row
-
-
-_DESCENDANT_HIGHS = (MAX_AGENT_ID, MAX_AGENT_ID, MAX_ABS_CM, MAX_ABS_CM, MAX_SCORE)
-_SIGHTING_HIGHS = (MAX_ID, MAX_ABS_CM, MAX_ABS_CM, MAX_AGE)
-_GONE_HIGHS = (MAX_ID, MAX_AGE)
-_ORDER_HIGHS = (MAX_AGENT_ID, MAX_ABS_CM, MAX_ABS_CM, MAX_STEP, MAX_TTL)
-
-
-def _descendant(row: Any) -> Descendant:
-    return Descendant(*_row(row, _DESCENDANT_HIGHS, "radio.table"))
-
-
-def _sighting(row: Any) -> Sighting:
-    return Sighting(*_row(row, _SIGHTING_HIGHS, "radio.events"))
-
-
-def _gone(row: Any) -> Gone:
-    return Gone(*_row(row, _GONE_HIGHS, "radio.gone"))
-
-
-def _order(raw: Any) -> Order | None:
-    return None if raw is None else Order(*_row(raw, _ORDER_HIGHS, "radio.order"))
+def _order(raw: Any) -> Order:
+    order = array(raw, len(_ORDER_CODES), "radio.order")
+    check_integers(order, _ORDER_CODES, "radio.order")
+    return Order._make(order)

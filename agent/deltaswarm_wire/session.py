@@ -4,10 +4,11 @@ The world's session is the router. Its access control makes range gating a fact:
 its own keys and receive its own frame, and nothing else.
 """
 
+import json
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, Self, TypeVar
 
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
 
@@ -22,6 +23,7 @@ _ONE_WORKER = (
 )
 
 Pairs = list[tuple[str, Any]]
+R = TypeVar("R")
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,43 @@ def use_one_worker_thread() -> None:
     os.environ.setdefault("ZENOH_RUNTIME", _ONE_WORKER)
 
 
+class ZenohConfig(Protocol):
+    """What is needed of `zenoh.Config`, which this package does not import."""
+
+    @classmethod
+    def from_file(cls, path: str) -> Self:
+        """A configuration from a JSON5 file."""
+
+    def insert_json5(self, key: str, value: str) -> None:
+        """Set one key."""
+
+
+C = TypeVar("C", bound=ZenohConfig)
+
+
+def configured(config: type[C], pairs: Pairs, link: Link) -> C:
+    """A Zenoh configuration: the user's file, where the environment names one, then ours, then overrides.
+
+    Raises:
+        ValueError: the file or an override that Zenoh refuses.
+    """
+    path = os.environ.get(CONFIG_VARIABLE)
+    made = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
+    for key, value in pairs:
+        made.insert_json5(key, json.dumps(value))
+    for key, text in link.overrides:
+        _accepted(f"--zenoh {key}={text}", made.insert_json5, key, text)
+    return made
+
+
+def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
+    """Zenoh's own errors do not say which setting was meant."""
+    try:
+        return call(*arguments)
+    except Exception as error:
+        raise ValueError(f"{what}: Zenoh refuses it: {error}") from None
+
+
 def user_name(role: str, number: int = 0) -> str:
     """The name under which a process logs in at the router."""
     return f"agent-{number}" if role == AGENT else role
@@ -54,7 +93,7 @@ def user_name(role: str, number: int = 0) -> str:
 
 def client_pairs(link: Link) -> Pairs:
     """A client that knows where its router is, and does not scout."""
-    pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *_quiet(link.low_latency)]
+    pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
     if link.user:
         pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
     return pairs
@@ -65,15 +104,14 @@ def router_pairs(link: Link, dictionary_file: str, rules: dict[str, Any]) -> Pai
     return [
         ("mode", "router"),
         ("listen/endpoints", [link.endpoint]),
-        *_quiet(low_latency=True),
-        ("transport/auth/usrpwd/user", link.user),
-        ("transport/auth/usrpwd/password", link.password),
+        *quiet_pairs(low_latency=True),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
         ("access_control", rules),
     ]
 
 
-def _quiet(low_latency: bool) -> Pairs:
+def quiet_pairs(low_latency: bool) -> Pairs:
+    """No scouting; and the faster transport, which does not fragment, where both ends take it."""
     pairs: Pairs = [("scouting/multicast/enabled", False), ("scouting/gossip/enabled", False)]
     if low_latency:
         pairs += [("transport/unicast/qos/enabled", False), ("transport/unicast/lowlatency", True)]

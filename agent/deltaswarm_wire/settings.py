@@ -3,9 +3,11 @@
 `source` says where a default comes from: "paper", or "our reading" where the paper is silent.
 """
 
+import re
 from dataclasses import dataclass
 
 from deltaswarm_wire.checked import Problem, key, plain_value
+from deltaswarm_wire.codec import MAX_STEP
 
 MODES = ("decentralised", "hierarchical", "hybrid")
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
@@ -14,6 +16,9 @@ OBSERVES = ("all", "nearest")
 RECORDS = ("off", "views", "wire")
 
 PAPER, OURS = "paper", "our reading"
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
+"""Leaves room, in a run's name of at most 64, for what tells runs of one scenario apart."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +57,7 @@ class ComponentSettings:
     def problems(self) -> list[Problem]:
         """A covariance must be symmetric and positive definite."""
         (a, b), (c, d) = self.covariance_m2
-        if b != c or a <= 0 or a * d - b * c <= 0:
+        if b != c or a <= 0 or not a * d - b * c > 0:
             allowed = "a symmetric, positive definite matrix is allowed"
             return [Problem("covariance_m2", str(plain_value(self.covariance_m2)), allowed)]
         return []
@@ -167,14 +172,16 @@ class Scenario:
     def problems(self) -> list[Problem]:
         """What no single key can show."""
         found = []
-        if not self.name or len(self.name) > 64 or not self.name.replace("-", "").replace("_", "").isalnum():
-            found.append(Problem("name", repr(self.name), "1 to 64 letters, digits, '-' or '_' are allowed"))
+        if not _NAME.fullmatch(self.name):
+            found.append(Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed"))
         if self.control.d_min_m >= self.radio.range_m:
             allowed = f"below radio.range_m ({self.radio.range_m:g}) is allowed"
             found.append(Problem("control.d_min_m", f"{self.control.d_min_m:g}", allowed))
         if self.run.duration_s < self.run.step_s:
             allowed = f"at least run.step_s ({self.run.step_s:g}) is allowed"
             found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
+        if self.run.steps > MAX_STEP:
+            found.append(Problem("run.duration_s", f"{self.run.steps} steps", f"at most {MAX_STEP} are allowed"))
         return found + self._density_problems()
 
     def _density_problems(self) -> list[Problem]:

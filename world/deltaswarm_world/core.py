@@ -6,6 +6,7 @@ bytes are a stranger's.
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.digest import ACT, RADIO, Digest
@@ -30,6 +31,8 @@ class WorldCore:
         """Samples dropped at the edge, per agent whose key they came on."""
         self.refused_claims = 0
         """Observations claimed of events that were out of sensing range."""
+        self.agents_in_trees = 0
+        """In the last closed step."""
         self.digest = Digest()
 
         self._decode = decode
@@ -152,6 +155,7 @@ class WorldCore:
     def _tally(self, late: int) -> Tally:
         roles = {agent: standing(frame)[0] for agent, (_, frame) in self._spoken.items()}
         in_trees = sorted(agent for agent, role in roles.items() if is_in_tree(role))
+        self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
         lost, self._lost_in_step = self._lost_in_step, 0
@@ -187,7 +191,7 @@ class WorldCore:
             bodies.append(Body(agent, x_m, y_m, role, level, parent))
         shown = {happening.event: happening for happening in self.environment.active}
         shown |= {happening.event: happening for happening in self.environment.take_changed()}
-        events = tuple(as_state(shown[event]) for event in sorted(shown))
+        events = tuple(_as_state(shown[event]) for event in sorted(shown))
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
 
     def mean_waiting_s(self) -> float:
@@ -195,8 +199,22 @@ class WorldCore:
         waits = [h.sensed_s - h.arrived_s for h in self.environment.happenings if h.sensed_s is not None]
         return sum(waits) / len(waits) if waits else 0.0
 
+    def events(self) -> list[EventState]:
+        """All events so far, by id."""
+        return [_as_state(happening) for happening in self.environment.happenings]
 
-def as_state(happening: Happening) -> EventState:
+    def totals(self, complete: bool) -> dict[str, Any]:
+        """What the world says of a run besides its rows."""
+        return {
+            "complete": complete,
+            "digest": self.digest.hex(),
+            "agents_lost": list(self.lockstep.lost),
+            "rejected": {str(agent): count for agent, count in sorted(self.rejected.items())},
+            "refused_claims": self.refused_claims,
+        }
+
+
+def _as_state(happening: Happening) -> EventState:
     """An event's life as it goes to the recorder and into `events.csv`."""
     return EventState(
         happening.event,

@@ -1,0 +1,54 @@
+"""`python -m deltaswarm_agent`: one agent, on this machine or on a board."""
+
+import argparse
+import logging
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from deltaswarm_agent.process import AgentConfig, run_agent
+from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of
+from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.settings import AgentSettings
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of one agent."""
+    made = argparse.ArgumentParser(prog="deltaswarm agent", description="Run one agent.")
+    made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
+    made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
+    made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
+    made.add_argument("--world-lost-s", type=float, default=5.0, help="end after so long without a world (default: 5)")
+    add_link_arguments(made)
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one agent; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
+    arguments = parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    try:
+        if not 0 <= arguments.id <= MAX_AGENT_ID:
+            raise ValueError(f"--id {arguments.id}: 0 to {MAX_AGENT_ID} is allowed")
+        config = AgentConfig(
+            run=arguments.run,
+            agent=arguments.id,
+            link=link_of(arguments, AGENT, arguments.id, arguments.low_latency),
+            settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text())),
+            world_lost_s=arguments.world_lost_s,
+        )
+    except (ValueError, OSError) as error:
+        print(f"deltaswarm agent: {error}", file=sys.stderr)
+        return 2
+    try:
+        return run_agent(config)
+    except Exception as error:
+        logging.getLogger("deltaswarm.agent").exception("agent %d fails: %s", config.agent, error)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

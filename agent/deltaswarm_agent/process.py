@@ -1,0 +1,158 @@
+"""The agent's process: the one file of an agent that touches Zenoh."""
+
+import logging
+import os
+import random
+import threading
+from dataclasses import dataclass
+from typing import cast
+
+from deltaswarm_agent.core import AgentCore, Decision
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.messages import decode_frame, encode_act, encode_report
+from deltaswarm_wire.radio import encode_radio
+from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.settings import AgentSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.agent")
+
+FRAME_QUEUE = 64
+GOODBYE_S = 3.0
+"""How long an agent waits, after its last act, for the world to have taken it."""
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """What one agent process is told."""
+
+    run: str
+    agent: int
+    link: Link
+    settings: AgentSettings
+    world_lost_s: float = 5.0
+    """An agent that has not heard of a world for so long ends."""
+
+
+def agent_rng(seed: int, agent: int) -> random.Random:
+    """The agent's own generator; the same for the same seed on any machine."""
+    return random.Random(f"deltaswarm/{seed}/agent/{agent}")
+
+
+class WorldWatch:
+    """Notes by the world's liveliness token whether it is there, and ends the process without it."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, patience_s: float) -> None:
+        self.gone = threading.Event()
+        self._patience_s = patience_s
+        self._timer: threading.Timer | None = None
+        self._ending = False
+        self._subscriber = session.liveliness().declare_subscriber(keys.token(WORLD), self._on_token, history=True)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self.gone.set()
+            if not self._ending:
+                self._timer = threading.Timer(self._patience_s, self._give_up)
+                self._timer.daemon = True
+                self._timer.start()
+        else:
+            self.gone.clear()
+
+    def _give_up(self) -> None:
+        log.error("the world has been gone for %g s: this agent ends", self._patience_s)
+        logging.shutdown()
+        os._exit(1)  # the main thread is blocked in Zenoh and cannot be told
+
+    def goodbye(self) -> None:
+        """From now on the world's end is the expected one; wait for it."""
+        self._ending = True
+        self.gone.wait(GOODBYE_S)
+
+
+class Outbox:
+    """The agent's three publishers."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, agent: int) -> None:
+        def publisher(leaf: str, message: str) -> zenoh.Publisher:
+            return session.declare_publisher(
+                keys.agent(agent, leaf),
+                encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+
+        self._radio = publisher(RADIO, "Radio")
+        self._report = publisher(REPORT, "Report")
+        self._act = publisher(ACT, "Act")
+
+    def wait_until_heard(self) -> None:
+        """Wait until each publisher knows a subscriber: before that it would send nothing, silently."""
+        for publisher in (self._radio, self._report, self._act):
+            heard = threading.Event()
+
+            def note(status: zenoh.MatchingStatus, heard: threading.Event = heard) -> None:
+                if status.matching:
+                    heard.set()
+
+            listener = publisher.declare_matching_listener(note)
+            note(cast(zenoh.MatchingStatus, publisher.matching_status))
+            heard.wait()
+            listener.undeclare()
+
+    def send(self, decision: Decision) -> None:
+        """Send what was decided; the act comes last, since it closes the step."""
+        if decision.radio is not None:
+            self._radio.put(encode_radio(decision.radio))
+        if decision.report is not None:
+            self._report.put(encode_report(decision.report))
+        self._act.put(encode_act(decision.act))
+
+
+def run_agent(config: AgentConfig) -> int:
+    """Run one agent until its last frame; the process's exit code.
+
+    Raises:
+        zenoh.ZError: the router cannot be reached, or refuses the credentials.
+    """
+    keys = Keys(config.run)
+    core = AgentCore(config.agent, config.settings, agent_rng(config.settings.seed, config.agent))
+    with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
+        frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
+        outbox = Outbox(session, keys, config.agent)
+        watch = WorldWatch(session, keys, config.world_lost_s)
+        outbox.wait_until_heard()
+        token = session.liveliness().declare_token(keys.token(AGENT, config.agent))
+        log.info("agent %d is ready", config.agent)
+        rejected = 0
+        newest = -1
+        while True:
+            data = frames.recv().payload.to_bytes()
+            try:
+                frame = decode_frame(data)
+            except WireError as error:
+                rejected += 1
+                if rejected == 1:
+                    log.warning("a frame was dropped: %s", error)
+                continue
+            if frame.step <= newest:
+                continue
+            newest = frame.step
+            outbox.send(core.step(frame))
+            if frame.last:
+                break
+        watch.goodbye()
+        token.undeclare()
+    log.info(
+        "agent %d ends after step %d; dropped: %d frames, %d heard",
+        config.agent,
+        newest,
+        rejected,
+        core.rejected_frames,
+    )
+    return 0

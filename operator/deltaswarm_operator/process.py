@@ -1,0 +1,257 @@
+"""The operator's process: receives reports and the clock. The one file of the operator that touches Zenoh."""
+
+import csv
+import json
+import logging
+import queue
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from types import FrameType, TracebackType
+from typing import Any, Self
+
+from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.keys import OPERATOR, WORLD, Keys, parse_agent_key
+from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
+from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.settings import OperatorSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.operator")
+
+FLUSH_EVERY_S = 1.0
+"""Rows reach the file at least this often [wall s]."""
+
+PUBLISH_EVERY_S = 0.5
+"""Unless every workload is asked for, one is published this often [wall s], for those who watch."""
+
+NOBODY = -1
+"""The clock's number among senders, for the log."""
+
+
+@dataclass(frozen=True)
+class OperatorConfig:
+    """What the operator process is told."""
+
+    run: str
+    link: Link
+    settings: OperatorSettings
+    step_s: float
+    out: Path
+    """Folder for its own table and totals."""
+    publish_all: bool = False
+    """Publish the workload of every step, for a recorder, and be ready only once one listens."""
+
+
+class Arrival(Enum):
+    """What the main thread finds in its inbox."""
+
+    REPORT = "report"
+    CLOCK = "clock"
+    LISTENER = "listener"
+    WORLD_GONE = "world gone"
+    STOP = "stop"
+
+
+class End(Enum):
+    """Why the operator ends; all but the first leave a run incomplete."""
+
+    LAST_CLOCK = "the last step is closed"
+    WORLD_GONE = "the world is gone before its last step"
+    STOPPED = "stopped by a signal"
+    FAILED = "the operator failed"
+
+
+Inbox = queue.SimpleQueue[tuple[Arrival, Any]]
+
+
+class Output:
+    """`operator.csv`, a row per step, and at the end `operator.json`. Nothing there is overwritten."""
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self._totals_file = folder / "operator.json"
+        self._stream = (folder / "operator.csv").open("x", newline="")
+        self._table = csv.writer(self._stream)
+        self._table.writerow(Workload._fields)
+        self._flush_due = 0.0
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stream.close()
+
+    def row(self, workload: Workload) -> None:
+        """Add a step's row."""
+        self._table.writerow(workload)
+        if time.monotonic() >= self._flush_due:
+            self.flush()
+
+    def flush(self) -> None:
+        """Hand what was written to the operating system."""
+        self._stream.flush()
+        self._flush_due = time.monotonic() + FLUSH_EVERY_S
+
+    def finish(self, meter: WorkloadMeter, end: End) -> None:
+        """Write the totals, whole or not at all."""
+        self.flush()
+        found = {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
+        part = self._totals_file.with_name("operator.json.part")
+        part.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
+        part.replace(self._totals_file)
+
+
+class OperatorProcess:
+    """One run of the operator over an open session."""
+
+    def __init__(self, config: OperatorConfig, session: zenoh.Session, inbox: Inbox, output: Output) -> None:
+        self.meter = WorkloadMeter(config.settings, config.step_s)
+        self._session = session
+        self._inbox = inbox
+        self._output = output
+        self._publish_all = config.publish_all
+        self._publish_due = 0.0
+        self._warned: set[int] = set()
+        self._keys = keys = Keys(config.run)
+        self._token: zenoh.LivelinessToken | None = None
+        self._subscribers = [
+            session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
+            session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
+            session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
+        ]
+        self._workload = session.declare_publisher(
+            keys.workload,
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Workload.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        self._matching = self._workload.declare_matching_listener(self._direct(self._on_listener))
+        if self._workload.matching_status or not config.publish_all:
+            self._declare_ready()
+        else:
+            log.info("waiting for a recorder on %s", keys.workload)
+
+    # In Zenoh's own thread
+
+    @staticmethod
+    def _direct(callback: Callable[[Any], None]) -> Any:
+        """A callback in the thread that reads the link.
+
+        By default each subscriber has a thread of its own, and a clock overtakes the reports before it.
+        """
+        return zenoh.handlers.Callback(callback, indirect=False)
+
+    def _into_inbox(self, arrival: Arrival) -> Any:
+        put = self._inbox.put
+        return self._direct(lambda sample: put((arrival, sample)))
+
+    def _on_world(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self._inbox.put((Arrival.WORLD_GONE, None))
+
+    def _on_listener(self, status: zenoh.MatchingStatus) -> None:
+        if status.matching:
+            self._inbox.put((Arrival.LISTENER, None))
+
+    # In the main thread
+
+    def _declare_ready(self) -> None:
+        """The token says that whatever is sent from now on is counted."""
+        if self._token is None:
+            self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
+            log.info("the operator is ready")
+
+    def run(self) -> End:
+        """Take what arrives, in one order, until the end."""
+        while True:
+            try:
+                arrival, sample = self._inbox.get(timeout=FLUSH_EVERY_S)
+            except queue.Empty:
+                self._output.flush()
+                if not self._session.info.routers_zid():
+                    return End.WORLD_GONE  # it went before it had a token
+                continue
+            if arrival is Arrival.REPORT:
+                self._take_report(sample)
+            elif arrival is Arrival.CLOCK:
+                if self._take_clock(sample.payload.to_bytes()):
+                    return End.LAST_CLOCK
+            elif arrival is Arrival.LISTENER:
+                self._declare_ready()
+            else:
+                return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
+
+    def _take_report(self, sample: zenoh.Sample) -> None:
+        source = parse_agent_key(str(sample.key_expr))
+        if source is None:
+            self._warn(NOBODY, f"report on {sample.key_expr}: no agent's key")
+            return
+        agent, _ = source
+        reason = self.meter.receive(agent, sample.payload.to_bytes())
+        if reason is not None:
+            self._warn(agent, f"report on the key of agent {agent}: {reason}")
+
+    def _take_clock(self, data: bytes) -> bool:
+        """Close a step; True if it was the last."""
+        try:
+            clock = decode_clock(data)
+            workload = self.meter.close(clock, self._inbox.qsize())
+        except (WireError, ValueError) as error:
+            self._warn(NOBODY, f"clock: {error}")
+            return False
+        self._output.row(workload)
+        if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
+            self._publish_due = time.monotonic() + PUBLISH_EVERY_S
+            self._workload.put(encode_workload(workload))
+        return clock.last
+
+    def _warn(self, sender: int, reason: str) -> None:
+        if sender not in self._warned:
+            self._warned.add(sender)
+            log.warning("dropped (further ones of this sender are only counted): %s", reason)
+
+
+def run_operator(config: OperatorConfig) -> int:
+    """Be the operator of one run; the process's exit code: 0 after the last clock, else 1.
+
+    Call it in the main thread: it ends on SIGTERM, and on SIGINT where that is not ignored.
+
+    Raises:
+        FileExistsError: the folder holds an operator's table already.
+        zenoh.ZError: the router cannot be reached, or refuses the credentials.
+    """
+    inbox: Inbox = queue.SimpleQueue()
+    _stop_on_signals(inbox)
+    with (
+        zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session,
+        Output(config.out) as output,
+    ):
+        process = OperatorProcess(config, session, inbox, output)
+        end = End.FAILED
+        try:
+            end = process.run()
+        finally:
+            output.finish(process.meter, end)
+    totals = process.meter.totals
+    level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR
+    log.log(level, "%s: %d steps, %d messages", end.value, totals["steps"], totals["messages"])
+    return 0 if end is End.LAST_CLOCK else 1
+
+
+def _stop_on_signals(inbox: Inbox) -> None:
+    """A signal joins the queue behind what has arrived; `SimpleQueue.put` may be called from a handler."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        inbox.put((Arrival.STOP, None))
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, stop)

@@ -1,0 +1,193 @@
+"""The operator's workload, counted from the messages that arrived and from nothing else.
+
+Pure: reports and clocks in, one `Workload` per closed step out. All rates are over simulated time, so they
+are the same at any speed.
+"""
+
+from collections import Counter, deque
+from operator import itemgetter
+from typing import Any
+
+from deltaswarm_wire.codec import MAX_ID, WireError
+from deltaswarm_wire.digest import REPORT, Digest
+from deltaswarm_wire.messages import Clock, Report, Workload, decode_report
+from deltaswarm_wire.settings import OperatorSettings
+
+SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
+
+MAX_AHEAD_STEPS = 1000
+"""A report of a step further ahead than this is forged: no agent is ahead of the clock that it waits for."""
+
+_Held = tuple[int, int, Report, bytes]
+"""Agent, sequence, the report, its bytes."""
+
+_agent_and_sequence = itemgetter(0, 1)
+
+
+class SlidingRate:
+    """Messages per second over the last `window_s` of simulated time; over less while there was less.
+
+    The window is a whole number of steps, at least one.
+    """
+
+    def __init__(self, window_s: float, step_s: float) -> None:
+        self.steps = max(1, round(window_s / step_s))
+        self._step_s = step_s
+        self._counts: deque[int] = deque(maxlen=self.steps)
+        self._sum = 0
+
+    def add(self, count: int) -> float:
+        """Take in the count of the next step; the rate [1/s]."""
+        counts = self._counts
+        if len(counts) == self.steps:
+            self._sum -= counts[0]
+        counts.append(count)
+        self._sum += count
+        return self._sum / (len(counts) * self._step_s)
+
+
+class WorkloadMeter:
+    """Takes reports as they arrive and closes steps as the clock says.
+
+    A report is counted in the step that it names. One for a step that is closed already is late: it is
+    counted in the next step to be closed, so that nothing is lost.
+    """
+
+    def __init__(self, settings: OperatorSettings, step_s: float) -> None:
+        self.step = -1
+        """The newest closed step; -1 before the first."""
+        self.reports_of_closed_step: tuple[Report, ...] = ()
+        """In agent order."""
+
+        self._threshold_hz = settings.threshold_hz
+        self._step_s = step_s
+        self._digest = Digest()
+        self._held: dict[int, list[_Held]] = {}
+        self._newest_sequence: dict[int, int] = {}
+        self._rates = (SlidingRate(SHORT_WINDOW_S, step_s), SlidingRate(LONG_WINDOW_S, step_s))
+        self._steps = 0
+        self._steps_missed = 0
+        self._steps_above = 0
+        self._messages: Counter[int] = Counter()
+        self._lost: Counter[int] = Counter()
+        self._late: Counter[int] = Counter()
+        self._rejected: Counter[int] = Counter()
+        self._lost_in_step = 0
+        self._rejected_in_step = 0
+
+    def receive(self, agent_of_key: int, data: bytes) -> str | None:
+        """Take in one report, from the key of an agent; the reason if it is dropped."""
+        try:
+            report = decode_report(data)
+        except WireError as error:
+            return self._reject(agent_of_key, str(error))
+        agent, step = report.agent, report.step
+        if agent != agent_of_key:
+            return self._reject(agent_of_key, f"report.agent: {agent} on the key of agent {agent_of_key}")
+        if step > self.step + MAX_AHEAD_STEPS and self.step >= 0:
+            return self._reject(agent, f"report.step: {step}, when {self.step} is the newest closed step")
+        self._follow_sequence(agent, report.sequence)
+        if step <= self.step:
+            self._late[agent] += 1
+            step = self.step + 1
+        self._held.setdefault(step, []).append((agent, report.sequence, report, data))
+        return None
+
+    def _reject(self, agent: int, reason: str) -> str:
+        self._rejected[agent] += 1
+        self._rejected_in_step += 1
+        return reason
+
+    def _follow_sequence(self, agent: int, sequence: int) -> None:
+        """A gap is a loss on the way; a sequence that goes back belongs to an agent that began anew."""
+        missing = sequence - self._newest_sequence.get(agent, -1) - 1
+        if missing > 0:
+            self._lost[agent] += missing
+            self._lost_in_step += missing
+        self._newest_sequence[agent] = sequence
+
+    def close(self, clock: Clock, backlog: int) -> Workload:
+        """Close the clock's step; `backlog` is the number of samples that wait behind the clock.
+
+        `time_above_s` counts from the start of the run; the other figures are the step's own.
+
+        Raises:
+            ValueError: the step is closed already.
+        """
+        if clock.step <= self.step:
+            raise ValueError(f"step {clock.step} is closed already, {self.step} is the newest")
+        missed = clock.step - self.step - 1 if self._steps else 0
+        held = self._take(clock.step)
+        for agent, _, _, data in held:
+            self._messages[agent] += 1
+            self._digest.add(clock.step, agent, REPORT, data)
+        self.step = clock.step
+        self.reports_of_closed_step = tuple([report for _, _, report, _ in held])
+        self._skip(missed)
+        rate_1s_hz, rate_60s_hz = (rate.add(len(held)) for rate in self._rates)
+        self._steps += 1
+        self._steps_above += rate_60s_hz > self._threshold_hz
+        workload = Workload(
+            step=clock.step,
+            time_s=clock.time_s,
+            messages=len(held),
+            senders=len({agent for agent, _, _, _ in held}),
+            rate_1s_hz=rate_1s_hz,
+            rate_60s_hz=rate_60s_hz,
+            time_above_s=self._steps_above * self._step_s,
+            backlog=backlog,
+            lost=min(self._lost_in_step, MAX_ID),
+            rejected=self._rejected_in_step,
+        )
+        self._lost_in_step = self._rejected_in_step = 0
+        return workload
+
+    def _take(self, step: int) -> list[_Held]:
+        """What is held for a step (or for earlier ones, whose clock never came), in agent order."""
+        held = self._held.pop(step, [])
+        for earlier in [other for other in self._held if other < step]:
+            held += self._held.pop(earlier)
+        held.sort(key=_agent_and_sequence)
+        return held
+
+    def _skip(self, missed: int) -> None:
+        """Steps whose clock never came pass without messages."""
+        self._steps += missed
+        self._steps_missed += missed
+        for rate in self._rates:
+            for _ in range(min(missed, rate.steps)):
+                rate.add(0)
+
+    @property
+    def digest_hex(self) -> str:
+        """The digest of all reports of closed steps, in step and agent order."""
+        return self._digest.hex()
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The figures of the whole run so far, as JSON has them; `per_sender` by agent."""
+        messages = self._messages.total()
+        simulated_s = self._steps * self._step_s
+        senders = sorted({*self._messages, *self._lost, *self._late, *self._rejected})
+        return {
+            "steps": self._steps,
+            "steps_missed": self._steps_missed,
+            "messages": messages,
+            "messages_per_s": messages / simulated_s if simulated_s else 0.0,
+            "senders": len(self._messages),
+            "lost": self._lost.total(),
+            "rejected": self._rejected.total(),
+            "late": self._late.total(),
+            "held": sum(map(len, self._held.values())),
+            "threshold_hz": self._threshold_hz,
+            "time_above_s": self._steps_above * self._step_s,
+            "per_sender": {
+                str(agent): {
+                    "messages": self._messages[agent],
+                    "lost": self._lost[agent],
+                    "rejected": self._rejected[agent],
+                    "late": self._late[agent],
+                }
+                for agent in senders
+            },
+        }

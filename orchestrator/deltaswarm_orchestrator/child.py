@@ -1,0 +1,53 @@
+"""What a started process does first. Imports little, since every agent carries it."""
+
+import importlib
+import os
+import signal
+import sys
+import threading
+import time
+from collections.abc import Mapping, Sequence
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+GRACE_S = 3.0
+"""A part whose orchestrator has died gets so long to write what it has."""
+
+
+def main(
+    module: str,
+    argv: Sequence[str],
+    environment: Mapping[str, str],
+    log_file: Path,
+    lifeline: Connection,
+    stdout: Connection | None,
+) -> None:
+    """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
+
+    `lifeline` is the reading end of a pipe that only the orchestrator can write: it ends when the
+    orchestrator does, even by kill -9. `stdout`, if given, takes standard output.
+    """
+    for number in (signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)  # Ctrl-C reaches the whole terminal; the orchestrator sees to it
+    _redirect(log_file, stdout)
+    os.environ.update(environment)
+    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+    sys.exit(importlib.import_module(module).main(argv))
+
+
+def _redirect(log_file: Path, stdout: Connection | None) -> None:
+    log = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+    os.dup2(log, 2)
+    os.dup2(stdout.fileno() if stdout is not None else log, 1)
+    os.close(log)
+    if stdout is not None:
+        stdout.close()
+
+
+def _follow(lifeline: Connection) -> None:
+    try:
+        lifeline.recv_bytes()
+    except (EOFError, OSError):
+        os.kill(os.getpid(), signal.SIGTERM)
+        time.sleep(GRACE_S)
+        os._exit(1)

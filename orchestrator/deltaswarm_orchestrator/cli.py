@@ -1,0 +1,169 @@
+"""The command `deltaswarm`."""
+
+import argparse
+import importlib
+import json
+import sys
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from rich.console import Console
+
+from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
+from deltaswarm_wire import __version__
+from deltaswarm_wire.arguments import override
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.settings import RECORDS, Scenario
+
+OK, FAILED, USAGE = 0, 1, 2
+
+PARTS = ("agent", "world", "operator")
+"""Commands that start one part by hand; the part's own module reads their arguments."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    made = argparse.ArgumentParser(
+        prog="deltaswarm",
+        description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
+        epilog="Exit codes: 0 well, 1 the run failed, 2 usage or scenario.",
+    )
+    made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
+    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_run(commands.add_parser("run", help="run a scenario with real processes"))
+    _add_bench(commands.add_parser("bench", help="measure this machine: the swarm beside the floors under it"))
+    doctor = commands.add_parser("doctor", help="what this machine has and lacks")
+    _add_json(doctor)
+    info = commands.add_parser("info", help="a finished or interrupted run, from its folder")
+    info.add_argument("folder", type=Path, metavar="RUN")
+    _add_json(info)
+    for part in PARTS:
+        commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
+    return made
+
+
+def _add_json(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def _add_run(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "scenario", nargs="?", default="paper-25", metavar="SCENARIO", help=f"TOML file or {', '.join(BUILT_IN)}"
+    )
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
+    command.add_argument("--seed", type=int, help="all randomness comes from it")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
+    command.add_argument("--force", action="store_true", help="replace the run folder if it is there")
+    command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
+    command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
+    command.add_argument("--listen", default="tcp/127.0.0.1:0", metavar="ENDPOINT", help="where the router listens")
+    command.add_argument(
+        "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
+    )
+    command.add_argument("--dry-run", action="store_true", help="check and print the effective scenario only")
+    _add_json(command)
+
+
+def _add_bench(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--agents", type=int, default=25, metavar="N", help="size of the swarm (default: 25)")
+    command.add_argument("--steps", type=int, default=1000, metavar="N", help="steps per measurement (default: 1000)")
+    _add_json(command)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; its exit code."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    if argv and argv[0] in PARTS:
+        module = importlib.import_module(f"deltaswarm_{argv[0]}.__main__")
+        return int(module.main(argv[1:]))
+    arguments = parser().parse_args(argv)
+    command: Callable[[argparse.Namespace], int] = {
+        "run": _run,
+        "bench": _bench,
+        "doctor": _doctor,
+        "info": _info,
+    }[arguments.command]
+    try:
+        return command(arguments)
+    except SettingsError as error:
+        for problem in error.problems:
+            print(f"deltaswarm: {problem}", file=sys.stderr)
+        return USAGE
+    except KeyboardInterrupt:
+        return FAILED
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    scenario = _scenario_of(arguments)
+    if arguments.dry_run:
+        print(to_toml(scenario), end="")
+        return OK
+    from deltaswarm_orchestrator.progress import Display, result_table
+    from deltaswarm_orchestrator.results import FolderExistsError
+    from deltaswarm_orchestrator.run import RunOptions, run
+
+    out = arguments.out or _default_folder(scenario)
+    options = RunOptions(out, arguments.in_process, arguments.force, arguments.listen, tuple(arguments.zenoh))
+    try:
+        with Display(scenario.run.step_s) as display:
+            result = run(scenario, options, display)
+    except FolderExistsError as error:
+        print(f"deltaswarm: {error}", file=sys.stderr)
+        return USAGE
+    for message in result.messages:
+        print(f"deltaswarm: {message}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
+    else:
+        Console().print(result_table(result.summary))
+        print(result.folder)
+    for reason in result.summary["invalid_because"]:
+        print(f"deltaswarm: not valid: {reason}", file=sys.stderr)
+    return OK if result.summary["valid"] else FAILED
+
+
+def _scenario_of(arguments: argparse.Namespace) -> Scenario:
+    overrides = list(arguments.set)
+    if arguments.record is not None:
+        overrides.append(f"record={arguments.record}")
+    return load_scenario(arguments.scenario, overrides, arguments.seed)
+
+
+def _default_folder(scenario: Scenario) -> Path:
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    base = Path("runs") / f"{scenario.name}-{scenario.control.mode}-seed{scenario.seed}-{stamp}"
+    numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
+    free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
+    return next(free)
+
+
+def _bench(arguments: argparse.Namespace) -> int:
+    from deltaswarm_orchestrator import bench
+
+    found = bench.measure(arguments.agents, arguments.steps)
+    print(json.dumps(found) if arguments.json else bench.text(found))
+    return OK
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    from deltaswarm_orchestrator import doctor
+
+    findings = doctor.examine()
+    print(doctor.to_json(findings) if arguments.json else doctor.text(findings))
+    return OK if all(finding.is_well for finding in findings) else FAILED
+
+
+def _info(arguments: argparse.Namespace) -> int:
+    from deltaswarm_orchestrator import info
+
+    if not arguments.folder.is_dir():
+        print(f"deltaswarm: {arguments.folder} is no folder; a run folder is expected", file=sys.stderr)
+        return USAGE
+    try:
+        found = info.describe(arguments.folder)
+    except info.NotARunError as error:
+        print(f"deltaswarm: {error}", file=sys.stderr)
+        return USAGE
+    print(json.dumps(found) if arguments.json else info.text(found))
+    return OK

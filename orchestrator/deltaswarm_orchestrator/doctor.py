@@ -1,0 +1,94 @@
+"""What a machine needs for a swarm, what it has, and how to get what is missing."""
+
+import json
+import os
+import platform
+import resource
+import socket
+import sys
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+NEEDED = {
+    "eclipse-zenoh": (1, 10),
+    "msgpack": (1, 0),
+    "numpy": (1, 26),
+    "mcap": (1, 2),
+    "orjson": (3, 10),
+    "rich": (13, 7),
+    "tomli-w": (1, 0),
+    "zstandard": (0, 22),
+}
+DESCRIPTORS_WANTED = 1024
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at; `advice` says what to do where it is not well."""
+
+    name: str
+    found: str
+    is_well: bool
+    advice: str = ""
+
+
+def examine() -> list[Finding]:
+    """Look at this machine."""
+    return [_python(), *(_package(name) for name in NEEDED), _cores(), _descriptors(), _loopback(), _start_method()]
+
+
+def _python() -> Finding:
+    well = sys.version_info >= (3, 11)
+    return Finding("Python", platform.python_version(), well, "Python 3.11 or newer is needed")
+
+
+def _package(name: str) -> Finding:
+    least = NEEDED[name]
+    wanted = ".".join(map(str, least))
+    advice = f"python -m pip install '{name}>={wanted}'"
+    try:
+        found = version(name)
+    except PackageNotFoundError:
+        return Finding(name, "not installed", False, advice)
+    numbers = tuple(int(part) for part in found.split(".")[:2] if part.isdecimal())
+    return Finding(name, found, numbers >= least, advice)
+
+
+def _cores() -> Finding:
+    cores = len(os.sched_getaffinity(0))
+    return Finding("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed")
+
+
+def _descriptors() -> Finding:
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    advice = f"ulimit -n {DESCRIPTORS_WANTED} (the hard limit is {hard})"
+    return Finding("file descriptors", str(soft), soft >= DESCRIPTORS_WANTED, advice)
+
+
+def _loopback() -> Finding:
+    try:
+        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
+            return Finding("loopback", "127.0.0.1 listens and connects", True)
+    except OSError as error:
+        return Finding("loopback", str(error), False, "ip link set lo up (as root)")
+
+
+def _start_method() -> Finding:
+    import multiprocessing
+
+    well = "forkserver" in multiprocessing.get_all_start_methods()
+    return Finding("fork server", "available" if well else "missing", well, "Linux or another Unix is needed")
+
+
+def to_json(findings: list[Finding]) -> str:
+    """As JSON."""
+    return json.dumps([asdict(finding) for finding in findings])
+
+
+def text(findings: list[Finding]) -> str:
+    """For people: what is not well comes with its advice."""
+    width = max(len(finding.name) for finding in findings)
+    return "\n".join(
+        f"{'ok     ' if f.is_well else 'MISSING'} {f.name:{width}}  {f.found}{'' if f.is_well else f'  ->  {f.advice}'}"
+        for f in findings
+    )

@@ -1,0 +1,115 @@
+"""All cores of a run in one process, without Zenoh: for debuggers, property tests and sweeps.
+
+The one file that joins the parts. It makes the same bytes in the same order as real processes do, so
+the digest is the same.
+"""
+
+import random
+import time
+from collections.abc import Callable
+
+from deltaswarm_agent.core import AgentCore
+from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_orchestrator.progress import Quiet, Reporter
+from deltaswarm_orchestrator.results import Outcome
+from deltaswarm_orchestrator.sink import Sink
+from deltaswarm_wire.messages import Clock, Status, encode_act, encode_report
+from deltaswarm_wire.radio import RadioFrame, encode_radio
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally
+from deltaswarm_world.core import WorldCore
+
+STATUS_EVERY_STEPS = 500
+
+
+class InProcess:
+    """A whole run as one object; `step` runs one step of world, agents and operator."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.world = WorldCore(scenario, self._decode)
+        settings = scenario.for_agent()
+        self.agents = [
+            AgentCore(agent, settings, random.Random(f"deltaswarm/{scenario.seed}/agent/{agent}"), self._decode)
+            for agent in range(scenario.agents.count)
+        ]
+        self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
+        self.agents_s = 0.0
+        """Wall time spent in the agents' cores and their encoding [s]."""
+        self._frames: dict[bytes, RadioFrame] = {}
+
+    def _decode(self, data: bytes) -> RadioFrame:
+        """The frame that was encoded to these bytes; a test holds that decoding gives the same."""
+        return self._frames[data]
+
+    def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
+        """One step, in agent order."""
+        world = self.world
+        frames = list(world.begin(step, last))
+        clock = time.perf_counter
+        began = clock()
+        sent = []
+        encoded: dict[bytes, RadioFrame] = {}
+        for agent, frame in frames:
+            act, radio, report = self.agents[agent].step(frame)
+            radio_bytes = report_bytes = None
+            if radio is not None:
+                radio_bytes = encode_radio(radio)
+                encoded[radio_bytes] = radio
+            if report is not None:
+                report_bytes = encode_report(report)
+            sent.append((agent, radio_bytes, report_bytes, encode_act(act)))
+        self._frames = encoded
+        self.agents_s += clock() - began
+        for agent, radio_bytes, report_bytes, act_bytes in sent:
+            if radio_bytes is not None:
+                world.hear_radio(agent, radio_bytes)
+                if sink is not None:
+                    sink.radio(step, agent, radio_bytes)
+            if report_bytes is not None:
+                self.operator.receive(agent, report_bytes)
+                if sink is not None:
+                    sink.report_bytes(step, agent, report_bytes)
+            world.hear_act(agent, act_bytes)
+        return world.end()
+
+
+def run_in_process(
+    scenario: Scenario,
+    sink: Sink | None = None,
+    reporter: Reporter | None = None,
+    stopped: Callable[[], object] = lambda: None,
+) -> Outcome:
+    """A whole run, or what there is of it when `stopped` says so; what its parts say of it."""
+    reporter = reporter or Quiet()
+    swarm = InProcess(scenario)
+    outcome = Outcome()
+    steps = scenario.run.steps
+    began = time.monotonic()
+    for step in range(steps):
+        last = step == steps - 1 or bool(stopped())
+        tally = swarm.step(step, last, sink)
+        workload = swarm.operator.close(Clock(step, tally.time_s, last), 0)
+        outcome.tallies.append(tally)
+        outcome.workloads.append(workload)
+        if sink is not None:
+            sink.step(swarm.world.truth(tally), swarm.operator.reports_of_closed_step)
+            sink.workload(workload)
+        if last or step % STATUS_EVERY_STEPS == 0:
+            status = Status(
+                step,
+                steps,
+                tally.time_s,
+                tally.agents_alive,
+                tally.agents_in_trees,
+                swarm.world.mean_waiting_s(),
+                "ended" if last else "running",
+            )
+            reporter.update(status, workload.rate_60s_hz)
+        if last:
+            break
+    complete = len(outcome.tallies) == steps
+    outcome.events = swarm.world.events()
+    outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
+    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.operator.totals}
+    return outcome

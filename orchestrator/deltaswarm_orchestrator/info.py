@@ -1,0 +1,53 @@
+"""What a run folder says of its run, whether it is whole or was interrupted."""
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator import results
+from deltaswarm_wire import checked
+from deltaswarm_wire.settings import Scenario
+
+
+class NotARunError(Exception):
+    """The folder is no run folder, or one that cannot be read."""
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """Manifest, summary (computed anew if the run did not come to write it) and the files that are there.
+
+    Raises:
+        NotARunError: there is no manifest or scenario, or they cannot be read.
+    """
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text())
+        scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
+    except (OSError, ValueError) as error:
+        raise NotARunError(f"{folder} is no run folder: {error}") from None
+    outcome = results.read_outcome(folder)
+    written = folder / "summary.json"
+    summary = json.loads(written.read_text()) if written.exists() else results.summary(outcome, scenario)
+    files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
+    return {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+
+
+def text(found: dict[str, Any]) -> str:
+    """The same for people."""
+    manifest, summary = found["manifest"], found["summary"]
+    state = "complete" if summary["complete"] else f"incomplete ({manifest['exit_reason']})"
+    waiting, workload = summary["waiting_time_s"]["mean"], summary["operator_messages_per_s"]["mean"]
+    lines = [
+        f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {state}",
+        f"  started {manifest['started']}, engine {manifest['engine']}, {summary['steps']} steps",
+        f"  mean waiting time {_shown(waiting)} s, operator messages {_shown(workload)} per s",
+        f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",
+        f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
+    ]
+    lines += [f"  not valid: {reason}" for reason in summary["invalid_because"]]
+    lines += [f"  {name}: {size:,} bytes" for name, size in found["files"].items()]
+    return "\n".join(lines)
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

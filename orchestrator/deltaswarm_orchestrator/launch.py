@@ -1,0 +1,197 @@
+"""The processes of one run: started from a fork server, watched, and ended without a remainder."""
+
+import multiprocessing
+import os
+import shutil
+import sys
+import tempfile
+import time
+import types
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+from typing import Self
+
+from deltaswarm_orchestrator import child
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
+from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, user_name
+from deltaswarm_wire.settings import Scenario
+
+MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
+"""The other parts are known by module name alone."""
+
+PRELOADED = ["zenoh", "msgpack", MODULES[AGENT], child.__name__]
+"""Imported once by the fork server and shared by all agents."""
+
+END_WITHIN_S = 5.0
+LOG_TAIL_LINES = 12
+
+
+class LaunchError(Exception):
+    """A part that must be there did not come up, or ended too early."""
+
+
+class Part:
+    """One started process."""
+
+    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
+        self.role = role
+        self.number = number
+        self.process = process
+        self.log_file = log_file
+        self.name = f"{role} {number}" if role == AGENT else role
+
+    def log_tail(self) -> str:
+        """The last lines of its log, for an error message."""
+        try:
+            lines = self.log_file.read_text(errors="replace").splitlines()
+        except OSError:
+            return "(no log)"
+        return "\n".join(f"    {line}" for line in lines[-LOG_TAIL_LINES:])
+
+
+class Swarm:
+    """World, operator and agents of one run, as a context manager that leaves nothing behind."""
+
+    def __init__(self, scenario: Scenario, run: str, folder: Path, zenoh: Sequence[tuple[str, str]] = ()) -> None:
+        self.parts: list[Part] = []
+        self.endpoint = ""
+        self._scenario = scenario
+        self._run = run
+        self._folder = folder
+        self._zenoh = tuple(zenoh)
+        self._secrets_folder = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
+        self._passwords: dict[str, str] = {}
+        self._context = multiprocessing.get_context("forkserver")
+        self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
+        (folder / "logs").mkdir(parents=True, exist_ok=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def start_world(self, scenario_file: Path, *, listen: str, record: bool) -> None:
+        """Start the world and wait until its router listens.
+
+        Raises:
+            LaunchError: it ended instead; with the last lines of its log.
+        """
+        credentials = self._secrets_folder / "credentials"
+        reader, writer = multiprocessing.Pipe(duplex=False)
+        argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
+        argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
+        part = self._start(WORLD, 0, [*argv, *self._overrides(), *(["--truth"] if record else [])], stdout=writer)
+        writer.close()
+        with open(reader.fileno(), closefd=False) as lines:
+            self.endpoint = lines.readline().strip()
+        reader.close()
+        if not self.endpoint:
+            part.process.join(END_WITHIN_S)
+            raise LaunchError(f"the world did not come up:\n{part.log_tail()}")
+        pairs = (line.partition(":") for line in credentials.read_text().splitlines())
+        self._passwords = {user: password for user, _, password in pairs}
+
+    def start_operator(self, *, publish_all: bool) -> None:
+        """Start the operator."""
+        scenario = self._scenario
+        argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
+        argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
+        self._start(OPERATOR, 0, [*argv, *self._joining()], password=self._passwords[OPERATOR])
+
+    def start_agents(self, settings_file: Path) -> None:
+        """Start all agents; each gets its own number, password and log."""
+        for agent in range(self._scenario.agents.count):
+            argv = ["--id", str(agent), "--settings", str(settings_file), "--low-latency", *self._joining()]
+            self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
+
+    def recorder_link(self) -> Link:
+        """How the orchestrator itself joins."""
+        return Link(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
+
+    def _joining(self) -> list[str]:
+        return ["--run", self._run, "--connect", self.endpoint, *self._overrides()]
+
+    def _overrides(self) -> list[str]:
+        return [f"--zenoh={key}={value}" for key, value in self._zenoh]
+
+    def _start(
+        self, role: str, number: int, argv: list[str], *, password: str = "", stdout: Connection | None = None
+    ) -> Part:
+        log_file = self._folder / "logs" / f"{role}-{number}.log"
+        environment = {PASSWORD_VARIABLE: password} if password else {}
+        process = self._context.Process(
+            target=child.main,
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout),
+            name=f"deltaswarm-{role}-{number}",
+            daemon=True,
+        )
+        with bare_main_module(), safe_path():
+            self._context.set_forkserver_preload(PRELOADED)
+            process.start()
+        part = Part(role, number, process, log_file)
+        self.parts.append(part)
+        return part
+
+    def ended(self) -> list[Part]:
+        """The parts whose process has ended."""
+        return [part for part in self.parts if part.process.exitcode is not None]
+
+    def part(self, role: str) -> Part:
+        """The one part of a role (world, operator)."""
+        return next(part for part in self.parts if part.role == role)
+
+    def stop_world(self) -> None:
+        """Ask the world to end the run with the step that is under way."""
+        for part in self.parts:
+            if part.role == WORLD and part.process.is_alive():
+                part.process.terminate()
+
+    def join(self, within_s: float) -> list[Part]:
+        """Wait until all have ended; those which have not."""
+        deadline = time.monotonic() + within_s
+        while running := [part for part in self.parts if part.process.exitcode is None]:
+            left_s = deadline - time.monotonic()
+            if left_s <= 0 or not wait([part.process.sentinel for part in running], left_s):
+                return running
+        return []
+
+    def end(self) -> None:
+        """End whatever still runs: a request first, then by force."""
+        for part in self.join(0):
+            part.process.terminate()
+        for part in self.join(END_WITHIN_S / 2):
+            part.process.kill()
+        for part in self.parts:
+            part.process.join()
+        self._kept_end.close()
+        self._lifeline.close()
+        shutil.rmtree(self._secrets_folder, ignore_errors=True)
+
+
+@contextmanager
+def bare_main_module() -> Iterator[None]:
+    """Hide the program's own main module: else every agent would import the whole command line."""
+    main = sys.modules["__main__"]
+    sys.modules["__main__"] = types.ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = main
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start the fork server without the current folder on its path: a folder `operator` may be in it."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before

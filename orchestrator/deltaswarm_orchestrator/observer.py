@@ -1,0 +1,131 @@
+"""The orchestrator's own ear on the fabric: progress for people, and all that the recorder writes.
+
+The one file of the orchestrator that touches Zenoh.
+"""
+
+import queue
+from collections import defaultdict
+from types import TracebackType
+from typing import Self
+
+from deltaswarm_orchestrator.sink import Sink
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.keys import RADIO, RECORDER, Keys, parse_agent_key
+from deltaswarm_wire.messages import (
+    Report,
+    Status,
+    Workload,
+    decode_clock,
+    decode_report,
+    decode_status,
+    decode_workload,
+)
+from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.truth import Truth, decode_truth
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+QUEUE_SAMPLES = 20_000
+"""Beyond so many samples in hand the fabric has to wait for the recorder."""
+
+
+class Observer:
+    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames."""
+
+    def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool) -> None:
+        self.status: Status | None = None
+        self.newest_workload: Workload | None = None
+        self._last_step: int | None = None
+        self._keys = keys = Keys(run)
+        self._sink = sink
+        self._wire = wire
+        self._queue: queue.Queue[tuple[str, bytes]] = queue.Queue(QUEUE_SAMPLES)
+        self._truths: dict[int, Truth] = {}
+        self._reports: dict[int, list[Report]] = defaultdict(list)
+        self._open_step = 0
+        self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
+        wanted = [keys.status, keys.workload]
+        if sink is not None:
+            wanted += [keys.clock, keys.truth, keys.all_reports]
+        if wire:
+            wanted.append(keys.all_radio)
+        # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
+        put = zenoh.handlers.Callback(self._put, indirect=False)
+        self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
+        self._token = self._session.liveliness().declare_token(keys.token(RECORDER))
+
+    def _put(self, sample: zenoh.Sample) -> None:
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._session.close()
+
+    def work(self, timeout_s: float) -> bool:
+        """Take what has arrived, after waiting at most `timeout_s` for the first; False if nothing came."""
+        try:
+            self._take(*self._queue.get(timeout=timeout_s))
+            for _ in range(QUEUE_SAMPLES):
+                self._take(*self._queue.get_nowait())
+        except queue.Empty:
+            return False
+        return True
+
+    @property
+    def has_all(self) -> bool:
+        """Whether the run has ended, as far as can be heard, and nothing more is to come."""
+        if self._sink is None:
+            return self.status is not None and self.status.phase == "ended"
+        newest = self.newest_workload
+        return self._last_step is not None and newest is not None and newest.step >= self._last_step
+
+    def leave(self) -> None:
+        """Tell the world that all has been taken."""
+        self._token.undeclare()
+
+    def _take(self, key: str, data: bytes) -> None:
+        keys = self._keys
+        if key == keys.truth:
+            truth = decode_truth(data)
+            self._truths[truth.step] = truth
+        elif key == keys.clock:
+            self._close(decode_clock(data).step, decode_clock(data).last)
+        elif key == keys.status:
+            self.status = decode_status(data)
+        elif key == keys.workload:
+            self.newest_workload = decode_workload(data)
+            if self._sink is not None:
+                self._sink.workload(self.newest_workload)
+        else:
+            self._take_from_agent(key, data)
+
+    def _take_from_agent(self, key: str, data: bytes) -> None:
+        source = parse_agent_key(key)
+        if source is None or self._sink is None:
+            return
+        agent, leaf = source
+        if leaf == RADIO:
+            self._sink.radio(self._open_step, agent, data)
+            return
+        if self._wire:
+            self._sink.report_bytes(self._open_step, agent, data)
+        try:
+            report = decode_report(data)
+        except WireError:
+            return  # the operator counts it as rejected
+        if report.agent == agent:
+            self._reports[self._open_step].append(report)
+
+    def _close(self, step: int, last: bool) -> None:
+        truth = self._truths.pop(step, None)
+        reports = sorted(self._reports.pop(self._open_step, []), key=lambda report: (report.agent, report.sequence))
+        if self._sink is not None and truth is not None:
+            self._sink.step(truth, reports)
+        self._open_step = step + 1
+        if last:
+            self._last_step = step

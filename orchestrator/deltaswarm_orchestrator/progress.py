@@ -1,0 +1,123 @@
+"""How a run goes, for people: a bar on a terminal, a line now and then on a pipe. On standard error."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from deltaswarm_wire.messages import Status
+
+LINE_EVERY_S = 10.0
+
+
+class Reporter(Protocol):
+    """Who is told how a run goes."""
+
+    def update(self, status: Status, messages_per_s: float | None) -> None:
+        """The newest state."""
+
+
+class Quiet:
+    """Tells nobody."""
+
+    def update(self, status: Status, messages_per_s: float | None) -> None:
+        """Nothing."""
+
+
+class Display:
+    """A bar on a terminal, else lines; as a context manager."""
+
+    def __init__(self, step_s: float) -> None:
+        self._console = Console(stderr=True)
+        self._step_s = step_s
+        self._started: float | None = None
+        self._line_due = 0.0
+        self._shown: Status | None = None
+        self._bar: Progress | None = None
+        self._task = TaskID(0)
+
+    def __enter__(self) -> Self:
+        if self._console.is_terminal:
+            self._bar = Progress(
+                TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=self._console
+            )
+            self._task = self._bar.add_task("waiting for all processes", total=None)
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def update(self, status: Status, messages_per_s: float | None) -> None:
+        """Show the newest state."""
+        now = time.monotonic()
+        if status.phase == "waiting" or status == self._shown:
+            return
+        self._shown = status
+        if self._started is None:
+            self._started = now - max(1, status.step) * 1e-3
+        speed = status.time_s / (now - self._started)
+        text = describe(status, messages_per_s, speed, self._step_s)
+        if self._bar is not None:
+            self._bar.update(self._task, description=text, total=status.steps, completed=status.step + 1)
+        elif now >= self._line_due or status.phase == "ended":
+            self._line_due = now + LINE_EVERY_S
+            print(text, file=sys.stderr, flush=True)
+
+
+def describe(status: Status, messages_per_s: float | None, speed: float, step_s: float) -> str:
+    """One line: simulated time, speed against real time, trees, workload, waiting."""
+    workload = "-" if messages_per_s is None else f"{messages_per_s:.1f}"
+    return (
+        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {speed:.0f}x real time, "
+        f"{status.agents_alive} agents, {status.agents_in_trees} in trees, "
+        f"operator {workload} messages/s, waiting {status.mean_waiting_s:.1f} s"
+    )
+
+
+ROWS = (
+    ("mean waiting time", "waiting_time_s.mean", "s"),
+    ("median waiting time", "waiting_time_s.median", "s"),
+    ("events sensed", "waiting_time_s.n", ""),
+    ("events never sensed", "waiting_time_s.never_sensed", ""),
+    ("operator messages", "operator_messages_per_s.mean", "per s"),
+    ("radio frames sent", "frames_sent_per_s.mean", "per s"),
+    ("radio bytes sent", "bytes_sent_per_s.mean", "per s"),
+    ("agents in trees", "agents_in_trees.mean", ""),
+    ("trees", "trees.mean", ""),
+    ("area covered while trees exist", "covered_area_m2.mean_while_trees", "m²"),
+    ("lost on the fabric", "transport_lost", "messages"),
+    ("steps", "steps", ""),
+    ("speed", "steps_per_s", "steps/s"),
+    ("digest", "digest", ""),
+    ("valid", "valid", ""),
+)
+
+
+def result_table(summary: dict[str, Any]) -> Table:
+    """The summary's main figures as a table."""
+    table = Table(title=f"{summary['name']}, {summary['mode']}, seed {summary['seed']}", show_header=False)
+    table.add_column(style="dim")
+    table.add_column(justify="right")
+    table.add_column(style="dim")
+    for label, path, unit in ROWS:
+        value: Any = summary
+        for key in path.split("."):
+            value = value[key]
+        table.add_row(label, _shown(value), unit)
+    return table
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "NO"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

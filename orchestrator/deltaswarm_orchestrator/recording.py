@@ -1,0 +1,141 @@
+"""Reading a recording back: the figures of a run, exactly as they were written.
+
+Also of a run that was killed: what had been flushed is there, and `complete` says that it is not all.
+"""
+
+import struct
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import orjson
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
+from mcap.stream_reader import StreamReader
+from zstandard import ZstdError
+
+from deltaswarm_orchestrator.foxglove import NOT_YET
+from deltaswarm_orchestrator.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
+from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.truth import EventState, Tally
+
+_MAGIC = b"\x89MCAP0\r\n"
+
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
+"""What a file that was cut off or damaged can raise when it is read."""
+
+
+class RecordingError(ValueError):
+    """A file that is no recording."""
+
+
+@dataclass
+class Recording:
+    """What a recording holds of figures; what is only to be looked at stays in the file."""
+
+    tallies: list[Tally] = field(default_factory=list)
+    """One per step, in order."""
+    events: list[EventState] = field(default_factory=list)
+    """Each event's last known state, by id."""
+    workloads: list[Workload] = field(default_factory=list)
+    """One per step, in order."""
+    reports: dict[int, tuple[Report, ...]] = field(default_factory=dict)
+    """Those that arrived in each step, by step; empty where none did."""
+    scenario: str = ""
+    """The effective scenario, as TOML."""
+    metadata: dict[str, str] = field(default_factory=dict)
+    """The manifest; empty if the recording was never closed."""
+    complete: bool = False
+    """Whether the recording was closed with its manifest, and nothing of it is missing."""
+
+
+def read_recording(path: Path) -> Recording:
+    """The recording in a file, or in a run's folder, whether it was finished or cut off anywhere.
+
+    Raises:
+        FileNotFoundError: there is none.
+        RecordingError: the file is no MCAP file.
+    """
+    if path.is_dir():
+        whole = path / RECORDING
+        path = whole if whole.exists() else whole.with_name(RECORDING + PART)
+    reader = _Reader()
+    size_bytes = path.stat().st_size
+    with path.open("rb") as stream:
+        if not _MAGIC.startswith(stream.read(len(_MAGIC))):
+            raise RecordingError(f"{path} is no MCAP file")
+        stream.seek(0)
+        records = StreamReader(stream, validate_crcs=True, record_size_limit=size_bytes).records
+        while True:
+            try:
+                record = next(records, None)
+            except _DAMAGE:
+                return reader.recording(is_whole=False)
+            if record is None:
+                return reader.recording(is_whole=True)
+            reader.take(record)
+
+
+class _Reader:
+    """Collects figures, record by record."""
+
+    def __init__(self) -> None:
+        self._found = Recording()
+        self._topics: dict[int, str] = {}
+        self._events: dict[int, EventState] = {}
+        self._net: dict[int, Mapping[str, Any]] = {}
+        self._state: dict[int, Mapping[str, Any]] = {}
+
+    def take(self, record: McapRecord) -> None:
+        if isinstance(record, Message):
+            self._take_message(self._topics[record.channel_id], record.data)
+        elif isinstance(record, Channel):
+            self._topics[record.id] = record.topic
+        elif isinstance(record, Attachment) and record.name == SCENARIO_ATTACHMENT:
+            self._found.scenario = record.data.decode()
+        elif isinstance(record, Metadata) and record.name == MANIFEST:
+            self._found.metadata = dict(record.metadata)
+            self._found.complete = True
+
+    def _take_message(self, topic: str, data: bytes) -> None:
+        match topic:
+            case "/net/stats":
+                net = orjson.loads(data)
+                self._net[net["step"]] = net
+            case "/swarm/state":
+                state = orjson.loads(data)
+                self._state[state["step"]] = state
+            case "/swarm/event":
+                event: EventState = _row(EventState, orjson.loads(data))
+                self._events[event.event] = event
+            case "/operator/inbox":
+                inbox = orjson.loads(data)
+                self._found.reports[inbox["step"]] = tuple(_report(report) for report in inbox["reports"])
+            case "/operator/workload":
+                self._found.workloads.append(_row(Workload, orjson.loads(data)))
+
+    def recording(self, is_whole: bool) -> Recording:
+        """All that was found. A step of which the cut left only a part of the tally is left out."""
+        found = self._found
+        found.complete &= is_whole
+        found.events = [self._events[event] for event in sorted(self._events)]
+        found.tallies = [
+            _row(Tally, {**self._net[step], **self._state[step]}) for step in sorted(self._net.keys() & self._state)
+        ]
+        return found
+
+
+def _report(values: Mapping[str, Any]) -> Report:
+    events = tuple(_row(Event, event) for event in values["events"])
+    return Report(**{**values, "events": events})
+
+
+def _row(kind: Any, values: Mapping[str, Any]) -> Any:
+    """A named tuple of the wire from its figures; what is NOT_YET is None where None is possible."""
+    hints = _HINTS[kind]
+    return kind(*[None if values[name] == NOT_YET and hints[name] == float | None else values[name] for name in hints])
+
+
+_HINTS = {kind: typing.get_type_hints(kind) for kind in (Tally, EventState, Workload, Event)}

@@ -1,0 +1,244 @@
+"""The run folder: what a run's parts left, merged into tables and one summary."""
+
+import csv
+import json
+import os
+import platform
+import shutil
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+
+from deltaswarm_orchestrator.scenario import to_toml
+from deltaswarm_wire import digest
+from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
+
+PACKAGES = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "mcap")
+UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json")
+OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
+"""The operator's columns of `series.csv`, by the name that they have in `Workload`."""
+
+Row = TypeVar("Row", Tally, Workload, EventState)
+
+
+@dataclass
+class Outcome:
+    """What the parts of one run say of it."""
+
+    tallies: list[Tally] = field(default_factory=list)
+    events: list[EventState] = field(default_factory=list)
+    workloads: list[Workload] = field(default_factory=list)
+    world: dict[str, Any] = field(default_factory=dict)
+    operator: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether world and operator both came to the last step."""
+        return bool(self.world.get("complete") and self.operator.get("complete"))
+
+    @property
+    def digest(self) -> str | None:
+        """The run's digest; None while a part of it is missing."""
+        world, operator = self.world.get("digest"), self.operator.get("digest")
+        return digest.combine(world, operator) if world and operator else None
+
+
+class FolderExistsError(Exception):
+    """The run folder is there already, and `--force` was not given."""
+
+
+class RunFolder:
+    """A run's folder: written beside as `<name>.part`, renamed when whole."""
+
+    def __init__(self, target: Path, *, force: bool) -> None:
+        if target.exists() and not force:
+            raise FolderExistsError(f"{target} exists; --force replaces it")
+        self.target = target
+        self.path = target.with_name(target.name + ".part")
+        self._force = force
+        if self.path.exists() and not force:
+            raise FolderExistsError(f"{self.path} exists: an interrupted run, or one under way; --force replaces it")
+        shutil.rmtree(self.path, ignore_errors=True)
+        self.path.mkdir(parents=True)
+
+    def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
+        """Write what is known before the first step."""
+        (self.path / "scenario.toml").write_text(to_toml(scenario))
+        self.write_manifest(manifest)
+
+    def write_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write `manifest.json` whole."""
+        write_json(self.path / "manifest.json", manifest)
+
+    def finish(self) -> Path:
+        """Give the folder its name."""
+        if self._force:
+            shutil.rmtree(self.target, ignore_errors=True)
+        self.path.rename(self.target)
+        return self.target
+
+
+def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
+    """Where a run's results come from, before it has any."""
+    return {
+        "name": scenario.name,
+        "seed": scenario.seed,
+        "engine": engine,
+        "record": record,
+        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "exit_reason": "running",
+        "digest": None,
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
+        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+    }
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def write_json(file: Path, value: Any) -> None:
+    """Write a JSON file, whole or not at all."""
+    part = file.with_name(file.name + ".part")
+    part.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n")
+    part.rename(file)
+
+
+def read_outcome(folder: Path) -> Outcome:
+    """What is in a run folder, merged or not, whole or interrupted."""
+    if (folder / "series.csv").exists():
+        rows = _table(folder / "series.csv")
+        tallies = [_row(Tally, row) for row in rows]
+        own = [{**row, **{name: row[column] for name, column in OPERATOR_COLUMNS.items()}} for row in rows]
+        workloads = [_row(Workload, row) for row in own if row["messages"]]
+    else:
+        tallies = [_row(Tally, row) for row in _table(folder / "world.csv")]
+        workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
+    events = [_row(EventState, row) for row in _table(folder / "events.csv")]
+    return Outcome(tallies, events, workloads, _json(folder / "world.json"), _json(folder / "operator.json"))
+
+
+def _json(file: Path) -> dict[str, Any]:
+    return dict(json.loads(file.read_text())) if file.exists() else {}
+
+
+def _table(file: Path) -> list[dict[str, str]]:
+    """The whole rows of a CSV file; a last line that was cut off is left out."""
+    if not file.exists():
+        return []
+    text = file.read_text()
+    lines = text[: text.rfind("\n") + 1].splitlines()
+    return list(csv.DictReader(lines))
+
+
+def _row(kind: type[Row], row: dict[str, str]) -> Row:
+    return kind(*(_cell(row[name], kind.__annotations__[name]) for name in kind._fields))
+
+
+def _cell(text: str, hint: Any) -> Any:
+    if hint is int:
+        return int(text)
+    return float(text) if text else None
+
+
+def write_tables(folder: Path, outcome: Outcome) -> None:
+    """`series.csv` (one row per step, the world's columns and the operator's) and `events.csv`."""
+    by_step = {workload.step: workload for workload in outcome.workloads}
+
+    def rows() -> Iterable[list[Any]]:
+        for tally in outcome.tallies:
+            workload = by_step.get(tally.step)
+            yield [*tally, *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+
+    header = [*Tally._fields, *OPERATOR_COLUMNS.values()]
+    _write_csv(folder / "series.csv", header, rows())
+    _write_csv(folder / "events.csv", EventState._fields, outcome.events)
+    for name in UNMERGED:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
+    with file.open("w", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(header)
+        table.writerows(rows)
+
+
+def figures(outcome: Outcome, step_s: float) -> dict[str, Any]:
+    """The figures that follow from what happened, whoever kept the record; the same from a recording."""
+    tallies, workloads = outcome.tallies, outcome.workloads
+    waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
+    end_s = len(tallies) * step_s
+    unsensed = [end_s - e.arrived_s for e in outcome.events if e.sensed_s is None]
+    covered = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None]
+    with_trees = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None and t.trees]
+    in_trees = [t.agents_in_trees for t in tallies]
+    return {
+        "waiting_time_s": {
+            "mean": _mean(waits),
+            "median": float(np.median(waits)) if waits else None,
+            "n": len(waits),
+            "never_sensed": len(unsensed),
+            "mean_with_never_sensed": _mean(waits + unsensed),
+        },
+        "operator_messages_per_s": {"mean": _rate([w.messages for w in workloads], step_s)},
+        "operator_senders": {"mean": _mean([w.senders for w in workloads])},
+        "operator_time_above_threshold_s": workloads[-1].time_above_s if workloads else None,
+        "frames_sent_per_s": {"mean": _rate([t.frames_sent for t in tallies], step_s)},
+        "frames_received_per_s": {"mean": _rate([t.frames_received for t in tallies], step_s)},
+        "bytes_sent_per_s": {"mean": _rate([t.bytes_sent for t in tallies], step_s)},
+        "frames_dropped": {reason: sum(getattr(t, f"dropped_{reason}") for t in tallies) for reason in DROP_REASONS},
+        "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
+        "trees": {"mean": _mean([t.trees for t in tallies])},
+        "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},
+        "transport_lost": sum(t.transport_lost for t in tallies) + sum(w.lost for w in workloads),
+        "samples_rejected": sum(t.rejected for t in tallies) + sum(w.rejected for w in workloads),
+        "steps": len(tallies),
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if len(values) else None
+
+
+def _rate(counts: Sequence[int], step_s: float) -> float | None:
+    mean = _mean(counts)
+    return None if mean is None else mean / step_s
+
+
+def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
+    """`summary.json`: the figures, and how the run went."""
+    found = figures(outcome, scenario.run.step_s)
+    wall_s = outcome.world.get("wall_s")
+    simulated_s = found["steps"] * scenario.run.step_s
+    reasons = [] if outcome.is_complete else ["the run did not come to its last step"]
+    if found["transport_lost"]:
+        reasons.append(f"{found['transport_lost']} messages were lost on the fabric")
+    if outcome.world.get("realtime_overruns"):
+        reasons.append(f"{outcome.world['realtime_overruns']} steps missed the pace of real time")
+    return {
+        "name": scenario.name,
+        "mode": scenario.control.mode,
+        "seed": scenario.seed,
+        **found,
+        "wall_s": wall_s,
+        "steps_per_s": found["steps"] / wall_s if wall_s else None,
+        "real_time_factor": simulated_s / wall_s if wall_s else None,
+        "digest": outcome.digest,
+        "agents_lost": outcome.world.get("agents_lost", []),
+        "agents_late": sum(t.agents_late for t in outcome.tallies),
+        "refused_claims": outcome.world.get("refused_claims"),
+        "complete": outcome.is_complete,
+        "valid": not reasons,
+        "invalid_because": reasons,
+    }

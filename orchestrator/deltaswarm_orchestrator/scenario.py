@@ -1,0 +1,99 @@
+"""Scenarios: TOML files and built-in ones, with `--set` on top, checked as a whole."""
+
+import tomllib
+from collections.abc import Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tomli_w
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.settings import AgentSettings, Scenario
+
+BUILT_IN = ("paper-25", "paper-100", "smoke")
+
+
+def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """The scenario of a file or a built-in name, with `key=value` overrides.
+
+    Raises:
+        SettingsError: every mistake in file and overrides at once.
+    """
+    table, problems = _read(name)
+    for override in overrides:
+        problems += _apply(table, override)
+    if seed is not None:
+        table["seed"] = seed
+    scenario, found = checked.check(Scenario, table)
+    problems += found
+    if scenario is not None:
+        problems += _grid_problems(scenario)
+    if scenario is None or problems:
+        raise SettingsError(problems)
+    return scenario
+
+
+def to_toml(settings: Scenario | AgentSettings) -> str:
+    """The effective settings, every key written out."""
+    return tomli_w.dumps(checked.plain(settings))
+
+
+def _read(name: str) -> tuple[dict[str, Any], list[Problem]]:
+    path = Path(name)
+    if name in BUILT_IN:
+        text = resources.files("deltaswarm_orchestrator").joinpath(f"scenarios/{name}.toml").read_text()
+        return tomllib.loads(text), []
+    if not path.is_file():
+        allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
+        raise SettingsError([Problem("scenario", f"{name!r} is not there", allowed)])
+    try:
+        table = tomllib.loads(path.read_text())
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
+    if "schema" not in table:
+        return table, [Problem("schema", "missing", "schema = 1 is expected")]
+    _resolve_grid(table, path.parent)
+    return table, []
+
+
+def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
+    """A grid's file is relative to the scenario that names it."""
+    events = table.get("events", {})
+    density = events.get("density", {}) if isinstance(events, dict) else {}
+    if isinstance(density, dict) and isinstance(density.get("file"), str) and density["file"]:
+        density["file"] = str((folder / density["file"]).resolve())
+
+
+def _grid_problems(scenario: Scenario) -> list[Problem]:
+    """Whether a grid can be read, before anything is started."""
+    density = scenario.events.density
+    if density.kind != "grid":
+        return []
+    try:
+        file = density.file
+        grid = np.load(file, allow_pickle=False) if file.endswith(".npy") else np.loadtxt(file, delimiter=",", ndmin=2)
+        fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and grid.sum() > 0)
+    except (OSError, ValueError, TypeError) as error:
+        return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "a table is expected")]
+    allowed = "a table of finite weights >= 0 with a positive sum is allowed"
+    return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
+
+
+def _apply(table: dict[str, Any], override: str) -> list[Problem]:
+    """Set one dotted key; the value is TOML, or else a plain string."""
+    path, sign, text = override.partition("=")
+    keys = path.strip().split(".")
+    if not sign or not all(keys):
+        return [Problem("--set", repr(override), "key=value is expected")]
+    for key in keys[:-1]:
+        table = table.setdefault(key, {})
+        if not isinstance(table, dict):
+            return [Problem(path, f"{key!r} is no table", "a key of a table is expected")]
+    try:
+        table[keys[-1]] = tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        table[keys[-1]] = text
+    return []

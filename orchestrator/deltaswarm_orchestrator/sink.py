@@ -1,0 +1,23 @@
+"""What keeps a run's record, as seen by those who feed it."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from deltaswarm_wire.messages import Report, Workload
+from deltaswarm_wire.truth import Truth
+
+
+class Sink(Protocol):
+    """The recorder, or a test's stand-in."""
+
+    def step(self, truth: Truth, reports: Sequence[Report]) -> None:
+        """One closed step."""
+
+    def workload(self, workload: Workload) -> None:
+        """What the operator counted."""
+
+    def radio(self, step: int, agent: int, data: bytes) -> None:
+        """One raw radio frame."""
+
+    def report_bytes(self, step: int, agent: int, data: bytes) -> None:
+        """One raw report."""

@@ -1,0 +1,276 @@
+"""Hypothesis strategies for everything that travels, and for what a stranger might send instead."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgpack
+from hypothesis import strategies as st
+
+from deltaswarm_wire import messages, radio, truth
+from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
+
+agents = st.integers(0, MAX_AGENT_ID)
+ids = st.integers(0, MAX_ID)
+steps = st.integers(0, MAX_STEP)
+metres = st.floats(-MAX_ABS_M, MAX_ABS_M)
+centimetres = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
+times_s = st.floats(0.0, messages.MAX_TIME_S)
+speeds_mps = st.floats(-messages.MAX_SPEED_MPS, messages.MAX_SPEED_MPS)
+rates_hz = st.floats(0.0, MAX_ID)
+scores = st.integers(0, radio.MAX_SCORE)
+ages = st.integers(0, radio.MAX_AGE)
+
+
+def tuples_of(strategy: st.SearchStrategy[Any], most: int) -> st.SearchStrategy[tuple[Any, ...]]:
+    return st.lists(strategy, max_size=most).map(tuple)
+
+
+events = st.builds(messages.Event, ids, metres, metres)
+frames = st.builds(
+    messages.Frame,
+    steps,
+    times_s,
+    st.booleans(),
+    metres,
+    metres,
+    tuples_of(events, 6),
+    tuples_of(st.binary(max_size=40), 6),
+)
+acts = st.builds(messages.Act, steps, speeds_mps, speeds_mps, tuples_of(ids, 6))
+reports = st.builds(
+    messages.Report,
+    agents,
+    steps,
+    steps,
+    st.sampled_from(messages.REPORT_ROLES),
+    metres,
+    metres,
+    agents,
+    tuples_of(events, 6),
+)
+clocks = st.builds(messages.Clock, steps, times_s, st.booleans())
+workloads = st.builds(messages.Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
+statuses = st.builds(
+    messages.Status, steps, steps, times_s, agents, agents, times_s, st.sampled_from(messages.STATUS_PHASES)
+)
+
+_heads = (agents, steps, centimetres, centimetres)
+attendings = st.builds(radio.Attending, *_heads, ids, centimetres, centimetres)
+descendants = st.builds(radio.Descendant, agents, agents, centimetres, centimetres, scores)
+sightings = st.builds(radio.Sighting, ids, centimetres, centimetres, ages)
+departures = st.builds(radio.Gone, ids, ages)
+orders = st.builds(radio.Order, agents, centimetres, centimetres, steps, st.integers(0, radio.MAX_TTL))
+
+
+@st.composite
+def members(draw: st.DrawFn) -> radio.Member:
+    path = draw(st.lists(agents, min_size=1, max_size=6, unique=True))
+    return radio.Member(
+        path[-1],
+        draw(steps),
+        draw(centimetres),
+        draw(centimetres),
+        draw(st.booleans()),
+        tuple(path),
+        draw(steps),
+        draw(scores),
+        draw(tuples_of(descendants, 4)),
+        draw(tuples_of(sightings, 4)),
+        draw(tuples_of(departures, 4)),
+        draw(st.none() | orders),
+    )
+
+
+radio_frames = st.one_of(members(), attendings, st.builds(radio.Relocating, *_heads), st.builds(radio.Leaving, *_heads))
+
+bodies = st.builds(
+    truth.Body, agents, metres, metres, st.sampled_from(truth.ROLES), agents, agents | st.just(truth.NOBODY)
+)
+event_states = st.builds(
+    truth.EventState, ids, metres, metres, times_s, st.none() | times_s, st.none() | times_s, times_s
+)
+tallies = st.builds(
+    truth.Tally,
+    **{name: ids for name in truth.Tally._fields if name not in ("time_s", "covered_area_m2")},
+    time_s=times_s,
+    covered_area_m2=st.none() | st.floats(0.0, MAX_ABS_M**2),
+)
+truths = st.builds(
+    truth.Truth,
+    steps,
+    times_s,
+    tuples_of(bodies, 4),
+    tuples_of(event_states, 4),
+    tuples_of(st.tuples(agents, agents), 4),
+    tallies,
+)
+
+
+@dataclass(frozen=True)
+class Codec:
+    """One kind of message: how to make one, encode and decode it, and where its fields stand in the bytes."""
+
+    name: str
+    strategy: st.SearchStrategy[Any]
+    encode: Callable[[Any], bytes]
+    decode: Callable[[bytes], Any]
+    places: dict[str, int | str]
+
+    def __str__(self) -> str:
+        return self.name
+
+
+def _in_array(fields: tuple[str, ...], first: int) -> dict[str, int | str]:
+    return {name: index for index, name in enumerate(fields, first)}
+
+
+def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
+    return {name: name for name in fields}
+
+
+FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
+ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(messages.Act._fields, first=1))
+REPORT = Codec("report", reports, messages.encode_report, messages.decode_report, _in_map(messages.Report._fields))
+CLOCK = Codec("clock", clocks, messages.encode_clock, messages.decode_clock, _in_map(messages.Clock._fields))
+WORKLOAD = Codec(
+    "workload", workloads, messages.encode_workload, messages.decode_workload, _in_map(messages.Workload._fields)
+)
+STATUS = Codec("status", statuses, messages.encode_status, messages.decode_status, _in_map(messages.Status._fields))
+RADIO = Codec("radio", radio_frames, radio.encode_radio, radio.decode_radio, {"kind": 1})
+MEMBER = Codec("radio", members(), radio.encode_radio, radio.decode_radio, _in_array(radio.Member._fields, first=2))
+ATTENDING = Codec(
+    "radio", attendings, radio.encode_radio, radio.decode_radio, _in_array(radio.Attending._fields, first=2)
+)
+TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
+
+MESSAGES = (FRAME, ACT, REPORT, CLOCK, WORKLOAD, STATUS)
+CODECS = (*MESSAGES, RADIO, MEMBER, ATTENDING, TRUTH)
+
+NASTY: tuple[Any, ...] = (
+    None,
+    True,
+    False,
+    float("nan"),
+    float("inf"),
+    float("-inf"),
+    1.5,
+    -1,
+    2**63,
+    2**64 - 1,
+    -(2**63),
+    "",
+    "x" * 300,
+    b"\xff",
+    [],
+    [[]],
+    [None] * 7,
+    {},
+    {"v": 1},
+    msgpack.Timestamp(1, 2),
+    msgpack.ExtType(5, b"x"),
+)
+
+
+def nested(depth: int) -> bytes:
+    """Arrays within arrays, deeper than msgpack's own encoder goes."""
+    return b"\x91" * depth + b"\x01"
+
+
+def repacked(data: bytes, place: int | str, value: Any) -> bytes:
+    """A message with one field of its top level put in the place of another value."""
+    raw = msgpack.unpackb(data)
+    raw[place] = value
+    return bytes(msgpack.packb(raw))
+
+
+def _slots(raw: Any, found: list[tuple[Any, Any]]) -> list[tuple[Any, Any]]:
+    """Every (container, key) within a decoded value."""
+    keys = range(len(raw)) if type(raw) is list else list(raw) if type(raw) is dict else ()
+    for key in keys:
+        found.append((raw, key))
+        _slots(raw[key], found)
+    return found
+
+
+@st.composite
+def reshaped(draw: st.DrawFn, codec: Codec) -> bytes:
+    """A valid message with a few of its values, at any depth, replaced, dropped, doubled or swapped."""
+    raw = msgpack.unpackb(codec.encode(draw(codec.strategy)))
+    for _ in range(draw(st.integers(1, 3))):
+        slots = _slots(raw, [])
+        if not slots:
+            break
+        container, key = draw(st.sampled_from(slots))
+        match draw(st.sampled_from(("replace", "drop", "double", "swap", "extra"))):
+            case "replace":
+                container[key] = draw(st.sampled_from(NASTY))
+            case "drop":
+                del container[key]
+            case "double" if type(container) is list:
+                container.insert(key, container[key])
+            case "swap":
+                other, there = draw(st.sampled_from(slots))
+                if _is_apart(container[key], other) and _is_apart(other[there], container):
+                    container[key], other[there] = other[there], container[key]
+            case _ if type(container) is dict:
+                container["extra"] = 1
+            case _:
+                container.append(draw(st.sampled_from(NASTY)))
+    return bytes(msgpack.packb(raw))
+
+
+def _is_apart(value: Any, container: Any) -> bool:
+    """Whether a container is not within a value: else a swap would tie a knot."""
+    return value is not container and all(inner[key] is not container for inner, key in _slots(value, []))
+
+
+@st.composite
+def damaged(draw: st.DrawFn, codec: Codec) -> bytes:
+    """A valid message with its bytes flipped, cut, extended, doubled in part, or mixed with another."""
+    data = bytearray(codec.encode(draw(codec.strategy)))
+    for _ in range(draw(st.integers(1, 4))):
+        at = draw(st.integers(0, len(data)))
+        match draw(st.sampled_from(("flip", "cut", "extend", "repeat", "splice", "set"))):
+            case "flip" if at < len(data):
+                data[at] ^= 1 << draw(st.integers(0, 7))
+            case "set" if at < len(data):
+                data[at] = draw(st.integers(0, 255))
+            case "cut":
+                del data[at:]
+            case "repeat":
+                data[at:at] = data[at : at + draw(st.integers(0, 8))]
+            case "splice":
+                data[at:] = codec.encode(draw(codec.strategy))[at:]
+            case _:
+                data += draw(st.binary(max_size=9))
+    return bytes(data)
+
+
+def strange(codec: Codec) -> st.SearchStrategy[bytes]:
+    """What a broken or hostile sender might put on a key."""
+    return st.one_of(reshaped(codec), damaged(codec), st.binary(max_size=60))
+
+
+def assert_decodes_or_complains(codec: Codec, data: bytes) -> None:
+    """A decoder gives a message that it would take again, or a WireError that names a field. Nothing else."""
+    try:
+        message = codec.decode(data)
+    except WireError as error:
+        known = {"sample", "version", codec.name, *(f"{codec.name}.{field}" for field in codec.places)}
+        assert any(error.field == name or error.field.startswith(f"{name}.") for name in known), error.field
+        assert str(error).startswith(f"{error.field}: ")
+        assert len(str(error)) < 2500
+    else:
+        assert codec.decode(codec.encode(message)) == message
+
+
+def assert_field_is_named(codec: Codec, message: Any, field: str, value: Any) -> None:
+    """A wrong value of one field is refused, if at all, by that field's name; an empty map always is."""
+    data = repacked(codec.encode(message), codec.places[field], value)
+    try:
+        codec.decode(data)
+    except WireError as error:
+        assert error.field == f"{codec.name}.{field}" or error.field.startswith(f"{codec.name}.{field}.")
+    else:
+        assert value != {}

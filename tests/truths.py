@@ -1,0 +1,123 @@
+"""For the recorder's tests: plausible truths, recordings of them, and what a viewer reads in those."""
+
+import json
+import random
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.reader import make_reader
+
+from deltaswarm_orchestrator.recorder import RECORDING, Recorder
+from deltaswarm_wire.checked import plain
+from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import IN_TREE, NOBODY, ROLES, Body, EventState, Tally, Truth
+
+
+def steps(
+    scenario: Scenario, count: int, seed: int = 1, links: int = 75, reports: int = 4
+) -> Iterator[tuple[Truth, tuple[Report, ...], Workload]]:
+    """`count` steps of a swarm: the truth, what reached the operator, and what the operator counted."""
+    rng = random.Random(seed)
+    width_m, height_m, step_s = scenario.arena.width_m, scenario.arena.height_m, scenario.run.step_s
+    agents = scenario.agents.count
+    places = [(rng.uniform(0, width_m), rng.uniform(0, height_m)) for _ in range(agents)]
+    roles = [ROLES[i % len(ROLES)] for i in range(agents)]
+    active: dict[int, EventState] = {}
+    arrived = 0
+    for step in range(count):
+        time_s = step * step_s
+        places = [(_near(rng, x, width_m), _near(rng, y, height_m)) for x, y in places]
+        shown = dict(active)
+        while len(active) < 12:
+            arrived += 1
+            shown[arrived] = active[arrived] = EventState(
+                arrived, rng.uniform(0, width_m), rng.uniform(0, height_m), time_s, None, None, 0.0
+            )
+        for event in rng.sample(sorted(active), 6):
+            shown[event] = active[event] = _worked_on(rng, active[event], time_s)
+        active = {event: state for event, state in active.items() if state.completed_s is None}
+        bodies = tuple(_body(agent, places[agent], roles) for agent in range(agents))
+        truth = Truth(
+            step,
+            time_s,
+            bodies,
+            tuple(shown[event] for event in sorted(shown)),
+            tuple((rng.randrange(agents), rng.randrange(agents)) for _ in range(links)),
+            _tally(rng, step, time_s, len(active)),
+        )
+        sent = tuple(_report(rng, agent, step, places[agent], truth.events) for agent in range(min(agents, reports)))
+        yield truth, sent, _workload(rng, step, time_s, len(sent))
+
+
+def _near(rng: random.Random, value: float, limit: float) -> float:
+    return min(limit, max(0.0, value + rng.uniform(-1, 1)))
+
+
+def _worked_on(rng: random.Random, event: EventState, time_s: float) -> EventState:
+    sensed_s = time_s if event.sensed_s is None else event.sensed_s
+    work_agent_s = event.work_agent_s + rng.uniform(0, 20)
+    return event._replace(
+        sensed_s=sensed_s, work_agent_s=work_agent_s, completed_s=time_s if work_agent_s >= 200 else None
+    )
+
+
+def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
+    role = roles[agent]
+    in_tree = role in IN_TREE and role != "root"
+    return Body(agent, *place, role, int(in_tree), roles.index("root") if in_tree and "root" in roles else NOBODY)
+
+
+def _tally(rng: random.Random, step: int, time_s: float, events_active: int) -> Tally:
+    area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
+    counts = [rng.randrange(30) for _ in range(9)]
+    return Tally(step, time_s, 25, rng.randrange(2), 12, 3, area_m2, events_active, *counts)
+
+
+def _report(
+    rng: random.Random, agent: int, step: int, place: tuple[float, float], events: tuple[EventState, ...]
+) -> Report:
+    known = tuple(Event(event.event, event.x_m, event.y_m) for event in events[: rng.randrange(1, 4)])
+    return Report(agent, step, step, rng.choice(("attending", "root")), *place, rng.randrange(8), known)
+
+
+def _workload(rng: random.Random, step: int, time_s: float, messages: int) -> Workload:
+    return Workload(step, time_s, messages, messages, messages / 3, rng.uniform(0, 10), time_s / 7, 0, 0, 0)
+
+
+def recorded(folder: Path, scenario: Scenario, count: int) -> Path:
+    """The file of a recording of `count` plausible steps, with a line of log in each."""
+    with Recorder(folder, plain(scenario), scenario, wall=lambda: 0.0) as recorder:
+        for truth, reports, workload in steps(scenario, count):
+            recorder.step(truth, reports)
+            recorder.workload(workload)
+            recorder.log(20, "world", f"step {truth.step}", truth.time_s)
+        recorder.close({"exit": "completed"})
+    return folder / RECORDING
+
+
+def messages(path: Path) -> list[tuple[str, int, Any]]:
+    """Topic, log time [ns] and decoded message, as a viewer reads them: through the index, in time order."""
+    with path.open("rb") as stream:
+        return [
+            (channel.topic, message.log_time, json.loads(message.data))
+            for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages()
+        ]
+
+
+def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
+    return [message for one, _, message in found if one == topic]
+
+
+def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
+    return Truth(0, 0.0, bodies, events, links, Tally(0, 0.0, *[0] * 4, None, *[0] * 10))
+
+
+def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:
+    """What is recorded of a few truths."""
+    with Recorder(folder, plain(Scenario()), Scenario()) as recorder:
+        for one in truths:
+            recorder.step(one, ())
+        recorder.close({})
+    return messages(folder / "recording.mcap")

@@ -1,0 +1,82 @@
+"""`python -m deltaswarm_world`: the world of one run, which is also its router."""
+
+import argparse
+import logging
+import secrets
+import sys
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import LOG_FORMAT, add_zenoh_argument, run_name
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.session import Link, user_name
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.process import WorldConfig, run_world
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of the world."""
+    made = argparse.ArgumentParser(prog="deltaswarm world", description="Run the world, and the router with it.")
+    made.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
+    made.add_argument("--run", required=True, type=run_name, help="name of the run")
+    made.add_argument("--listen", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help="port 0: any free port")
+    made.add_argument(
+        "--credentials",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="user:password lines of all who may join; made with random passwords if it does not exist",
+    )
+    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for its tables")
+    made.add_argument(
+        "--expect",
+        action="append",
+        choices=(OPERATOR, RECORDER),
+        help="who, besides the agents, must be there before the first step (default: operator)",
+    )
+    made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
+    add_zenoh_argument(made)
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the world; its exit code is 0 after a whole run, 2 for bad arguments, else 1.
+
+    The endpoint on which it listens is its first line of standard output.
+    """
+    arguments = parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    try:
+        scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
+        if not arguments.credentials.exists():
+            write_credentials(arguments.credentials, scenario.agents.count)
+        config = WorldConfig(
+            run=arguments.run,
+            scenario=scenario,
+            link=Link(arguments.listen, overrides=tuple(arguments.zenoh)),
+            credentials=arguments.credentials,
+            out=arguments.out,
+            expect=tuple(arguments.expect or (OPERATOR,)),
+            publish_truth=arguments.truth,
+        )
+    except (ValueError, OSError) as error:
+        print(f"deltaswarm world: {error}", file=sys.stderr)
+        return 2
+    try:
+        return run_world(config, lambda endpoint: print(endpoint, flush=True))
+    except Exception as error:
+        logging.getLogger("deltaswarm.world").exception("the world fails: %s", error)
+        return 1
+
+
+def write_credentials(file: Path, agents: int) -> None:
+    """A random password for each process that may join, readable by this user alone."""
+    users = [user_name(AGENT, agent) for agent in range(agents)] + [OPERATOR, RECORDER]
+    file.touch(mode=0o600)
+    file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,316 @@
+"""The world's process: router, lock-step, clock. The one file of the world that touches Zenoh."""
+
+import logging
+import signal
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from deltaswarm_wire.keys import (
+    ACT,
+    AGENT,
+    FRAME,
+    OPERATOR,
+    RADIO,
+    RECORDER,
+    REPORT,
+    WORLD,
+    Keys,
+    parse_token,
+)
+from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_frame, encode_status
+from deltaswarm_wire.session import Link, access_rules, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import encode_truth
+from deltaswarm_world.core import WorldCore
+from deltaswarm_world.output import WorldOutput
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.world")
+
+GOODBYE_S = 3.0
+"""How long the world waits, after the last clock, for the others to have taken all and left."""
+
+STATUS_EVERY_S = 0.5
+PORT_TRIES = 20
+STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
+
+
+@dataclass(frozen=True)
+class WorldConfig:
+    """What the world process is told."""
+
+    run: str
+    scenario: Scenario
+    link: Link
+    credentials: Path
+    """File of `user:password` lines, one for each process that may join."""
+    out: Path
+    expect: tuple[str, ...] = (OPERATOR,)
+    """Roles, besides the agents, that must be there before the first step."""
+    publish_truth: bool = False
+
+
+class Waker:
+    """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
+
+    A sample that the world sends itself is the one thing that reaches a thread blocked in the channel.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self.deadline = float("inf")
+        """Wall time (monotonic) at which to wake."""
+        self.stop_requested = False
+        self.tokens: deque[tuple[str, int, bool]] = deque()
+        """(role, number, is there) in order of arrival."""
+        self._session = session
+        self._key = keys.agent(0, "wake")
+        self._nudge = threading.Event()
+        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
+        threading.Thread(target=self._watch, daemon=True).start()
+        threading.Thread(target=self._await_signal, daemon=True).start()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        token = parse_token(str(sample.key_expr))
+        if token is not None:
+            self.tokens.append((*token, sample.kind == zenoh.SampleKind.PUT))
+            self._nudge.set()
+
+    def _await_signal(self) -> None:
+        signal.sigwait(STOP_SIGNALS)
+        self.stop_requested = True
+        self._nudge.set()
+
+    def _watch(self) -> None:
+        while True:
+            left_s = self.deadline - time.monotonic()
+            if self._nudge.wait(min(max(left_s, 0.001), 0.1)) or left_s <= 0.0:
+                self._nudge.clear()
+                self._session.put(self._key, b"", allowed_destination=zenoh.Locality.SESSION_LOCAL)
+
+
+class WorldProcess:
+    """One run of the world over an open router session."""
+
+    def __init__(self, config: WorldConfig, session: zenoh.Session) -> None:
+        self._config = config
+        self._core = WorldCore(config.scenario)
+        self._keys = keys = Keys(config.run)
+        count = config.scenario.agents.count
+        self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(8 * count + 64))
+        self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(count) for leaf in (RADIO, REPORT, ACT)}
+        self._waker = Waker(session, keys)
+        self._frames = [self._publisher(session, keys.agent(agent, FRAME), "Frame") for agent in range(count)]
+        self._clock = self._publisher(session, keys.clock, "Clock")
+        self._truth = self._publisher(session, keys.truth, "Truth")
+        self._status = self._publisher(session, keys.status, "Status")
+        self._status_due = 0.0
+        self._ending = False
+        self._there: set[tuple[str, int]] = set()
+        self._warned: set[int] = set()
+        self._token = session.liveliness().declare_token(keys.token(WORLD))
+
+    @staticmethod
+    def _publisher(session: zenoh.Session, key: str, message: str) -> zenoh.Publisher:
+        return session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            allowed_destination=zenoh.Locality.REMOTE,
+        )
+
+    def wait_for_all(self) -> None:
+        """Wait until every expected process is there.
+
+        Raises:
+            TimeoutError: naming those who are missing.
+            InterruptedError: a signal came first.
+        """
+        settings = self._config.scenario.run
+        expected = {(AGENT, agent) for agent in range(self._config.scenario.agents.count)}
+        expected |= {(role, 0) for role in self._config.expect}
+        self._waker.deadline = time.monotonic() + settings.start_timeout_s
+        self._send_status(-1, "waiting")
+        while not expected <= self._there:
+            if self._waker.stop_requested:
+                raise InterruptedError("stopped before the first step")
+            if time.monotonic() > self._waker.deadline:
+                missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
+                raise TimeoutError(f"not there after {settings.start_timeout_s:g} s: {missing}")
+            self._receive_one()
+
+    def run(self, output: WorldOutput) -> bool:
+        """All steps; True if none was cut off."""
+        settings = self._config.scenario.run
+        output.started()
+        pace = Pace(settings.step_s / settings.real_time_factor) if settings.clock == "realtime" else None
+        for step in range(settings.steps):
+            last = step == settings.steps - 1 or self._waker.stop_requested
+            for agent, frame in self._core.begin(step, last):
+                self._frames[agent].put(encode_frame(frame))
+            self._collect(pace)
+            tally = self._core.end()
+            if self._config.publish_truth:
+                self._truth.put(encode_truth(self._core.truth(tally)))
+            self._clock.put(encode_clock(Clock(step, tally.time_s, last)))
+            output.write(tally)
+            if time.monotonic() >= self._status_due:
+                self._send_status(step, "running")
+            self._ending = last
+            if self._waker.tokens:
+                self._take_tokens()
+            if last:
+                break
+        complete = step == settings.steps - 1
+        output.finish(self._core, complete, overruns=pace.overruns if pace else 0)
+        self._send_status(step, "ended")
+        return complete
+
+    def _collect(self, pace: "Pace | None") -> None:
+        """Wait until every agent has closed the step, or its time is up."""
+        lockstep = self._core.lockstep
+        timeout_s = self._config.scenario.run.step_timeout_s
+        self._waker.deadline = pace.next_tick() if pace else time.monotonic() + timeout_s
+        while not lockstep.is_closed:
+            if self._receive_one() and time.monotonic() >= self._waker.deadline:
+                for agent in lockstep.waiting:
+                    log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
+                return
+        if pace:
+            pace.wait()
+
+    def _receive_one(self) -> bool:
+        """Take one sample; True if it was only a wake-up."""
+        sample = self._channel.recv()
+        source = self._leaf_of.get(str(sample.key_expr))
+        if source is None:
+            self._take_tokens()
+            return True
+        agent, leaf = source
+        if leaf == REPORT:
+            return False
+        data = sample.payload.to_bytes()
+        reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
+        if reason is not None and agent not in self._warned:
+            self._warned.add(agent)
+            log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
+        return False
+
+    def _take_tokens(self) -> None:
+        """Take note of who came and who went.
+
+        Raises:
+            ConnectionError: the operator went.
+        """
+        lockstep = self._core.lockstep
+        while self._waker.tokens:
+            role, number, there = self._waker.tokens.popleft()
+            (self._there.add if there else self._there.discard)((role, number))
+            if role == AGENT and number < self._config.scenario.agents.count:
+                (lockstep.back if there else lockstep.gone)(number)
+                if lockstep.step >= 0 and not self._ending:
+                    log.warning("agent %d %s in step %d", number, "is back" if there else "is gone", lockstep.step)
+            elif role == OPERATOR and not there and lockstep.step >= 0 and not self._ending:
+                raise ConnectionError(f"the operator is gone in step {lockstep.step}")
+
+    def _send_status(self, step: int, phase: str) -> None:
+        self._status_due = time.monotonic() + STATUS_EVERY_S
+        core = self._core
+        settings = self._config.scenario.run
+        self._status.put(
+            encode_status(
+                Status(
+                    max(step, 0),
+                    settings.steps,
+                    max(step, 0) * settings.step_s,
+                    len(core.lockstep.alive),
+                    core.agents_in_trees,
+                    core.mean_waiting_s(),
+                    phase,
+                )
+            )
+        )
+
+    def goodbye(self) -> None:
+        """Let operator and recorder take what was sent and leave; then the world's token goes."""
+        self._waker.deadline = time.monotonic() + GOODBYE_S
+        while any(role in (OPERATOR, RECORDER) for role, _ in self._there):
+            if self._receive_one() and time.monotonic() >= self._waker.deadline:
+                log.warning("not all parts left within %g s", GOODBYE_S)
+                break
+        self._token.undeclare()
+
+
+class Pace:
+    """The wall clock's beat, for clock `realtime`."""
+
+    def __init__(self, tick_s: float) -> None:
+        self.overruns = 0
+        """Steps that began late because the one before took too long."""
+        self._tick_s = tick_s
+        self._next = time.monotonic()
+
+    def next_tick(self) -> float:
+        """When the step that begins now must end."""
+        now = time.monotonic()
+        if now > self._next + self._tick_s:
+            self.overruns += 1
+            if self.overruns == 1:
+                log.error("the machine cannot hold the pace of one step per %g s", self._tick_s)
+            self._next = now
+        self._next += self._tick_s
+        return self._next
+
+    def wait(self) -> None:
+        """Sleep until the step's time is up."""
+        time.sleep(max(0.0, self._next - time.monotonic()))
+
+
+def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
+    """Be the router and the world of one run; the process's exit code.
+
+    `announce` is told the endpoint once the router listens on it.
+    """
+    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    keys = Keys(config.run)
+    with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
+        world = WorldProcess(config, session)
+        try:
+            world.wait_for_all()
+            complete = world.run(output)
+        except (TimeoutError, ConnectionError, InterruptedError) as error:
+            log.error("the run ends: %s", error)
+            return 1
+        world.goodbye()
+    return 0 if complete else 1
+
+
+def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None]) -> zenoh.Session:
+    """Listen where asked; port 0 is any free one."""
+    rules = access_rules(keys, range(config.scenario.agents.count))
+    address, _, port = config.link.endpoint.rpartition(":")
+    for attempt in range(PORT_TRIES):
+        endpoint = config.link.endpoint if port != "0" else f"{address}:{_free_port()}"
+        link = replace(config.link, endpoint=endpoint)
+        try:
+            session = zenoh.open(configured(zenoh.Config, router_pairs(link, str(config.credentials), rules), link))
+        except zenoh.ZError:
+            if port != "0" or attempt == PORT_TRIES - 1:
+                raise
+        else:
+            announce(endpoint)
+            return session
+    raise AssertionError("unreachable")
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
