@@ -77,16 +77,24 @@ def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
         assert_field_is_named(codec, frame, field, data.draw(st.sampled_from(NASTY)))
 
 
-@given(members(), st.data())
-def test_one_bad_number_in_a_row_is_found(frame: Member, data: st.DataObject) -> None:
-    """Rows are checked column by column for speed; a single bad value among good ones is found all the same."""
+@given(members(), st.sampled_from(["table", "events", "gone", "order", "path"]), st.data())
+def test_one_bad_number_in_a_row_is_found(frame: Member, field: str, data: st.DataObject) -> None:
+    """Rows are checked all at once for speed; a single bad value among good ones is found all the same."""
     raw: Any = msgpack.unpackb(encode_radio(frame))
-    rows = [(field, row) for field in ("table", "events", "gone") for row in raw[MEMBER.places[field]]]
-    if rows:
-        field, row = data.draw(st.sampled_from(rows))
+    row = raw[MEMBER.places[field]]
+    if row:
         row[data.draw(st.integers(0, len(row) - 1))] = data.draw(st.sampled_from([None, True, 0.5, -(2**40), 2**40]))
         with pytest.raises(WireError, match=rf"^radio\.{field}: "):
             decode_radio(msgpack.packb(raw))
+
+
+@given(members(), st.sampled_from(["table", "events", "gone"]))
+def test_rows_are_whole(frame: Member, field: str) -> None:
+    """Rows stand one after the other in a flat array; one number too many is no row."""
+    raw: Any = msgpack.unpackb(encode_radio(frame))
+    raw[MEMBER.places[field]].append(0)
+    with pytest.raises(WireError, match=rf"^radio\.{field}: .* multiple of"):
+        decode_radio(msgpack.packb(raw))
 
 
 @pytest.mark.parametrize("kind", [True, False, 1.0, -1, 4, None, "member", [1], 2**40])
@@ -103,18 +111,12 @@ def test_a_path_ends_with_its_sender_and_names_nobody_twice(path: tuple[int, ...
         decode_radio(encode_radio(PLAIN._replace(path=path)))
 
 
-@pytest.mark.parametrize(
-    ("field", "rows"),
-    [
-        ("table", FULL.table),
-        ("events", FULL.events),
-        ("gone", FULL.gone),
-    ],
-)
-def test_rows_are_limited_in_number(field: str, rows: tuple[Any, ...]) -> None:
+@pytest.mark.parametrize("field", ["table", "events", "gone"])
+def test_rows_are_limited_in_number(field: str) -> None:
     """As many as the limit pass, one more does not."""
+    rows = getattr(FULL, field)
     assert decode_radio(encode_radio(PLAIN._replace(**{field: rows})))
-    with pytest.raises(WireError, match=rf"^radio\.{field}: {len(rows) + 1} items, at most {len(rows)}"):
+    with pytest.raises(WireError, match=rf"^radio\.{field}: .*, at most"):
         decode_radio(encode_radio(PLAIN._replace(**{field: (*rows, rows[0])})))
 
 
@@ -154,5 +156,5 @@ def test_a_frame_of_one_kind_with_the_length_of_another_is_refused() -> None:
         for length in range(15):
             raw = [1, kind, 0, 0, 0, 0, *([0] * 8)][:length]
             if (kind, length) not in [(radio.ATTENDING, 9), (radio.RELOCATING, 6), (radio.LEAVING, 6)]:
-                with pytest.raises(WireError, match="^radio"):
+                with pytest.raises(WireError, match=r"^radio"):
                     decode_radio(msgpack.packb(raw))

@@ -77,7 +77,7 @@ def test_oversized_truth_is_refused_at_both_ends() -> None:
     body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1)
     with pytest.raises(WireError, match=rf"^sample: .*{MAX_ORDINARY_BYTES}"):
         encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
-    with pytest.raises(WireError, match="^sample: "):
+    with pytest.raises(WireError, match=r"^sample: "):
         decode_truth(bytes(MAX_ORDINARY_BYTES + 1))
 
 

@@ -70,19 +70,28 @@ def decode_frame(data: bytes) -> Frame:
     """Check and decode. Raises WireError."""
     raw = array(unpack(data), 8, "frame")
     version(raw[0])
-    heard = arrays(raw[7], MAX_HEARD, "frame.heard")
-    for item in heard:
-        if type(item) is not bytes or len(item) > MAX_RADIO_BYTES:
-            raise WireError("frame.heard", f"bytes are expected, at most {MAX_RADIO_BYTES}")
     return Frame(
         integer(raw[1], 0, MAX_STEP, "frame.step"),
         number(raw[2], 0.0, MAX_TIME_S, "frame.time_s"),
         boolean(raw[3], "frame.last"),
         number(raw[4], -MAX_ABS_M, MAX_ABS_M, "frame.x_m"),
         number(raw[5], -MAX_ABS_M, MAX_ABS_M, "frame.y_m"),
-        tuple([_event(row, "frame.events") for row in arrays(raw[6], MAX_SENSED, "frame.events")]),
-        tuple(heard),
+        _events(raw[6], MAX_SENSED, "frame.events"),
+        _heard(raw[7]),
     )
+
+
+def _heard(raw: Any) -> tuple[bytes, ...]:
+    heard = arrays(raw, MAX_HEARD, "frame.heard")
+    for item in heard:
+        if type(item) is not bytes or len(item) > MAX_RADIO_BYTES:
+            raise WireError("frame.heard", f"bytes are expected, at most {MAX_RADIO_BYTES}")
+    return tuple(heard)
+
+
+def _events(raw: Any, limit: int, field: str) -> tuple[Event, ...]:
+    rows = arrays(raw, limit, field)
+    return tuple([_event(row, field) for row in rows]) if rows else ()
 
 
 def _event(row: Any, field: str) -> Event:
@@ -116,10 +125,15 @@ def decode_act(data: bytes) -> Act:
         integer(raw[1], 0, MAX_STEP, "act.step"),
         number(raw[2], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(raw[3], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
-        tuple([integer(event, 0, MAX_ID, "act.observed") for event in arrays(raw[4], MAX_SENSED, "act.observed")])
-        if raw[4] != []
-        else (),
+        _observed(raw[4]),
     )
+
+
+def _observed(raw: Any) -> tuple[int, ...]:
+    events = arrays(raw, MAX_SENSED, "act.observed")
+    for event in events:
+        integer(event, 0, MAX_ID, "act.observed")
+    return tuple(events)
 
 
 class Report(NamedTuple):
@@ -158,7 +172,7 @@ def decode_report(data: bytes) -> Report:
         number(raw["x_m"], -MAX_ABS_M, MAX_ABS_M, "report.x_m"),
         number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
         integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),
-        tuple([_event(row, "report.events") for row in arrays(raw["events"], MAX_REPORTED, "report.events")]),
+        _events(raw["events"], MAX_REPORTED, "report.events"),
     )
 
 

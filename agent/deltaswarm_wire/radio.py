@@ -6,10 +6,10 @@ nothing to say is silent.
 """
 
 import struct
-from collections.abc import Callable, Sequence
-from functools import cache, partial
+from collections.abc import Callable
+from functools import cache, lru_cache, partial
 from itertools import chain, cycle
-from typing import Any, Generic, NamedTuple, TypeVar, cast
+from typing import Any, NamedTuple
 
 from deltaswarm_wire.codec import (
     MAX_ABS_CM,
@@ -126,73 +126,23 @@ RadioFrame = Attending | Member | Relocating | Leaving
 _KIND_OF = {Attending: ATTENDING, Member: MEMBER, Relocating: RELOCATING, Leaving: LEAVING}
 
 
-R = TypeVar("R", Descendant, Sighting, Gone)
-
-
-class _Rows(Generic[R]):
-    """Rows of integers of one kind, written one after the other into a flat array.
-
-    `codes` are the C types of a row's integers as `struct` names them: one call then checks the ranges of
-    all rows, which matters since this is most of an agent's work.
-    """
-
-    def __init__(self, kind: type[R], codes: str, limit: int, field: str) -> None:
-        self._codes = codes
-        self._width = len(codes)
-        self._limit = limit
-        self._field = field
-        self._make: Callable[[tuple[int, ...]], R] = partial(cast(Any, tuple.__new__), kind)
-
-    def encode(self, rows: Sequence[R]) -> list[int]:
-        return list(chain.from_iterable(rows))
-
-    def decode(self, raw: Any) -> tuple[R, ...]:
-        if raw == [] and type(raw) is list:
-            return ()
-        flat = arrays(raw, self._limit * self._width, self._field)
-        if len(flat) % self._width:
-            raise WireError(self._field, f"{len(flat)} items, a multiple of {self._width} is expected")
-        check_integers(flat, self._codes * (len(flat) // self._width), self._field)
-        return tuple(map(self._make, zip(*[iter(flat)] * self._width, strict=True)))
-
-
-_TABLE = _Rows(Descendant, "HHiiH", MAX_TABLE, "radio.table")
-_EVENTS = _Rows(Sighting, "IiiB", MAX_EVENTS, "radio.events")
-_GONE = _Rows(Gone, "IB", MAX_GONE, "radio.gone")
-_ORDER_CODES = "HiiIB"
-
 _HEAD = ("radio.sender", "radio.counter", "radio.x_cm", "radio.y_cm")
+_HEAD_CODES = "HIii"
+_DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiB", "IB", "HiiIB"
+_BOUNDS = {"B": (0, MAX_AGE), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 _ONLY_INT = {int}
-_BOUNDS = {"B": (0, 0xFF), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 
-
-@cache
-def _packer(codes: str) -> struct.Struct:
-    return struct.Struct("<" + codes)
-
-
-def check_integers(values: list[Any], codes: str, *fields: str) -> None:
-    """Whether each value is an integer (no bool) that its C type holds; `fields` names each, or all of them.
-
-    Raises:
-        WireError: for the first that is not.
-    """
-    if set(map(type, values)) == _ONLY_INT:
-        try:
-            _packer(codes).pack(*values)
-        except struct.error:
-            pass
-        else:
-            return
-    for value, code, field in zip(values, codes, cycle(fields)):
-        integer(value, *_BOUNDS[code], field)
+_new: Any = tuple.__new__  # a NamedTuple's own constructors cost several times as much
+_descendant: Callable[[tuple[int, ...]], Descendant] = partial(_new, Descendant)
+_sighting: Callable[[tuple[int, ...]], Sighting] = partial(_new, Sighting)
+_gone: Callable[[tuple[int, ...]], Gone] = partial(_new, Gone)
 
 
 def encode_radio(frame: RadioFrame) -> bytes:
     """The frame's bytes on the air: `[version, kind, *fields]`, rows in flat arrays."""
     if type(frame) is Member:
         *head, table, events, gone, order = frame
-        rows = _TABLE.encode(table), _EVENTS.encode(events), _GONE.encode(gone)
+        rows = [list(chain.from_iterable(part)) for part in (table, events, gone)]
         return pack((PROTOCOL_VERSION, MEMBER, *head, *rows, order), MAX_RADIO_BYTES)
     return pack((PROTOCOL_VERSION, _KIND_OF[type(frame)], *frame), MAX_RADIO_BYTES)
 
@@ -209,43 +159,111 @@ def decode_radio(data: bytes) -> RadioFrame:
     version(raw[0])
     kind = integer(raw[1], ATTENDING, LEAVING, "radio.kind")
     if kind == MEMBER:
-        array(raw, 14, "radio")
-        check_integers([*raw[2:6], raw[8], raw[9]], "HIiiIH", *_HEAD, "radio.pulse", "radio.score")
-        sender, counter, x_cm, y_cm = raw[2:6]
-        return Member(
-            sender,
-            counter,
-            x_cm,
-            y_cm,
-            boolean(raw[6], "radio.orphan"),
-            _path(raw[7], sender),
-            raw[8],
-            raw[9],
-            _TABLE.decode(raw[10]),
-            _EVENTS.decode(raw[11]),
-            _GONE.decode(raw[12]),
-            None if raw[13] is None else _order(raw[13]),
-        )
+        return _decode_member(array(raw, 14, "radio"))
     if kind == ATTENDING:
-        array(raw, 9, "radio")
-        check_integers(raw[2:], "HIiiIii", *_HEAD, "radio.event", "radio.event_x_cm", "radio.event_y_cm")
+        _check_integers(raw[2:], "HIiiIii", *_HEAD, "radio.event", "radio.event_x_cm", "radio.event_y_cm")
         return Attending(*raw[2:])
-    array(raw, 6, "radio")
-    check_integers(raw[2:], "HIii", *_HEAD)
+    _check_integers(raw[2:], _HEAD_CODES, *_HEAD)
     return (Relocating if kind == RELOCATING else Leaving)(*raw[2:])
 
 
-def _path(raw: Any, sender: int) -> tuple[int, ...]:
-    path = arrays(raw, MAX_PATH, "radio.path")
-    check_integers(path, "H" * len(path), "radio.path")
+def _decode_member(raw: list[Any]) -> Member:
+    """Decoding members' frames is most of an agent's work: all their integers are checked in one call."""
+    _, _, sender, counter, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, order = raw
+    if not (
+        type(path) is type(table) is type(events) is type(gone) is list
+        and type(orphan) is bool
+        and _fit(
+            [sender, counter, x_cm, y_cm, pulse, score, *path, *table, *events, *gone],
+            _member_layout(len(path), len(table), len(events), len(gone)),
+        )
+        and path[-1] == sender
+        and len(set(path)) == len(path)
+    ):
+        _blame_member(raw)
+    return Member(
+        sender,
+        counter,
+        x_cm,
+        y_cm,
+        orphan,
+        tuple(path),
+        pulse,
+        score,
+        tuple(map(_descendant, zip(*[iter(table)] * 5, strict=False))),
+        tuple(map(_sighting, zip(*[iter(events)] * 4, strict=False))),
+        tuple(map(_gone, zip(*[iter(gone)] * 2, strict=False))),
+        None if order is None else _order(order),
+    )
+
+
+def _fit(values: list[Any], layout: struct.Struct | None) -> bool:
+    """Whether all are integers (no bool) that their C types hold."""
+    if layout is None or set(map(type, values)) != _ONLY_INT:
+        return False
+    try:
+        layout.pack(*values)
+    except struct.error:
+        return False
+    return True
+
+
+@cache
+def _layout(codes: str) -> struct.Struct:
+    return struct.Struct("<" + codes)
+
+
+@lru_cache(100_000)
+def _member_layout(path: int, table: int, events: int, gone: int) -> struct.Struct | None:
+    """The C types of a member's integers, given the lengths of its arrays; None where a length is wrong."""
+    if not 1 <= path <= MAX_PATH:
+        return None
+    codes = _HEAD_CODES + "IH" + "H" * path
+    for length, row, limit in (
+        (table, _DESCENDANT_CODES, MAX_TABLE),
+        (events, _SIGHTING_CODES, MAX_EVENTS),
+        (gone, _GONE_CODES, MAX_GONE),
+    ):
+        if length % len(row) or length > limit * len(row):
+            return None
+        codes += row * (length // len(row))
+    return _layout(codes)
+
+
+def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
+    """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
+    if len(values) != len(codes):
+        raise WireError("radio", f"{len(codes)} integers are expected, not {len(values)}")
+    if not _fit(values, _layout(codes)):
+        for value, code, field in zip(values, codes, cycle(fields)):
+            integer(value, *_BOUNDS[code], field)
+
+
+def _blame_member(raw: list[Any]) -> None:
+    """Say what is wrong with a member's frame."""
+    _, _, sender, counter, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, _ = raw
+    _check_integers([sender, counter, x_cm, y_cm], _HEAD_CODES, *_HEAD)
+    boolean(orphan, "radio.orphan")
+    _check_integers(arrays(path, MAX_PATH, "radio.path"), "H" * len(path), "radio.path")
     if not path or path[-1] != sender:
         raise WireError("radio.path", "must end with the sender")
     if len(set(path)) != len(path):
         raise WireError("radio.path", "names an agent twice")
-    return tuple(path)
+    _check_integers([pulse, score], "IH", "radio.pulse", "radio.score")
+    _check_rows(table, _DESCENDANT_CODES, MAX_TABLE, "radio.table")
+    _check_rows(events, _SIGHTING_CODES, MAX_EVENTS, "radio.events")
+    _check_rows(gone, _GONE_CODES, MAX_GONE, "radio.gone")
+
+
+def _check_rows(raw: Any, codes: str, limit: int, field: str) -> None:
+    """Rows of integers, one after the other in a flat array."""
+    flat = arrays(raw, limit * len(codes), field)
+    if len(flat) % len(codes):
+        raise WireError(field, f"{len(flat)} items, a multiple of {len(codes)} is expected")
+    _check_integers(flat, codes * (len(flat) // len(codes)), field)
 
 
 def _order(raw: Any) -> Order:
     order = array(raw, len(_ORDER_CODES), "radio.order")
-    check_integers(order, _ORDER_CODES, "radio.order")
+    _check_integers(order, _ORDER_CODES, "radio.order")
     return Order._make(order)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
 from types import FrameType, TracebackType
-from typing import Any, Self
+from typing import Any, Self, cast
 
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError
@@ -134,7 +134,8 @@ class OperatorProcess:
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
         self._matching = self._workload.declare_matching_listener(self._direct(self._on_listener))
-        if self._workload.matching_status or not config.publish_all:
+        heard = cast(zenoh.MatchingStatus, self._workload.matching_status)  # its own stub says bool
+        if heard.matching or not config.publish_all:
             self._declare_ready()
         else:
             log.info("waiting for a recorder on %s", keys.workload)
@@ -226,14 +227,18 @@ def run_operator(config: OperatorConfig) -> int:
 
     Raises:
         FileExistsError: the folder holds an operator's table already.
-        zenoh.ZError: the router cannot be reached, or refuses the credentials.
+        ValueError: the user's own Zenoh settings are refused.
     """
     inbox: Inbox = queue.SimpleQueue()
     _stop_on_signals(inbox)
-    with (
-        zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session,
-        Output(config.out) as output,
-    ):
+    link = config.link
+    settings = configured(zenoh.Config, client_pairs(link), link)
+    try:
+        session = zenoh.open(settings)
+    except zenoh.ZError as error:
+        log.error("cannot join the world at %s (is it up, is the password right?): %s", link.endpoint, error)
+        return 1
+    with session, Output(config.out) as output:
         process = OperatorProcess(config, session, inbox, output)
         end = End.FAILED
         try:

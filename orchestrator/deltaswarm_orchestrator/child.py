@@ -1,5 +1,6 @@
 """What a started process does first. Imports little, since every agent carries it."""
 
+import gc
 import importlib
 import os
 import signal
@@ -9,6 +10,9 @@ import time
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+
+GC_THRESHOLD = 100_000
+"""The hot path makes no cycles; seldom collections keep the memory of many processes out of the caches."""
 
 GRACE_S = 3.0
 """A part whose orchestrator has died gets so long to write what it has."""
@@ -21,12 +25,19 @@ def main(
     log_file: Path,
     lifeline: Connection,
     stdout: Connection | None,
+    in_background: bool,
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write: it ends when the
-    orchestrator does, even by kill -9. `stdout`, if given, takes standard output.
+    orchestrator does, even by kill -9. `stdout`, if given, takes standard output. `in_background` keeps a
+    process from interrupting another as soon as a message wakes it: so the world hands out all frames of a
+    step before the agents take the cores, and a third of the switches between processes goes.
     """
+    if in_background and hasattr(os, "SCHED_BATCH"):
+        os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    gc.freeze()
+    gc.set_threshold(GC_THRESHOLD)
     for number in (signal.SIGINT, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # Ctrl-C reaches the whole terminal; the orchestrator sees to it
     _redirect(log_file, stdout)

@@ -125,7 +125,7 @@ class Swarm:
         environment = {PASSWORD_VARIABLE: password} if password else {}
         process = self._context.Process(
             target=child.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role == AGENT),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )

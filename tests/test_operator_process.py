@@ -1,0 +1,351 @@
+"""The operator as a real process: over loopback, through a router with its access rules, ended in every way."""
+
+import csv
+import json
+import os
+import queue
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, cast
+
+import pytest
+
+from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.keys import ACT, AGENT, OPERATOR, REPORT, WORLD, Keys
+from deltaswarm_wire.messages import Clock, Report, Workload, decode_workload, encode_clock, encode_report
+from deltaswarm_wire.session import (
+    PASSWORD_VARIABLE,
+    Link,
+    access_rules,
+    client_pairs,
+    configured,
+    router_pairs,
+    use_one_worker_thread,
+    user_name,
+)
+from deltaswarm_wire.settings import OperatorSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+pytestmark = pytest.mark.processes
+
+PATIENCE_S = 20.0
+"""A bound on what should take a moment; nothing waits for it to pass."""
+
+END_WITHIN_S = 5.0
+AGENTS = 4
+KEYS = Keys("test")
+USERS = [OPERATOR, *(user_name(AGENT, agent) for agent in range(AGENTS))]
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def report(agent: int, sequence: int, step: int) -> Report:
+    return Report(agent, sequence, step, "root", 1.0, 2.0, 3, ())
+
+
+def fast(session: zenoh.Session, key: str) -> zenoh.Publisher:
+    return session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def wait_until_heard(publisher: zenoh.Publisher) -> None:
+    heard = threading.Event()
+    listener = publisher.declare_matching_listener(lambda status: heard.set() if status.matching else None)
+    status = cast(zenoh.MatchingStatus, publisher.matching_status)  # its own stub says bool
+    assert status.matching or heard.wait(PATIENCE_S)
+    listener.undeclare()
+
+
+class World:
+    """A router as the world opens it, and the few things a world says to an operator."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self.out = folder / "out"
+        self.log = folder / "operator.log"
+        credentials = folder / "credentials"
+        credentials.write_text("".join(f"{user}:secret of {user}\n" for user in USERS))
+        link = Link(self.endpoint)
+        pairs = router_pairs(link, str(credentials), access_rules(KEYS, range(AGENTS)))
+        self.session = zenoh.open(configured(zenoh.Config, pairs, link))
+        self.token = self.session.liveliness().declare_token(KEYS.token(WORLD))
+        self.clock = fast(self.session, KEYS.clock)
+        self._tokens: queue.Queue[zenoh.SampleKind] = queue.Queue()
+        self._watch = self.session.liveliness().declare_subscriber(
+            KEYS.token(OPERATOR), lambda sample: self._tokens.put(sample.kind), history=True
+        )
+        self._started: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in self._started:
+            process.kill()
+            process.wait()
+        self.session.close()
+
+    def start_operator(
+        self, *arguments: str, password: str = f"secret of {OPERATOR}", piped: bool = False
+    ) -> subprocess.Popen[bytes]:
+        """Start it as a user would by hand; its log goes to a file, or to a pipe."""
+        command = [sys.executable, "-P", "-m", "deltaswarm_operator", "--run", KEYS.run, "--connect", self.endpoint]
+        with self.log.open("wb") as log:
+            process = subprocess.Popen(
+                [*command, "--out", str(self.out), *arguments],
+                env={**os.environ, PASSWORD_VARIABLE: password},
+                stderr=subprocess.PIPE if piped else log,
+            )
+        self._started.append(process)
+        return process
+
+    def wait_for_operator(self) -> None:
+        """Until its token is there."""
+        assert self._tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.PUT
+
+    def close_step(self, step: int, last: bool = False) -> None:
+        """Send the clock."""
+        self.clock.put(encode_clock(Clock(step, float(step), last)))
+
+    def put_report(self, key_agent: int, data: bytes) -> None:
+        """Put bytes on an agent's key, as the router itself may."""
+        self.session.put(KEYS.agent(key_agent, REPORT), data, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def rows(self) -> list[Workload]:
+        """The operator's table."""
+        with (self.out / "operator.csv").open(newline="") as stream:
+            return [
+                Workload(*(hint(row[name]) for name, hint in Workload.__annotations__.items()))
+                for row in csv.DictReader(stream)
+            ]
+
+    def totals(self) -> dict[str, Any]:
+        """The operator's totals."""
+        return dict(json.loads((self.out / "operator.json").read_text()))
+
+
+@pytest.fixture
+def world(tmp_path: Path) -> Iterator[World]:
+    with World(tmp_path) as made:
+        yield made
+
+
+def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
+    """Agents report and act; the clock follows the last act. At no clock is a report missing, late or early."""
+    steps = 150
+    acts = world.session.declare_subscriber(KEYS.all_acts, zenoh.handlers.FifoChannel(64))
+    process = world.start_operator()
+    world.wait_for_operator()
+    links = [
+        Link(world.endpoint, user_name(AGENT, agent), f"secret of {user_name(AGENT, agent)}", low_latency=True)
+        for agent in range(AGENTS)
+    ]
+    sessions = [zenoh.open(configured(zenoh.Config, client_pairs(link), link)) for link in links]
+    reporters = [fast(session, KEYS.agent(agent, REPORT)) for agent, session in enumerate(sessions)]
+    actors = [fast(session, KEYS.agent(agent, ACT)) for agent, session in enumerate(sessions)]
+    for publisher in (*reporters, *actors):
+        wait_until_heard(publisher)
+    expected = WorkloadMeter(OperatorSettings(), 1.0)
+    sequences = [0] * AGENTS
+    for step in range(steps):
+        for agent in range(AGENTS):
+            if (step + agent) % 3:
+                data = encode_report(report(agent, sequences[agent], step))
+                sequences[agent] += 1
+                expected.receive(agent, data)
+                reporters[agent].put(data)
+            actors[agent].put(b"")
+        for _ in range(AGENTS):
+            acts.recv()
+        world.close_step(step, last=step == steps - 1)
+    wanted = [expected.close(Clock(step, float(step), False), 0) for step in range(steps)]
+    assert process.wait(PATIENCE_S) == 0
+    for session in sessions:
+        session.close()
+    assert [row._replace(backlog=0) for row in world.rows()] == wanted
+    totals = world.totals()
+    assert totals["complete"] is True
+    assert totals["digest"] == expected.digest_hex
+    assert totals == {**totals, **expected.totals}
+    assert (totals["lost"], totals["late"], totals["held"]) == (0, 0, 0)
+
+
+def test_a_recorder_gets_the_workload_of_every_step(world: World) -> None:
+    """With --publish-all the operator is not ready before somebody listens; then nothing is left out."""
+    process = world.start_operator("--publish-all", piped=True)
+    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
+    assert process.stderr is not None
+    assert b"waiting for a recorder on deltaswarm/test/operator/workload" in process.stderr.readline()
+    watch = world.session.declare_subscriber(
+        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
+    )
+    world.wait_for_operator()
+    for step in range(300):
+        world.close_step(step, last=step == 299)
+    assert [seen.get(timeout=PATIENCE_S).step for _ in range(300)] == list(range(300))
+    assert b"the operator is ready" in process.communicate(timeout=PATIENCE_S)[1]
+    assert process.returncode == 0
+    watch.undeclare()
+
+
+def test_those_who_watch_get_the_last_workload(world: World) -> None:
+    """Without --publish-all a few of the steps are published, the last among them."""
+    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
+    watch = world.session.declare_subscriber(
+        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
+    )
+    process = world.start_operator()
+    world.wait_for_operator()
+    wait_until_heard(world.clock)
+    for step in range(1000):
+        world.close_step(step, last=step == 999)
+    assert process.wait(PATIENCE_S) == 0
+    published = []
+    while not published or published[-1] < 999:
+        published.append(seen.get(timeout=PATIENCE_S).step)
+    assert len(published) < 500
+    watch.undeclare()
+
+
+def test_what_breaks_the_protocol_is_counted_and_told_once(world: World) -> None:
+    """Malformed bytes, a forged sender, a clock that is none or stands still: the operator goes on."""
+    process = world.start_operator()
+    world.wait_for_operator()
+    wait_until_heard(world.clock)
+    for data in (b"", b"\xc1", encode_report(report(2, 0, 0))):
+        world.put_report(1, data)
+    world.put_report(2, encode_report(report(2, 0, 0)))
+    world.clock.put(b"\x00")
+    world.close_step(0)
+    world.close_step(0)
+    world.close_step(1, last=True)
+    assert process.wait(PATIENCE_S) == 0
+    assert [(row.messages, row.rejected) for row in world.rows()] == [(1, 3), (0, 0)]
+    log = world.log.read_text()
+    assert log.count("report on the key of agent 1: sample: not MessagePack") == 1
+    assert log.count("dropped") == 2  # one for agent 1, one for the clock
+    assert "clock: clock: a map is expected" in log
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals) -> None:
+    """What was in its queue is written, and marked incomplete."""
+    process = world.start_operator()
+    world.wait_for_operator()
+    wait_until_heard(world.clock)
+    workloads: queue.SimpleQueue[int] = queue.SimpleQueue()
+    watch = world.session.declare_subscriber(KEYS.workload, lambda _: workloads.put(1))
+    world.put_report(1, encode_report(report(1, 0, 0)))
+    world.close_step(0)
+    workloads.get(timeout=PATIENCE_S)
+    process.send_signal(number)
+    assert process.wait(END_WITHIN_S) == 1
+    watch.undeclare()
+    assert [row.messages for row in world.rows()] == [1]
+    totals = world.totals()
+    assert totals["complete"] is False
+    assert (totals["end"], totals["messages"]) == ("stopped by a signal", 1)
+
+
+def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
+    """Exit code 1, a clear message, and every step that was closed before."""
+    process = world.start_operator()
+    world.wait_for_operator()
+    wait_until_heard(world.clock)
+    for step in range(500):
+        world.close_step(step)
+    world.token.undeclare()
+    assert process.wait(END_WITHIN_S) == 1
+    assert [row.step for row in world.rows()] == list(range(500))
+    assert world.totals()["complete"] is False
+    assert "ERROR deltaswarm.operator: the world is gone before its last step: 500 steps" in world.log.read_text()
+
+
+ROUTER = """
+import sys
+import zenoh
+from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
+from deltaswarm_wire.messages import Clock, decode_workload, encode_clock
+from deltaswarm_wire.session import Link, access_rules, configured, router_pairs
+
+endpoint, credentials, with_token = sys.argv[1:]
+keys, link = Keys("test"), Link(endpoint)
+with zenoh.open(configured(zenoh.Config, router_pairs(link, credentials, access_rules(keys, [])), link)) as session:
+    token = session.liveliness().declare_token(keys.token(WORLD)) if with_token == "True" else None
+    tokens = session.liveliness().declare_subscriber(keys.token(OPERATOR), zenoh.handlers.FifoChannel(8), history=True)
+    workloads = session.declare_subscriber(keys.workload, zenoh.handlers.FifoChannel(8))
+    print("listening", flush=True)
+    tokens.recv()
+    for step in range(3):
+        session.put(keys.clock, encode_clock(Clock(step, step, False)))
+        workloads.recv()
+    print("three steps closed", flush=True)
+    sys.stdin.read()
+"""
+
+
+@pytest.mark.parametrize("with_token", [True, False])
+def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> None:
+    """With kill -9, whether the world had come so far as to declare its token or not."""
+    with World(tmp_path) as world:
+        world.session.close()  # the router that is killed takes its place
+        router = subprocess.Popen(
+            [sys.executable, "-P", "-c", ROUTER, world.endpoint, str(tmp_path / "credentials"), str(with_token)],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert router.stdout is not None
+        assert router.stdout.readline() == b"listening\n"
+        process = world.start_operator("--publish-all")
+        assert router.stdout.readline() == b"three steps closed\n"
+        router.kill()
+        router.communicate()
+        assert process.wait(END_WITHIN_S) == 1
+        assert [row.step for row in world.rows()] == [0, 1, 2]
+        assert world.totals()["end"] == "the world is gone before its last step"
+
+
+def test_it_does_not_start_without_a_world(world: World) -> None:
+    """A router that refuses its password is as good as none: exit code 1, and nothing is written."""
+    process = world.start_operator(password="wrong")
+    assert process.wait(PATIENCE_S) == 1
+    assert f"cannot join the world at {world.endpoint}" in world.log.read_text()
+    assert not world.out.exists()
+
+
+def test_nothing_is_overwritten(world: World) -> None:
+    """A folder that holds an operator's table already is a mistake of the user."""
+    world.out.mkdir()
+    (world.out / "operator.csv").write_text("precious")
+    assert world.start_operator().wait(PATIENCE_S) == 2
+    assert "nothing is overwritten" in world.log.read_text()
+    assert (world.out / "operator.csv").read_text() == "precious"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--step-s", "0"], "run.step_s: 0.0; a number at least 0.01 and at most 60 is allowed"),
+        (["--threshold-hz", "nan"], "operator.threshold_hz: nan; a number at least 0 is allowed"),
+        (["--password-file", "/nonexistent/secret"], "No such file"),
+        (["--zenoh", "mode"], "KEY=VALUE is expected"),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_starts(world: World, arguments: list[str], said: str) -> None:
+    """Exit code 2, with the value and what is allowed."""
+    assert world.start_operator(*arguments).wait(PATIENCE_S) == 2
+    assert said in world.log.read_text()
+    assert not world.out.exists()

@@ -1,0 +1,302 @@
+"""Settings: the paper's values by default, every mistake found, whatever the table."""
+
+import dataclasses
+import math
+import typing
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
+from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.settings import MODES, AgentSettings, OperatorSettings, RunSettings, Scenario
+
+Path = tuple[str, ...]
+
+
+def leaves(cls: type[Any], path: Path = ()) -> dict[Path, tuple[Any, dict[str, Any]]]:
+    """Every key that holds one value: its type and its limits."""
+    found: dict[Path, tuple[Any, dict[str, Any]]] = {}
+    hints = typing.get_type_hints(cls)
+    for spec in dataclasses.fields(cls):
+        hint = hints[spec.name]
+        if dataclasses.is_dataclass(hint):
+            found |= leaves(typing.cast(type[Any], hint), (*path, spec.name))
+        elif typing.get_origin(hint) is None:
+            found[*path, spec.name] = hint, dict(spec.metadata)
+    return found
+
+
+LEAVES = leaves(Scenario)
+NUMBERS = {path: leaf for path, leaf in LEAVES.items() if leaf[0] in (int, float)}
+
+
+def table_with(path: Path, value: Any) -> dict[str, Any]:
+    """A table that gives one key."""
+    for name in reversed(path):
+        value = {name: value}
+    return dict(value)
+
+
+def problems(table: Any, cls: type[Any] = Scenario) -> list[str]:
+    """The mistakes in a table, as texts."""
+    with pytest.raises(SettingsError) as caught:
+        load(cls, table)
+    assert str(caught.value) == "\n".join(map(str, caught.value.problems))
+    return [str(problem) for problem in caught.value.problems]
+
+
+def paths_of(texts: list[str]) -> list[str]:
+    return [text.partition(":")[0] for text in texts]
+
+
+def of_key(path: Path) -> str:
+    return ".".join(path)
+
+
+# Defaults
+
+
+def test_an_empty_table_is_the_papers_scenario() -> None:
+    """Figures of the Experimental Setup, with 25 agents."""
+    scenario = load(Scenario, {})
+    assert (scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m) == (25, 100.0, 100.0)
+    assert (scenario.run.duration_s, scenario.run.steps) == (9000.0, 9000)
+    assert (scenario.events.work_agent_s, scenario.events.rate_hz) == (200.0, 0.05)
+    assert (scenario.control.mode, scenario.control.delta, scenario.control.rho) == ("hybrid", 3, 2)
+    assert (scenario.agents.sensing_range_m, scenario.radio.range_m) == (5.0, 10.0)
+
+
+@pytest.mark.parametrize("path", LEAVES, ids=of_key)
+def test_every_key_says_what_it_is(path: Path) -> None:
+    """Each key has a meaning, and one that has a source names the paper or our reading of it."""
+    _, limits = LEAVES[path]
+    assert limits["doc"]
+    assert limits["source"].startswith(("paper", "our reading")) or not limits["source"]
+
+
+def test_settings_survive_the_way_through_a_table() -> None:
+    """What is written back is what was read, mixtures and matrices included."""
+    component = {"weight": 2, "mean_m": [10, 20], "covariance_m2": [[9, 1], [1, 4]]}
+    table = {
+        "seed": 2**63 - 1,
+        "control": {"mode": "decentralised", "recruitment": False},
+        "events": {"density": {"kind": "mixture", "components": [component, {}]}},
+    }
+    scenario = load(Scenario, table)
+    assert scenario.events.density.components[0].covariance_m2 == ((9.0, 1.0), (1.0, 4.0))
+    assert load(Scenario, plain(scenario)) == scenario
+
+
+@given(
+    st.fixed_dictionaries(
+        {},
+        optional={
+            "seed": st.integers(0, 2**63 - 1),
+            "run": st.fixed_dictionaries({"duration_s": st.floats(60, 1e5), "step_s": st.floats(0.01, 60)}),
+            "agents": st.fixed_dictionaries({"count": st.integers(1, 10_000)}),
+            "radio": st.fixed_dictionaries({"range_m": st.floats(6.1, 1e3), "loss": st.floats(0, 1)}),
+            "control": st.fixed_dictionaries({"mode": st.sampled_from(MODES), "delta": st.integers(1, 1000)}),
+        },
+    )
+)
+def test_any_valid_scenario_survives_too(table: dict[str, Any]) -> None:
+    """Reading what was written gives the same settings."""
+    scenario = load(Scenario, table)
+    assert load(Scenario, plain(scenario)) == scenario
+    assert scenario.run.steps >= 1
+
+
+def test_an_integer_serves_where_a_number_is_meant() -> None:
+    """`range_m = 12` in TOML is an integer; it becomes a float."""
+    scenario = load(Scenario, {"radio": {"range_m": 12}})
+    assert type(scenario.radio.range_m) is float
+
+
+def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
+    """Nothing of the others: neither their number, nor the events, nor the true loss of the air."""
+    told = Scenario(seed=5).for_agent()
+    assert told.seed == 5
+    names = {name for path in leaves(AgentSettings) for name in path}
+    assert not names & {"count", "rate_hz", "density", "loss", "duration_s", "threshold_hz"}
+
+
+# Mistakes
+
+
+@pytest.mark.parametrize(
+    ("table", "path", "hint"),
+    [
+        ({"radio": {"rnge_m": 3}}, "radio.rnge_m", "did you mean 'range_m'?"),
+        ({"contrl": {}}, "contrl", "did you mean 'control'?"),
+        ({"run": {"zzz": 1}}, "run.zzz", "known are duration_s, step_s"),
+        ({"events": {"density": {"kinds": "grid"}}}, "events.density.kinds", "did you mean 'kind'?"),
+        ({7: 1}, "7", "known are schema"),
+    ],
+)
+def test_an_unknown_key_is_a_mistake_with_a_suggestion(table: Any, path: str, hint: str) -> None:
+    """A mistyped key never passes in silence."""
+    (text,) = problems(table)
+    assert text.startswith(f"{path}: unknown key; ")
+    assert hint in text
+
+
+def test_all_mistakes_are_found_at_once() -> None:
+    """One run of the check shows every mistake, each with path, value and what is allowed."""
+    table = {
+        "sed": 3,
+        "record": "all",
+        "run": {"duration_s": -5, "clock": "sundial"},
+        "agents": {"count": 0},
+        "radio": {"loss": 1.5},
+        "events": {"density": {"mean_m": [1, 2, 3], "covariance_m2": [[1, "x"], [2, math.nan]]}},
+        "control": [],
+    }
+    assert problems(table) == [
+        "sed: unknown key; did you mean 'seed'?",
+        "record: 'all'; one of off, views, wire is allowed",
+        "run.duration_s: -5; a number above 0 and at most 1e+08 is allowed",
+        "run.clock: 'sundial'; one of lockstep, realtime is allowed",
+        "events.density.mean_m: [1, 2, 3]; 2 items expected",
+        "events.density.covariance_m2[0][1]: 'x'; a number is allowed",
+        "events.density.covariance_m2[1][1]: nan; a number is allowed",
+        "agents.count: 0; an integer at least 1 and at most 10000 is allowed",
+        "radio.loss: 1.5; a number at least 0 and at most 1 is allowed",
+        "control: []; a table is expected",
+    ]
+
+
+NO_VALUES: tuple[Any, ...] = (
+    *(math.nan, math.inf, -math.inf, None, b"x", [], [[]], {}),
+    *(10**400, -(10**400), 1 << 20_000),
+)
+
+
+@pytest.mark.parametrize("path", LEAVES, ids=of_key)
+def test_no_key_takes_what_is_no_value_of_its(path: Path) -> None:
+    """NaN, infinities, tables, and integers beyond every float or too long to print."""
+    for value in NO_VALUES:
+        (text,) = problems(table_with(path, value))
+        assert text.startswith(f"{of_key(path)}: ")
+        assert len(text) < 300
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=of_key)
+@pytest.mark.parametrize("value", [True, False, "1"])
+def test_a_bool_or_a_text_is_no_number(path: Path, value: Any) -> None:
+    """`recruitment = 1` and `delta = true` are mistakes, not casts."""
+    assert paths_of(problems(table_with(path, value))) == [of_key(path)]
+
+
+@pytest.mark.parametrize("path", [path for path, leaf in LEAVES.items() if leaf[0] is bool], ids=of_key)
+@pytest.mark.parametrize("value", [0, 1, "true"])
+def test_a_number_is_no_bool(path: Path, value: Any) -> None:
+    """And neither is a text."""
+    assert paths_of(problems(table_with(path, value))) == [of_key(path)]
+
+
+@pytest.mark.parametrize("path", [path for path, leaf in LEAVES.items() if leaf[0] is int], ids=of_key)
+def test_a_float_is_no_integer(path: Path) -> None:
+    """Not even a whole one."""
+    assert paths_of(problems(table_with(path, 2.0))) == [of_key(path)]
+
+
+@pytest.mark.parametrize("path", NUMBERS, ids=of_key)
+def test_limits_are_where_they_are_said_to_be(path: Path) -> None:
+    """`low` and `high` are allowed themselves, `above` is not; what lies beyond is refused by that key."""
+    hint, limits = NUMBERS[path]
+    step = 1 if hint is int else 1e-6
+    for name, outward in (("low", -step), ("high", step)):
+        if limits[name] is not None:
+            assert of_key(path) in paths_of(problems(table_with(path, hint(limits[name] + outward * 10))))
+            _, found = check(Scenario, table_with(path, hint(limits[name])))
+            assert all("is allowed" in problem.allowed for problem in found if problem.path == of_key(path))
+            assert not any(problem.allowed.startswith(("a number", "an integer")) for problem in found)
+    if limits["above"] is not None:
+        assert paths_of(problems(table_with(path, hint(limits["above"])))) == [of_key(path)]
+
+
+@pytest.mark.parametrize(
+    ("table", "path"),
+    [
+        ({"name": ""}, "name"),
+        ({"name": "a/b"}, "name"),
+        ({"name": "-a"}, "name"),
+        ({"name": "B\u00e4r"}, "name"),
+        ({"name": "x" * 49}, "name"),
+        ({"name": "x" * 100_000}, "name"),
+        ({"control": {"d_min_m": 10}}, "control.d_min_m"),
+        ({"run": {"duration_s": 1, "step_s": 2}}, "run.duration_s"),
+        ({"run": {"duration_s": 1e8, "step_s": 0.01}}, "run.duration_s"),
+        ({"events": {"density": {"mean_m": [101, 5]}}}, "events.density.mean_m"),
+        ({"events": {"density": {"kind": "mixture"}}}, "events.density.components"),
+        ({"events": {"density": {"kind": "grid", "file": "a.png"}}}, "events.density.file"),
+        ({"events": {"density": {"covariance_m2": [[1, 2], [2, 1]]}}}, "events.density.covariance_m2"),
+        ({"events": {"density": {"covariance_m2": [[1, 0], [1, 1]]}}}, "events.density.covariance_m2"),
+        ({"events": {"density": {"covariance_m2": [[1e200, 1e200], [1e200, 1e200]]}}}, "events.density.covariance_m2"),
+        (
+            {"events": {"density": {"kind": "mixture", "components": [{}, {"mean_m": [-1, 0]}]}}},
+            "events.density.components[1].mean_m",
+        ),
+    ],
+)
+def test_keys_that_do_not_fit_together_are_mistakes(table: Any, path: str) -> None:
+    """What no single key can show is found once each key is well."""
+    (text,) = problems(table)
+    assert text.startswith(f"{path}: ")
+    assert len(text) < 300
+
+
+def test_a_name_makes_the_name_of_a_run() -> None:
+    """Every scenario's name is a chunk of a key, with room for what tells its runs apart."""
+    name = load(Scenario, {"name": "a" * 48}).name
+    assert Keys(f"{name}-0123456789abcde").run
+
+
+@pytest.mark.parametrize("table", [None, [], "x", 5, [("seed", 1)]])
+def test_what_is_no_table_is_one_mistake(table: Any) -> None:
+    """Whatever a file held instead."""
+    assert paths_of(problems(table)) == ["settings"]
+    assert check(OperatorSettings, table, "operator")[1][0].path == "operator"
+
+
+def test_a_problem_reads_as_one_line() -> None:
+    """Where, what was found, what is allowed."""
+    assert str(Problem("a.b", "7", "at most 5 is allowed")) == "a.b: 7; at most 5 is allowed"
+
+
+def test_mistakes_are_found_below_a_path() -> None:
+    """A part that is started by hand names its own table."""
+    with pytest.raises(SettingsError, match=r"^run\.step_s: 0; a number at least 0\.01 and at most 60 is allowed$"):
+        load(RunSettings, {"step_s": 0}, "run")
+
+
+_names = st.sampled_from(sorted({name for path in LEAVES for name in path} | {"x", "components", "mean_m"}))
+_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text("ab", max_size=3)
+    | st.sampled_from([*MODES, "grid", "mixture", "realtime", 10**400]),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_names, inner, max_size=4),
+    max_leaves=12,
+)
+
+
+@given(st.dictionaries(_names, _values, max_size=6))
+def test_no_table_breaks_the_check(table: dict[str, Any]) -> None:
+    """Any table gives settings or mistakes, never both, never neither, and no other exception."""
+    made, found = check(Scenario, table)
+    assert (made is None) == bool(found)
+    assert all(problem.path and problem.allowed and len(str(problem)) < 500 for problem in found)
+
+
+def test_a_table_as_deep_as_you_like_is_a_mistake_like_any_other() -> None:
+    """What cannot be printed is named by its type."""
+    value: list[Any] = []
+    for _ in range(5000):
+        value = [value]
+    assert problems({"name": value}) == ["name: list; a string is allowed"]
