@@ -6,10 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
+from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire import messages, radio, truth
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
+
+# A loaded machine is no failure; a failing example can be pasted from the log.
+settings.register_profile("deltaswarm", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
+settings.load_profile("deltaswarm")
 
 agents = st.integers(0, MAX_AGENT_ID)
 ids = st.integers(0, MAX_ID)
@@ -246,6 +251,18 @@ def damaged(draw: st.DrawFn, codec: Codec) -> bytes:
             case _:
                 data += draw(st.binary(max_size=9))
     return bytes(data)
+
+
+def tables_of(names: list[str], values: list[Any]) -> st.SearchStrategy[dict[str, Any]]:
+    """Tables as TOML might give them, with keys that are known in the wrong places, and anything for values."""
+    keys = st.sampled_from(names)
+    scalars = st.none() | st.booleans() | st.integers() | st.floats() | st.text("ab", max_size=3)
+    anything = st.recursive(
+        scalars | st.sampled_from(values),
+        lambda inner: st.lists(inner, max_size=3) | st.dictionaries(keys, inner, max_size=4),
+        max_leaves=12,
+    )
+    return st.dictionaries(keys, anything, max_size=6)
 
 
 def strange(codec: Codec) -> st.SearchStrategy[bytes]:

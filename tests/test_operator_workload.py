@@ -21,6 +21,7 @@ from deltaswarm_wire.messages import (
     encode_workload,
 )
 from deltaswarm_wire.settings import OperatorSettings
+from tests.strategies import REPORT, agents, strange
 
 STEP_S = 1.0
 
@@ -181,13 +182,13 @@ def test_a_step_far_ahead_is_forged() -> None:
     assert reason.startswith("report.step: ")
 
 
-@given(st.binary(max_size=60))
-def test_no_bytes_break_the_meter(data: bytes) -> None:
-    """It counts or rejects whatever comes."""
+@given(strange(REPORT), agents)
+def test_no_bytes_break_the_meter(data: bytes, agent: int) -> None:
+    """It counts, holds or rejects whatever comes on whatever key."""
     meter = a_meter()
-    meter.receive(1, data)
+    meter.receive(agent, data)
     workload = close(meter, 0)
-    assert workload.messages + workload.rejected == 1
+    assert workload.messages + workload.rejected + meter.totals["held"] == 1
 
 
 # Rates

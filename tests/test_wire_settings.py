@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.settings import MODES, AgentSettings, OperatorSettings, RunSettings, Scenario
+from tests.strategies import tables_of
 
 Path = tuple[str, ...]
 
@@ -273,20 +274,10 @@ def test_mistakes_are_found_below_a_path() -> None:
         load(RunSettings, {"step_s": 0}, "run")
 
 
-_names = st.sampled_from(sorted({name for path in LEAVES for name in path} | {"x", "components", "mean_m"}))
-_values = st.recursive(
-    st.none()
-    | st.booleans()
-    | st.integers()
-    | st.floats()
-    | st.text("ab", max_size=3)
-    | st.sampled_from([*MODES, "grid", "mixture", "realtime", 10**400]),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(_names, inner, max_size=4),
-    max_leaves=12,
-)
+NAMES = sorted({name for path in LEAVES for name in path} | {"x", "components", "mean_m"})
 
 
-@given(st.dictionaries(_names, _values, max_size=6))
+@given(tables_of(NAMES, [*MODES, "grid", "mixture", "realtime", 10**400]))
 def test_no_table_breaks_the_check(table: dict[str, Any]) -> None:
     """Any table gives settings or mistakes, never both, never neither, and no other exception."""
     made, found = check(Scenario, table)

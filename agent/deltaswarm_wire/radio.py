@@ -7,7 +7,7 @@ nothing to say is silent.
 
 import struct
 from collections.abc import Callable
-from functools import cache, lru_cache, partial
+from functools import lru_cache, partial
 from itertools import chain, cycle
 from typing import Any, NamedTuple
 
@@ -132,6 +132,9 @@ _DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiB",
 _BOUNDS = {"B": (0, MAX_AGE), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 _ONLY_INT = {int}
 
+_LAYOUTS = 4096
+"""Layouts kept: a whole run has about 2,200. A hostile sender could have millions made, of up to 64 kB each."""
+
 _new: Any = tuple.__new__  # a NamedTuple's own constructors cost several times as much
 _descendant: Callable[[tuple[int, ...]], Descendant] = partial(_new, Descendant)
 _sighting: Callable[[tuple[int, ...]], Sighting] = partial(_new, Sighting)
@@ -208,12 +211,12 @@ def _fit(values: list[Any], layout: struct.Struct | None) -> bool:
     return True
 
 
-@cache
+@lru_cache(_LAYOUTS)
 def _layout(codes: str) -> struct.Struct:
     return struct.Struct("<" + codes)
 
 
-@lru_cache(100_000)
+@lru_cache(_LAYOUTS)
 def _member_layout(path: int, table: int, events: int, gone: int) -> struct.Struct | None:
     """The C types of a member's integers, given the lengths of its arrays; None where a length is wrong."""
     if not 1 <= path <= MAX_PATH:

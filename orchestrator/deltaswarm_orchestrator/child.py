@@ -38,8 +38,7 @@ def main(
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD)
-    for number in (signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, signal.SIG_IGN)  # Ctrl-C reaches the whole terminal; the orchestrator sees to it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
     _redirect(log_file, stdout)
     os.environ.update(environment)
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()

@@ -13,7 +13,7 @@ NEEDED = {
     "eclipse-zenoh": (1, 10),
     "msgpack": (1, 0),
     "numpy": (1, 26),
-    "mcap": (1, 2),
+    "mcap": (1, 5),
     "orjson": (3, 10),
     "rich": (13, 7),
     "tomli-w": (1, 0),

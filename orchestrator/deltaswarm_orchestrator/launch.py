@@ -1,5 +1,6 @@
 """The processes of one run: started from a fork server, watched, and ended without a remainder."""
 
+import json
 import multiprocessing
 import os
 import shutil
@@ -22,7 +23,7 @@ from deltaswarm_wire.settings import Scenario
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 """The other parts are known by module name alone."""
 
-PRELOADED = ["zenoh", "msgpack", MODULES[AGENT], child.__name__]
+PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
 """Imported once by the fork server and shared by all agents."""
 
 END_WITHIN_S = 5.0
@@ -135,6 +136,11 @@ class Swarm:
         part = Part(role, number, process, log_file)
         self.parts.append(part)
         return part
+
+    def write_pids(self) -> None:
+        """`logs/pids.json`: who is who, for those who want to look at a process or to kill it."""
+        pids = {part.name: part.process.pid for part in self.parts}
+        (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
 
     def ended(self) -> list[Part]:
         """The parts whose process has ended."""

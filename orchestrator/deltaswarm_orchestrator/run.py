@@ -132,6 +132,7 @@ def _run_processes(
             with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
                 swarm.start_operator(publish_all=recorder is not None)
                 swarm.start_agents(agent_settings)
+                swarm.write_pids()
                 reason = _watch(swarm, observer, reporter, stop, messages)
         except LaunchError as error:
             messages.append(str(error))

@@ -75,7 +75,7 @@ class Waker:
         on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
         threading.Thread(target=self._watch, daemon=True).start()
-        threading.Thread(target=self._await_signal, daemon=True).start()
+        self._await_signal()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = parse_token(str(sample.key_expr))
@@ -84,7 +84,15 @@ class Waker:
             self._nudge.set()
 
     def _await_signal(self) -> None:
-        signal.sigwait(STOP_SIGNALS)
+        """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""
+        reader, writer = socket.socketpair()
+        writer.setblocking(False)
+        signal.set_wakeup_fd(writer.fileno())
+        self._signals = reader, writer
+        threading.Thread(target=self._stop_on, args=(reader,), daemon=True).start()
+
+    def _stop_on(self, reader: socket.socket) -> None:
+        reader.recv(1)
         self.stop_requested = True
         self._nudge.set()
 
@@ -278,7 +286,9 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
 
     `announce` is told the endpoint once the router listens on it.
     """
-    signal.pthread_sigmask(signal.SIG_BLOCK, STOP_SIGNALS)
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: None)
     keys = Keys(config.run)
     with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
         world = WorldProcess(config, session)

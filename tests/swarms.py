@@ -1,0 +1,117 @@
+"""Real swarms for tests: started by the command line, found by their process ids, waited for by condition."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]
+POLL_S = 0.02
+
+
+def wait_until(condition: Callable[[], Any], what: str, within_s: float = 30.0) -> Any:
+    """The condition's first true value; fails loudly when time is up."""
+    deadline = time.monotonic() + within_s
+    while not (found := condition()):
+        assert time.monotonic() < deadline, f"not within {within_s} s: {what}"
+        time.sleep(POLL_S)
+    return found
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is there and no zombie."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+class RunningSwarm:
+    """A run under way."""
+
+    def __init__(self, process: subprocess.Popen[str], out: Path) -> None:
+        self.process = process
+        self.out = out
+        self.part = out.with_name(out.name + ".part")
+
+    @property
+    def pids(self) -> dict[str, int]:
+        """Processes by name ("agent 3", "world", "operator")."""
+        file = self.part / "logs" / "pids.json"
+        try:
+            return dict(json.loads(file.read_text()))
+        except (OSError, ValueError):
+            return {}
+
+    def steps(self) -> int:
+        """Steps that have reached the world's table."""
+        try:
+            return max(0, (self.part / "world.csv").read_text().count("\n") - 1)
+        except OSError:
+            return 0
+
+    def wait_for_steps(self, steps: int) -> None:
+        """Until so many more steps are on file."""
+        wanted = self.steps() + steps
+        wait_until(lambda: self.steps() >= wanted or self.process.poll() is not None, f"{wanted} steps")
+        assert self.process.poll() is None, self.process.communicate()
+
+    def log(self, role: str, number: int = 0) -> str:
+        """A part's log."""
+        folder = self.part if self.part.exists() else self.out
+        return (folder / "logs" / f"{role}-{number}.log").read_text()
+
+    def signal(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to one part."""
+        os.kill(self.pids[name], number)
+
+    def finish(self, within_s: float = 60.0) -> tuple[int, str, str]:
+        """Exit code, standard output, standard error."""
+        out, err = self.process.communicate(timeout=within_s)
+        return self.process.returncode, out, err
+
+    def summary(self) -> dict[str, Any]:
+        """The finished run's summary."""
+        return dict(json.loads((self.out / "summary.json").read_text()))
+
+    def manifest(self) -> dict[str, Any]:
+        """The finished run's manifest."""
+        return dict(json.loads((self.out / "manifest.json").read_text()))
+
+
+@contextmanager
+def running(out: Path, *arguments: str, scenario: str = "smoke") -> Iterator[RunningSwarm]:
+    """A run by the command line, with nothing left of it afterwards, whatever the test does."""
+    process = subprocess.Popen(
+        [*COMMAND, "run", scenario, "--out", str(out), *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    swarm = RunningSwarm(process, out)
+    pids: dict[str, int] = {}
+    try:
+        yield swarm
+    finally:
+        pids = swarm.pids
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+        for pid in pids.values():
+            if is_running(pid):
+                os.kill(pid, signal.SIGKILL)
+
+
+def run(out: Path, *arguments: str, scenario: str = "smoke") -> dict[str, Any]:
+    """A whole run; its summary. Fails with the run's own words if it fails."""
+    with running(out, *arguments, scenario=scenario) as swarm:
+        code, printed, errors = swarm.finish(120)
+        assert code == 0, errors + printed
+        return swarm.summary()

@@ -1,0 +1,126 @@
+"""The failure table of the design, row by row, with real processes and real signals."""
+
+import json
+import os
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.recording import read_recording
+from tests.swarms import COMMAND, is_running, running, wait_until
+
+pytestmark = pytest.mark.processes
+
+LONG = ("--set", "run.duration_s=1000000")
+"""A run that ends only when something makes it."""
+
+TWELVE = ("--set", "agents.count=12", "--set", "run.step_timeout_s=0.5")
+END_WITHIN_S = 5.0
+
+
+def all_gone(pids: dict[str, int], within_s: float = END_WITHIN_S) -> None:
+    """Every process has ended within the time."""
+    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes", within_s)
+
+
+def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: Path) -> None:
+    """kill -9 of agents: the world goes on without them, and the summary says who was lost."""
+    with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=2000") as swarm:
+        wait_until(lambda: len(swarm.pids) == 14, "all processes")
+        swarm.wait_for_steps(1)
+        for agent in (1, 3, 5, 7, 9):
+            swarm.signal(f"agent {agent}", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+        assert code == 0, errors
+        summary = swarm.summary()
+        assert sorted(summary["agents_lost"]) == [1, 3, 5, 7, 9]
+        assert summary["steps"] == 2000
+        assert summary["valid"]
+        assert "agent 3 was killed by SIGKILL" in errors
+
+
+def test_an_agent_that_hangs_is_left_behind_and_rejoins(tmp_path: Path) -> None:
+    """SIGSTOP: the step's end does not wait for it for ever; SIGCONT: it takes part again."""
+    with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=2500") as swarm:
+        wait_until(lambda: len(swarm.pids) == 14, "all processes")
+        swarm.wait_for_steps(1)
+        swarm.signal("agent 4", signal.SIGSTOP)
+        wait_until(lambda: "without agent 4" in swarm.log("world"), "the world to go on")
+        swarm.wait_for_steps(1)
+        swarm.signal("agent 4", signal.SIGCONT)
+        code, _, errors = swarm.finish()
+        assert code == 0, errors
+        summary = swarm.summary()
+        assert summary["agents_late"] == 1
+        assert summary["agents_lost"] == []
+        assert summary["valid"]
+        assert "ends after step 2499" in swarm.log("agent", 4)
+
+
+@pytest.mark.parametrize("part", ["world", "operator"])
+def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) -> None:
+    """Within 5 s, with a clear error and exit code 1; what was written is readable and marked incomplete."""
+    with running(tmp_path / "run", *LONG) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        pids = swarm.pids
+        swarm.signal(part, signal.SIGKILL)
+        began = time.monotonic()
+        code, _, errors = swarm.finish(END_WITHIN_S + 5)
+        assert time.monotonic() - began < END_WITHIN_S
+        all_gone(pids)
+        assert code == 1
+        assert f"{part} was killed by SIGKILL" in errors
+        assert not swarm.summary()["complete"]
+        assert swarm.summary()["steps"] > 0
+        assert swarm.manifest()["exit_reason"] == "failed"
+        assert read_recording(swarm.out / "recording.mcap").tallies
+
+
+def test_no_orphan_survives_the_orchestrator(tmp_path: Path) -> None:
+    """kill -9 of the orchestrator itself: all others end within 5 s, and the recording can be read."""
+    with running(tmp_path / "run", *LONG) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1500)
+        pids = swarm.pids
+        os.kill(swarm.process.pid, signal.SIGKILL)
+        all_gone(pids)
+        found = read_recording(swarm.part / "recording.mcap.part")
+        assert found.tallies
+        assert not found.complete
+        info = subprocess.run([*COMMAND, "info", "--json", str(swarm.part)], capture_output=True, text=True, check=True)
+        assert json.loads(info.stdout)["summary"]["complete"] is False
+        assert json.loads(info.stdout)["summary"]["steps"] > 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) -> None:
+    """Ctrl-C, SIGTERM, a closed terminal: all end within 5 s and the recording is closed and whole."""
+    with running(tmp_path / "run", *LONG) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        pids = swarm.pids
+        os.killpg(swarm.process.pid, number)
+        code, _, errors = swarm.finish(END_WITHIN_S + 5)
+        all_gone(pids)
+        assert code == 1
+        assert "not valid" in errors
+        assert swarm.manifest()["exit_reason"] == f"stopped by {number.name}"
+        recording = read_recording(swarm.out / "recording.mcap")
+        assert len(recording.tallies) == swarm.summary()["steps"] > 0
+        assert swarm.summary()["transport_lost"] == 0
+
+
+def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
+    """An agent that dies before the first step: the world says for whom it waits, and the run ends."""
+    options = ("--zenoh", "transport/unicast/open_timeout=1", "--set", "run.start_timeout_s=3")
+    with running(tmp_path / "run", *options) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        if swarm.steps() == 0:
+            swarm.signal("agent 2", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+        assert code in (0, 1)
+        assert "agent 2 was killed" in errors
