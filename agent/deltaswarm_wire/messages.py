@@ -69,7 +69,29 @@ def encode_frame(frame: Frame) -> bytes:
 def decode_frame(data: bytes) -> Frame:
     """Check and decode. Raises WireError."""
     raw = array(unpack(data), 8, "frame")
-    version(raw[0])
+    known, step, time_s, last, x_m, y_m, events, heard = raw
+    if (
+        # Every agent does this in every step: a frame that is as it should be takes no further calls.
+        type(known) is type(step) is int
+        and type(time_s) is type(x_m) is type(y_m) is float
+        and type(last) is bool
+        and type(events) is type(heard) is list
+        and known == PROTOCOL_VERSION
+        and 0 <= step <= MAX_STEP
+        and 0.0 <= time_s <= MAX_TIME_S
+        and -MAX_ABS_M <= x_m <= MAX_ABS_M
+        and -MAX_ABS_M <= y_m <= MAX_ABS_M
+    ):
+        return Frame(
+            step,
+            time_s,
+            last,
+            x_m,
+            y_m,
+            _events(events, MAX_SENSED, "frame.events") if events else (),
+            _heard(heard) if heard else (),
+        )
+    version(known)
     return Frame(
         integer(raw[1], 0, MAX_STEP, "frame.step"),
         number(raw[2], 0.0, MAX_TIME_S, "frame.time_s"),
@@ -120,7 +142,20 @@ def encode_act(act: Act) -> bytes:
 def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
     raw = array(unpack(data), 5, "act")
-    version(raw[0])
+    known, step, vx_mps, vy_mps, observed = raw
+    if (
+        # As for frames: the world does this for every agent in every step.
+        type(known) is type(step) is int
+        and type(vx_mps) is type(vy_mps) is float
+        and observed == []
+        and type(observed) is list
+        and known == PROTOCOL_VERSION
+        and 0 <= step <= MAX_STEP
+        and -MAX_SPEED_MPS <= vx_mps <= MAX_SPEED_MPS
+        and -MAX_SPEED_MPS <= vy_mps <= MAX_SPEED_MPS
+    ):
+        return Act(step, vx_mps, vy_mps, ())
+    version(known)
     return Act(
         integer(raw[1], 0, MAX_STEP, "act.step"),
         number(raw[2], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),

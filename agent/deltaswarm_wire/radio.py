@@ -9,7 +9,7 @@ import struct
 from collections.abc import Callable
 from functools import lru_cache, partial
 from itertools import chain, cycle
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 from deltaswarm_wire.codec import (
     MAX_ABS_CM,
@@ -242,7 +242,7 @@ def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
             integer(value, *_BOUNDS[code], field)
 
 
-def _blame_member(raw: list[Any]) -> None:
+def _blame_member(raw: list[Any]) -> NoReturn:
     """Say what is wrong with a member's frame."""
     _, _, sender, counter, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, _ = raw
     _check_integers([sender, counter, x_cm, y_cm], _HEAD_CODES, *_HEAD)
@@ -256,6 +256,7 @@ def _blame_member(raw: list[Any]) -> None:
     _check_rows(table, _DESCENDANT_CODES, MAX_TABLE, "radio.table")
     _check_rows(events, _SIGHTING_CODES, MAX_EVENTS, "radio.events")
     _check_rows(gone, _GONE_CODES, MAX_GONE, "radio.gone")
+    raise WireError("radio", "breaks the protocol")
 
 
 def _check_rows(raw: Any, codes: str, limit: int, field: str) -> None:

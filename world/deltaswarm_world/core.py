@@ -10,7 +10,7 @@ from typing import Any
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.digest import ACT, RADIO, Digest
-from deltaswarm_wire.messages import FRAME_ROOM_BYTES, SENSED_BYTES, Act, Event, Frame, decode_act
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, SENSED_BYTES, Act, Event, Frame, decode_act
 from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState, Tally, Truth
@@ -70,7 +70,10 @@ class WorldCore:
         self._spoken, self._acts = {}, {}
         for agent in taking_part:
             x_m, y_m = positions[agent]
-            yield agent, Frame(step, self._time_s, last, x_m, y_m, tuple(self._sensed[agent]), tuple(heard[agent]))
+            yield (
+                agent,
+                Frame(step, self._time_s, last, x_m, y_m, tuple(self._sensed[agent][:MAX_SENSED]), tuple(heard[agent])),
+            )
 
     def _hear(self, taking_part: Sequence[int]) -> dict[int, list[bytes]]:
         """Deliver the radio frames of the step before."""
@@ -80,7 +83,9 @@ class WorldCore:
             listening[agent] = True
         reception = self._radio.receive(self.environment.positions_m, senders, listening)
         heard: dict[int, list[bytes]] = {agent: [] for agent in taking_part}
-        room = {agent: FRAME_ROOM_BYTES - SENSED_BYTES * len(self._sensed[agent]) for agent in taking_part}
+        room = {
+            agent: FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(self._sensed[agent])) for agent in taking_part
+        }
         delivered = []
         for link in reception.links:
             data = self._spoken[link[0]][0]
