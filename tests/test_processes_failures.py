@@ -3,13 +3,18 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import time
 from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.launch import Swarm
+from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_wire.keys import WORLD
 from tests.swarms import COMMAND, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
@@ -27,7 +32,7 @@ def all_gone(pids: dict[str, int], within_s: float = END_WITHIN_S) -> None:
 
 
 def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: Path) -> None:
-    """kill -9 of agents: the world goes on without them, and the summary says who was lost."""
+    """SIGKILL of agents: the world goes on without them, and the summary says who was lost."""
     with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=2000") as swarm:
         wait_until(lambda: len(swarm.pids) == 14, "all processes")
         swarm.wait_for_steps(1)
@@ -81,7 +86,7 @@ def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) ->
 
 
 def test_no_orphan_survives_the_orchestrator(tmp_path: Path) -> None:
-    """kill -9 of the orchestrator itself: all others end within 5 s, and the recording can be read."""
+    """SIGKILL of the orchestrator itself: all others end within 5 s, and the recording can be read."""
     with running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1500)
@@ -115,12 +120,28 @@ def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) 
 
 
 def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
-    """An agent that dies before the first step: the world says for whom it waits, and the run ends."""
-    options = ("--zenoh", "transport/unicast/open_timeout=1", "--set", "run.start_timeout_s=3")
-    with running(tmp_path / "run", *options) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        if swarm.steps() == 0:
-            swarm.signal("agent 2", signal.SIGKILL)
-        code, _, errors = swarm.finish()
-        assert code in (0, 1)
-        assert "agent 2 was killed" in errors
+    """The world does not wait for ever: it says for whom it waited, and ends."""
+    scenario = load_scenario("smoke", ["run.start_timeout_s=2", "record=off"])
+    (tmp_path / "scenario.toml").write_text(to_toml(scenario))
+    (tmp_path / "agent.toml").write_text(to_toml(scenario.for_agent()))
+    with Swarm(scenario, "incomplete", tmp_path) as swarm:
+        swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+        with Observer("incomplete", swarm.recorder_link(), None, wire=False):
+            swarm.start_operator(publish_all=False)
+            swarm.start_agents(tmp_path / "agent.toml", [0, 1, 2, 4])
+            wait_until(lambda: swarm.part(WORLD).process.exitcode is not None, "the world's end", 10)
+        assert swarm.part(WORLD).process.exitcode == 1
+        assert "not there after 2 s: agent 3, agent 5" in swarm.part(WORLD).log_tail()
+        pids = {part.name: part.process.pid or 0 for part in swarm.parts}
+    all_gone(pids)
+
+
+def test_a_world_that_cannot_listen_says_so(tmp_path: Path) -> None:
+    """A port that is taken: exit code 1, the reason, and nothing left."""
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        with running(tmp_path / "run", "--listen", endpoint) as swarm:
+            code, _, errors = swarm.finish()
+    assert code == 1
+    assert "the world did not come up" in errors
+    assert endpoint in errors

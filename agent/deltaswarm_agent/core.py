@@ -9,6 +9,7 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_agent.beliefs import Beliefs, to_cm
+from deltaswarm_agent.hearing import Ear, Whereabouts
 from deltaswarm_agent.motion import STAND, Velocity, Walk, towards
 from deltaswarm_agent.recruitment import BLOCKED_S, ORDER_TTL_STEPS, Place, best_place, weakest_leaf
 from deltaswarm_agent.states import FREE, TRANSITIONS, Cause, State
@@ -23,13 +24,9 @@ from deltaswarm_agent.tree import (
     is_fresh,
     is_senior,
 )
-from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.messages import MAX_REPORTED, Act, Event, Frame, Report
 from deltaswarm_wire.radio import Attending, Leaving, Member, Order, RadioFrame, Relocating, decode_radio
 from deltaswarm_wire.settings import AgentSettings
-
-TRAIL_STEPS = 4
-"""An agent comes *newly* into range if it was out of range at one of so many last positions."""
 
 LEAVING_STEPS = 4
 """Leaving is said in so many frames."""
@@ -42,9 +39,6 @@ ORPHAN_STRICT_STEPS, ORPHAN_STEPS = 2, 5
 
 ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS = 3, 8
 """The same for a mover at its place."""
-
-FORGET_SENDER_STEPS = 20
-"""A sender unheard for so long may begin its counter anew."""
 
 
 class Decision(NamedTuple):
@@ -69,20 +63,15 @@ class AgentCore:
         self.settings = settings
         self.state = State.WALKING
         self.membership: Membership | None = None
-        self.rejected_frames = 0
-        """Frames heard that broke the protocol."""
 
         control = settings.control
         self._strategy = strategy_of(control)
         self._rng = rng
-        self._decode = decode
+        self._ear = Ear(agent, decode)
+        self._here = Whereabouts(settings)
         self._walk = Walk(settings, rng)
         self._beliefs = Beliefs(settings.sensing_range_m)
-        self._range_m2 = settings.range_m**2
-        self._join_m2 = (control.d_min_m**2, (settings.range_m - RANGE_MARGIN_M) ** 2)
         self._recruit_every = max(1, round(control.recruitment_interval_s / settings.step_s))
-        self._newest: dict[int, tuple[int, int]] = {}
-        self._trail: list[Place] = []
         self._target: Event | None = None
         self._place: Place = (0.0, 0.0)
         self._since = 0
@@ -93,48 +82,26 @@ class AgentCore:
         self._orders_given = 0
         self._movers: dict[int, tuple[Place, int]] = {}
         self._now = 0
-        self._x_m = 0.0
-        self._y_m = 0.0
         self._counter = 0
         self._sequence = 0
 
+    @property
+    def rejected_frames(self) -> int:
+        """Frames heard that broke the protocol."""
+        return self._ear.rejected
+
     def step(self, frame: Frame) -> Decision:
         """Decide. Frames come in order of their steps; steps may be missing between them."""
-        self._now, self._x_m, self._y_m = frame.step, frame.x_m, frame.y_m
-        heard = self._newest_of(frame.heard) if frame.heard else []
+        self._now = frame.step
+        self._here.move_to(frame.x_m, frame.y_m)
+        heard = self._ear.newest_of(frame.heard, frame.step) if frame.heard else []
         if self.state in FREE:
             self._step_free(frame.events, heard)
         else:
             self._step_in_tree(frame.events, heard)
         decision = self._decision(frame)
-        self._trail = [*self._trail[1 - TRAIL_STEPS :], (frame.x_m, frame.y_m)]
+        self._here.keep()
         return decision
-
-    # Hearing
-
-    def _newest_of(self, heard: Sequence[bytes]) -> list[RadioFrame]:
-        """Of each sender its newest frame; late and duplicate ones are dropped; in sender order."""
-        newest: dict[int, RadioFrame] = {}
-        for data in heard:
-            try:
-                frame = self._decode(data)
-            except WireError:
-                self.rejected_frames += 1
-                continue
-            sender = frame.sender
-            counter, step = self._newest.get(sender, (-1, self._now))
-            if sender != self.agent and (frame.counter > counter or self._now - step > FORGET_SENDER_STEPS):
-                self._newest[sender] = (frame.counter, self._now)
-                newest[sender] = frame
-        return [newest[sender] for sender in sorted(newest)]
-
-    def _distance_m2(self, x_cm: int, y_cm: int) -> float:
-        return (x_cm * 0.01 - self._x_m) ** 2 + (y_cm * 0.01 - self._y_m) ** 2
-
-    def _is_newly_met(self, frame: RadioFrame) -> bool:
-        """Whether the sender's place was out of range a moment ago ("moves within communication range")."""
-        x_m, y_m = frame.x_cm * 0.01, frame.y_cm * 0.01
-        return any((x_m - px) ** 2 + (y_m - py) ** 2 > self._range_m2 for px, py in self._trail)
 
     # Free agents
 
@@ -157,16 +124,12 @@ class AgentCore:
         candidates = [
             frame
             for frame in members
-            if not frame.orphan and self._is_legal(frame) and self._is_newly_met(frame) and self._is_trusted(frame)
+            if not frame.orphan
+            and self._here.is_legal(frame)
+            and self._here.is_newly_met(frame)
+            and self._is_trusted(frame)
         ]
         return self._nearest(candidates)
-
-    def _is_legal(self, frame: Member) -> bool:
-        """At a distance from d_min to just within range."""
-        return self._join_m2[0] <= self._distance_m2(frame.x_cm, frame.y_cm) <= self._join_m2[1]
-
-    def _is_within_reach(self, frame: Member) -> bool:
-        return self._distance_m2(frame.x_cm, frame.y_cm) <= self._join_m2[1]
 
     def _is_trusted(self, frame: Member) -> bool:
         """A freed agent goes back to its former tree only where that tree's root is known to live."""
@@ -180,7 +143,10 @@ class AgentCore:
     def _nearest(self, candidates: Sequence[Member]) -> Member | None:
         if not candidates:
             return None
-        return min(candidates, key=lambda frame: (self._distance_m2(frame.x_cm, frame.y_cm), frame.sender))
+        return min(candidates, key=self._sender_distance)
+
+    def _sender_distance(self, frame: RadioFrame) -> tuple[float, int]:
+        return self._here.sender_m2(frame), frame.sender
 
     def _seek_event(self, sensed: Sequence[Event], heard: Sequence[RadioFrame]) -> None:
         """Baseline coordination algorithm: go to an event, observe it until it is complete."""
@@ -206,13 +172,13 @@ class AgentCore:
         return bool(sensed) and target is not None and self._event_distance(target)[0] <= AT_PLACE_M**2
 
     def _event_distance(self, event: Event) -> tuple[float, int]:
-        return (event.x_m - self._x_m) ** 2 + (event.y_m - self._y_m) ** 2, event.event
+        return self._here.distance_m2(event.x_m, event.y_m), event.event
 
     def _join_attending(self, heard: Sequence[RadioFrame]) -> None:
         """A walking agent that comes newly into range of an attending one goes to its event too."""
-        attending = [frame for frame in heard if type(frame) is Attending and self._is_newly_met(frame)]
+        attending = [frame for frame in heard if type(frame) is Attending and self._here.is_newly_met(frame)]
         if attending:
-            near = min(attending, key=lambda frame: (self._distance_m2(frame.x_cm, frame.y_cm), frame.sender))
+            near = min(attending, key=self._sender_distance)
             self._target = Event(near.event, near.event_x_cm / 100, near.event_y_cm / 100)
             self._change(Cause.NEIGHBOUR_ATTENDS)
 
@@ -242,7 +208,7 @@ class AgentCore:
         for frame in heard:
             if type(frame) is Member and frame.path[0] == membership.root:
                 self._beliefs.hear(frame.events, frame.gone, self._now)
-        self._beliefs.sense(sensed, self._x_m, self._y_m, self._now)
+        self._beliefs.sense(sensed, self._here.x_m, self._here.y_m, self._now)
         self._beliefs.forget(self._now)
         if self.state is State.ROOT:
             self._step_root(membership, heard, carried)
@@ -264,7 +230,7 @@ class AgentCore:
         membership.beat(self._now)
         if rivals:
             senior = min(rivals, key=lambda frame: (-frame.pulse, frame.sender))
-            if self._distance_m2(senior.x_cm, senior.y_cm) >= self._join_m2[0] and membership.follow(senior, self._now):
+            if self._here.is_apart(senior) and membership.follow(senior, self._now):
                 self._change(Cause.SENIOR_ROOT)
             else:
                 self._leave_tree(Cause.SENIOR_TOO_CLOSE)
@@ -284,7 +250,7 @@ class AgentCore:
         members += [place for agent, (place, _) in self._movers.items() if agent != leaf.agent]
         place = best_place(
             (leaf.x_cm * 0.01, leaf.y_cm * 0.01),
-            [(self._x_m, self._y_m), *members],
+            [(self._here.x_m, self._here.y_m), *members],
             self._beliefs.active(),
             sensing_range_m=self.settings.sensing_range_m,
             range_m=self.settings.range_m - RANGE_MARGIN_M,
@@ -346,13 +312,12 @@ class AgentCore:
         self._since = self._now
 
     def _has_arrived(self) -> bool:
-        x_m, y_m = self._place
-        return (x_m - self._x_m) ** 2 + (y_m - self._y_m) ** 2 <= AT_PLACE_M**2
+        return self._here.distance_m2(*self._place) <= AT_PLACE_M**2
 
     def _find_parent(self, membership: Membership, heard: Sequence[RadioFrame], strict_steps: int, steps: int) -> None:
         """An orphan, or a mover at its place, looks for a parent in its own tree; at last it gives up."""
         waited = self._now - self._since
-        fitting = self._is_legal if waited < strict_steps else self._is_within_reach
+        fitting = self._here.is_legal if waited < strict_steps else self._here.is_within_reach
         parent = self._nearest(
             [f for f in heard if type(f) is Member and fitting(f) and membership.adopts(f, self._now)]
         )
@@ -384,11 +349,11 @@ class AgentCore:
 
     def _velocity(self) -> Velocity:
         if self.state is State.WALKING:
-            return self._walk.velocity(self._x_m, self._y_m)
+            return self._walk.velocity(self._here.x_m, self._here.y_m)
         if self.state is State.GOING and self._target is not None:
-            return towards(self._x_m, self._y_m, self._target.x_m, self._target.y_m, self.settings)
+            return towards(self._here.x_m, self._here.y_m, self._target.x_m, self._target.y_m, self.settings)
         if self.state is State.RELOCATING:
-            return towards(self._x_m, self._y_m, *self._place, self.settings)
+            return towards(self._here.x_m, self._here.y_m, *self._place, self.settings)
         return STAND
 
     def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
@@ -404,7 +369,7 @@ class AgentCore:
 
     def _radio(self, score: int) -> RadioFrame | None:
         """What the neighbours are told; who has nothing to say is silent."""
-        head = (self.agent, self._counter, to_cm(self._x_m), to_cm(self._y_m))
+        head = (self.agent, self._counter, to_cm(self._here.x_m), to_cm(self._here.y_m))
         if self.state is State.RELOCATING:
             return Relocating(*head)
         if self.membership is not None:

@@ -18,9 +18,13 @@ CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
 """Holds the password of a part that is started by hand, so that it shows in no process list."""
 
-_ONE_WORKER = (
-    "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
-)
+_RUNTIME_VARIABLE = "ZENOH_RUNTIME"
+_RECEIVER = "rx: (worker_threads: 1), acc: (handover: rx), net: (handover: rx), app: (handover: rx)"
+_ONE_WORKER = f"({_RECEIVER}, tx: (handover: rx))"
+_OWN_SENDERS = f"({_RECEIVER}, tx: (worker_threads: 2))"
+
+MAX_RECEIVED_BYTES = 32 * 1024 * 1024
+"""The router cuts off whoever sends more in one sample."""
 
 Pairs = list[tuple[str, Any]]
 R = TypeVar("R")
@@ -41,12 +45,15 @@ class Link:
     overrides: tuple[tuple[str, str], ...] = ()
 
 
-def use_one_worker_thread() -> None:
-    """Let Zenoh run on one worker thread. Call before `import zenoh`.
+def use_one_worker_thread(*, forwards: bool = False) -> None:
+    """Let Zenoh run on one worker thread; the user's own ZENOH_RUNTIME wins. Call before `import zenoh`.
 
-    With dozens of sessions on few cores, more threads only add switches.
+    With dozens of sessions on few cores, more threads only add switches. A router `forwards` large samples
+    in pieces: one thread that waits for room in the outgoing queue would never empty it, and with one
+    thread more it was seen to hang as well, so two do the sending.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", _ONE_WORKER)
+    if os.environ.get(_RUNTIME_VARIABLE, _ONE_WORKER) in (_ONE_WORKER, _OWN_SENDERS):
+        os.environ[_RUNTIME_VARIABLE] = _OWN_SENDERS if forwards else _ONE_WORKER
 
 
 class ZenohConfig(Protocol):
@@ -105,6 +112,7 @@ def router_pairs(link: Link, dictionary_file: str, rules: dict[str, Any]) -> Pai
         ("mode", "router"),
         ("listen/endpoints", [link.endpoint]),
         *quiet_pairs(low_latency=True),
+        ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
         ("access_control", rules),
     ]

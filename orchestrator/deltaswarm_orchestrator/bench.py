@@ -97,7 +97,7 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
                         startup_s = time.monotonic() - began
                     if observer.has_all and not pss_mb:
                         pss_mb = max(_pss_mb(p.process.pid) for p in swarm.parts if p.role == AGENT)
-                        observer.leave()
+                    observer.leave_when_done()
         summary = results.summary(results.read_outcome(folder), scenario)
         if not summary["valid"]:
             raise RuntimeError(f"the measured run is not valid: {summary['invalid_because']}")

@@ -118,6 +118,8 @@ def _run(arguments: argparse.Namespace) -> int:
     else:
         Console().print(result_table(result.summary))
         print(result.folder)
+    if overruns := result.summary["realtime_overruns"]:
+        print(f"deltaswarm: {overruns} steps missed the pace of real time", file=sys.stderr)
     for reason in result.summary["invalid_because"]:
         print(f"deltaswarm: not valid: {reason}", file=sys.stderr)
     return OK if result.summary["valid"] else FAILED

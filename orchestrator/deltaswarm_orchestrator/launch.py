@@ -8,7 +8,7 @@ import sys
 import tempfile
 import time
 import types
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import ForkServerProcess
@@ -103,9 +103,9 @@ class Swarm:
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
         self._start(OPERATOR, 0, [*argv, *self._joining()], password=self._passwords[OPERATOR])
 
-    def start_agents(self, settings_file: Path) -> None:
-        """Start all agents; each gets its own number, password and log."""
-        for agent in range(self._scenario.agents.count):
+    def start_agents(self, settings_file: Path, agents: Iterable[int] | None = None) -> None:
+        """Start all agents, or those given; each gets its own number, password and log."""
+        for agent in range(self._scenario.agents.count) if agents is None else agents:
             argv = ["--id", str(agent), "--settings", str(settings_file), "--low-latency", *self._joining()]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 

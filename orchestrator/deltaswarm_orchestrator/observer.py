@@ -31,7 +31,11 @@ QUEUE_SAMPLES = 20_000
 
 
 class Observer:
-    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames."""
+    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames.
+
+    Raises:
+        ConnectionError: there is no way to the world.
+    """
 
     def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool) -> None:
         self.status: Status | None = None
@@ -44,7 +48,10 @@ class Observer:
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
         self._open_step = 0
-        self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
+        try:
+            self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
+        except zenoh.ZError as error:
+            raise ConnectionError(f"the world at {link.endpoint} does not let the recorder in: {error}") from None
         wanted = [keys.status, keys.workload]
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.all_reports]
@@ -53,7 +60,7 @@ class Observer:
         # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
-        self._token = self._session.liveliness().declare_token(keys.token(RECORDER))
+        self._token: zenoh.LivelinessToken | None = self._session.liveliness().declare_token(keys.token(RECORDER))
 
     def _put(self, sample: zenoh.Sample) -> None:
         self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
@@ -84,9 +91,11 @@ class Observer:
         newest = self.newest_workload
         return self._last_step is not None and newest is not None and newest.step >= self._last_step
 
-    def leave(self) -> None:
-        """Tell the world that all has been taken."""
-        self._token.undeclare()
+    def leave_when_done(self) -> None:
+        """Once nothing more is to come, tell the world that all has been taken."""
+        if self.has_all and self._token is not None:
+            self._token.undeclare()
+            self._token = None
 
     def _take(self, key: str, data: bytes) -> None:
         keys = self._keys

@@ -224,8 +224,6 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     reasons = [] if outcome.is_complete else ["the run did not come to its last step"]
     if found["transport_lost"]:
         reasons.append(f"{found['transport_lost']} messages were lost on the fabric")
-    if outcome.world.get("realtime_overruns"):
-        reasons.append(f"{outcome.world['realtime_overruns']} steps missed the pace of real time")
     return {
         "name": scenario.name,
         "mode": scenario.control.mode,
@@ -238,6 +236,9 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "agents_lost": outcome.world.get("agents_lost", []),
         "agents_late": sum(t.agents_late for t in outcome.tallies),
         "refused_claims": outcome.world.get("refused_claims"),
+        "realtime_overruns": outcome.world.get("realtime_overruns", 0),
+        "rejected_by_agent": outcome.world.get("rejected", {}),
+        "operator": {name: outcome.operator.get(name) for name in ("messages", "late", "steps_missed", "per_sender")},
         "complete": outcome.is_complete,
         "valid": not reasons,
         "invalid_because": reasons,

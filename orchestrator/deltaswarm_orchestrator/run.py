@@ -134,7 +134,7 @@ def _run_processes(
                 swarm.start_agents(agent_settings)
                 swarm.write_pids()
                 reason = _watch(swarm, observer, reporter, stop, messages)
-        except LaunchError as error:
+        except (LaunchError, ConnectionError) as error:
             messages.append(str(error))
             reason = "failed"
     return results.read_outcome(folder), reason
@@ -143,7 +143,7 @@ def _run_processes(
 def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, messages: list[str]) -> str:
     """Until the world has ended: take what is heard, show it, notice who is gone."""
     noted: set[str] = set()
-    left = stopping = False
+    stopping = False
     deadline = float("inf")
     while True:
         observer.work(POLL_S)
@@ -154,9 +154,7 @@ def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, me
             stopping = True
             deadline = time.monotonic() + END_WITHIN_S / 2
             swarm.stop_world()
-        if observer.has_all and not left:
-            left = True
-            observer.leave()
+        observer.leave_when_done()
         for part in swarm.ended():
             if part.name not in noted:
                 noted.add(part.name)

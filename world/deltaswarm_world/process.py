@@ -29,7 +29,7 @@ from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
 
-use_one_worker_thread()
+use_one_worker_thread(forwards=True)
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.world")
@@ -74,7 +74,9 @@ class Waker:
         self._nudge = threading.Event()
         on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
-        threading.Thread(target=self._watch, daemon=True).start()
+        self._closed = False
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
         self._await_signal()
 
     def _on_token(self, sample: zenoh.Sample) -> None:
@@ -96,8 +98,14 @@ class Waker:
         self.stop_requested = True
         self._nudge.set()
 
+    def close(self) -> None:
+        """No more samples: the session is about to be closed."""
+        self._closed = True
+        self._nudge.set()
+        self._watcher.join()
+
     def _watch(self) -> None:
-        while True:
+        while not self._closed:
             left_s = self.deadline - time.monotonic()
             if self._nudge.wait(min(max(left_s, 0.001), 0.1)) or left_s <= 0.0:
                 self._nudge.clear()
@@ -255,6 +263,10 @@ class WorldProcess:
                 break
         self._token.undeclare()
 
+    def close(self) -> None:
+        """End the threads of its own."""
+        self._waker.close()
+
 
 class Pace:
     """The wall clock's beat, for clock `realtime`."""
@@ -295,10 +307,12 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
         try:
             world.wait_for_all()
             complete = world.run(output)
+            world.goodbye()
         except (TimeoutError, ConnectionError, InterruptedError) as error:
             log.error("the run ends: %s", error)
-            return 1
-        world.goodbye()
+            complete = False
+        finally:
+            world.close()
     return 0 if complete else 1
 
 

@@ -1,0 +1,155 @@
+"""Cores for tests: one agent driven by hand, and whole swarms in one process."""
+
+import random
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from deltaswarm_agent.core import AgentCore, Decision
+from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.messages import Event, Frame
+from deltaswarm_wire.radio import (
+    Attending,
+    Descendant,
+    Gone,
+    Leaving,
+    Member,
+    Order,
+    RadioFrame,
+    Relocating,
+    Sighting,
+    encode_radio,
+)
+from deltaswarm_wire.settings import AgentSettings
+from deltaswarm_wire.truth import Tally
+
+Place = tuple[float, float]
+
+ME, PARENT, ROOT = 7, 3, 1
+"""The hand-driven agent, and two of its neighbours."""
+
+
+def cm(metres: float) -> int:
+    return round(100 * metres)
+
+
+def event(number: int, x_m: float, y_m: float) -> Event:
+    return Event(number, float(x_m), float(y_m))
+
+
+def attending(sender: int, at: Place, number: int, event_at: Place) -> Attending:
+    return Attending(sender, 0, cm(at[0]), cm(at[1]), number, cm(event_at[0]), cm(event_at[1]))
+
+
+def member(
+    path: Sequence[int],
+    at: Place,
+    *,
+    pulse: int = 0,
+    orphan: bool = False,
+    score: int = 0,
+    table: Iterable[Descendant] = (),
+    events: Iterable[Sighting] = (),
+    gone: Iterable[Gone] = (),
+    order: Order | None = None,
+) -> Member:
+    head = (path[-1], 0, cm(at[0]), cm(at[1]))
+    return Member(*head, orphan, tuple(path), pulse, score, tuple(table), tuple(events), tuple(gone), order)
+
+
+def child(sender: int, parent_path: Sequence[int], at: Place, **more: Any) -> Member:
+    """A child's frame, by its parent's path."""
+    return member((*parent_path, sender), at, **more)
+
+
+def relocating(sender: int, at: Place) -> Relocating:
+    return Relocating(sender, 0, cm(at[0]), cm(at[1]))
+
+
+def leaving(sender: int, at: Place) -> Leaving:
+    return Leaving(sender, 0, cm(at[0]), cm(at[1]))
+
+
+def agent_settings(*, width_m: float = 100.0, height_m: float = 100.0, **control: Any) -> AgentSettings:
+    """An agent's settings; keywords are keys of its control."""
+    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "control": control})
+
+
+class Lone:
+    """One core with hand-made frames. It stays where it is put, whatever it wants.
+
+    Frames made by the helpers above get the step as their counter, so they are always the newest.
+    """
+
+    def __init__(self, agent: int = ME, at: Place = (50.0, 50.0), seed: int = 1, **control: Any) -> None:
+        self.settings = agent_settings(**control)
+        self.core = AgentCore(agent, self.settings, random.Random(seed))
+        self.at = at
+        self.now = -1
+
+    def step(
+        self, *heard: RadioFrame | bytes, events: Iterable[Event] = (), at: Place | None = None, skip: int = 0
+    ) -> Decision:
+        """One step; `at` moves it there first, `skip` is a number of steps that it misses before."""
+        self.now += 1 + skip
+        self.at = at or self.at
+        data = [h if isinstance(h, bytes) else encode_radio(h._replace(counter=self.now)) for h in heard]
+        return self.core.step(Frame(self.now, float(self.now), False, *self.at, tuple(events), tuple(data)))
+
+    def steps(self, count: int, *heard: RadioFrame, events: Sequence[Event] = ()) -> list[Decision]:
+        """Several alike."""
+        return [self.step(*heard, events=events) for _ in range(count)]
+
+    def go_where_it_wants(self, *heard: RadioFrame, events: Iterable[Event] = ()) -> Decision:
+        """One step, after which the body has moved by the act."""
+        decision = self.step(*heard, events=events)
+        step_s = self.settings.step_s
+        self.at = (self.at[0] + decision.act.vx_mps * step_s, self.at[1] + decision.act.vy_mps * step_s)
+        return decision
+
+    @property
+    def path(self) -> tuple[int, ...]:
+        """Its path; empty if it is free."""
+        return self.core.membership.path if self.core.membership else ()
+
+    @property
+    def gamma(self) -> int:
+        """Its dissolution parameter."""
+        assert self.core.membership is not None
+        return self.core.membership.gamma
+
+
+PARENT_AT: Place = (50.0, 50.0)
+OUTSIDE: Place = (61.0, 50.0)
+INSIDE: Place = (59.0, 50.0)
+"""Out of range of the parent, and newly in range of it at a legal distance."""
+
+
+def a_member(path: Sequence[int] = (ROOT, PARENT), pulse: int = 100, **control: Any) -> Lone:
+    """An agent that has just joined the last of `path`, which stands at PARENT_AT."""
+    lone = Lone(at=OUTSIDE, **control)
+    lone.step()
+    lone.step(member(path, PARENT_AT, pulse=pulse), at=INSIDE)
+    assert lone.path == (*path, ME)
+    return lone
+
+
+def a_root(at: Place = (50.0, 50.0), agent: int = ME, **control: Any) -> Lone:
+    """An agent that has just founded a tree, hierarchically at one event, so that its threshold is no matter."""
+    lone = Lone(agent=agent, at=at, **{"mode": "hierarchical", "rho": 1, **control})
+    lone.step(events=[event(1, *at)])
+    assert lone.path == (agent,)
+    return lone
+
+
+def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
+    """A whole swarm in this process."""
+    return InProcess(load_scenario(name, sets, seed))
+
+
+def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[Tally]:
+    """Run steps from 0 on; `before` each something may happen to the world."""
+    for step in range(steps):
+        before(step)
+        yield swarm.step(step, step == steps - 1)

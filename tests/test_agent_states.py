@@ -1,0 +1,189 @@
+"""The states of an agent: the table, its diagram, and that swarms use all of it and nothing else."""
+
+import random
+import re
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_agent.core import AgentCore
+from deltaswarm_agent.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
+from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_wire.radio import Member, decode_radio
+from tests.cores import play, swarm
+
+PAGE = Path(__file__).parent.parent / "agent" / "STATES.md"
+
+Step = tuple[State, Cause, State]
+
+ROUGH = (
+    "arena.width_m=60",
+    "arena.height_m=60",
+    "events.density.mean_m=[30,30]",
+    "events.work_agent_s=60",
+    "events.rate_hz=0.1",
+    "agents.count=12",
+    "radio.loss=0.6",
+    "control.delta=2",
+    "control.recruitment_interval_s=13",
+)
+"""A small arena, a busy swarm, an air that loses most of what is said."""
+
+SEEDS = (28, 16, *range(1, 28))
+"""The first two show nearly all; more are taken until all is seen."""
+
+ROUGH_STEPS, KILL_EVERY_STEPS = 1500, 100
+
+TRIO = (
+    "arena.width_m=12",
+    "arena.height_m=12",
+    "agents.count=3",
+    "agents.sensing_range_m=20",
+    "radio.range_m=20",
+    "control.mode=hierarchical",
+    "control.rho=1",
+    "control.d_min_m=0",
+    "events.rate_hz=2",
+    "events.work_agent_s=10000",
+    "events.density.kind=uniform",
+)
+CONNECTED = {0: {2}, 13: {1}, 20: {0}, 23: set(), 24: {0, 1, 2}}
+"""Three agents, and who of them has a link, by the step from which that holds."""
+
+
+class Watch:
+    """Notes every change of state that any core makes."""
+
+    def __init__(self) -> None:
+        self.steps: Counter[Step] = Counter()
+        self.newest: dict[AgentCore, State] = {}
+
+    def install(self, patch: pytest.MonkeyPatch) -> None:
+        """Look over the shoulder of every core."""
+        change = AgentCore._change
+
+        def noted(core: AgentCore, cause: Cause) -> None:
+            before = core.state
+            change(core, cause)
+            self.steps[before, cause, core.state] += 1
+            self.newest[core] = core.state
+
+        patch.setattr(AgentCore, "_change", noted)
+
+    def check(self, swarm: InProcess) -> None:
+        """No core has changed its state by any other way."""
+        for core in swarm.agents:
+            assert core.state is self.newest.get(core, State.WALKING), (swarm.scenario.seed, core.agent)
+            assert (core.state in FREE) == (core.membership is None), (swarm.scenario.seed, core.agent)
+
+
+def rough(seed: int, watch: Watch) -> None:
+    """A rough run, in which a member of a tree is killed now and then."""
+    rng = random.Random(seed)
+    crew = swarm("smoke", *ROUGH, seed=seed)
+    lockstep = crew.world.lockstep
+
+    def before(step: int) -> None:
+        if step and step % KILL_EVERY_STEPS == 0 and len(lockstep.alive) > 4:
+            in_trees = [core.agent for core in crew.agents if core.membership and core.agent in lockstep.alive]
+            if in_trees:
+                lockstep.gone(rng.choice(in_trees))
+
+    for _ in play(crew, ROUGH_STEPS, before):
+        watch.check(crew)
+
+
+def three_roots(watch: Watch) -> None:
+    """Three agents found trees apart from one another; then all hear each other at once.
+
+    By their pulses and ids the first is senior to the second, the second to the third, and the third to
+    the first: each yields.
+    """
+    crew = swarm("smoke", *TRIO)
+    lockstep = crew.world.lockstep
+
+    def before(step: int) -> None:
+        for agent in range(3) if step in CONNECTED else ():
+            (lockstep.back if agent in CONNECTED[step] else lockstep.gone)(agent)
+
+    for _ in play(crew, 60, before):
+        watch.check(crew)
+
+
+@pytest.fixture(scope="module")
+def taken() -> Iterator[dict[Step, int]]:
+    """All changes of state in as many rough runs as it takes to see each, at most those of SEEDS."""
+    watch = Watch()
+    with pytest.MonkeyPatch.context() as patch:
+        watch.install(patch)
+        three_roots(watch)
+        for seed in SEEDS:
+            rough(seed, watch)
+            if len(watch.steps) >= len(TRANSITIONS):
+                break
+        yield watch.steps
+
+
+def test_the_page_shows_the_table() -> None:
+    """The diagram in STATES.md is the one that is drawn from the code's table."""
+    (block,) = re.findall(r"^```mermaid\n(.*?)^```$", PAGE.read_text(), re.MULTILINE | re.DOTALL)
+    assert block == diagram()
+
+
+def test_the_diagram_has_every_transition_once() -> None:
+    """One line each, and the state in which an agent begins."""
+    lines = [line.strip() for line in diagram().splitlines()]
+    assert lines[:2] == ["stateDiagram-v2", "[*] --> walking"]
+    drawn = [f"{source.value} --> {to.value}: {cause.value}" for (source, cause), to in TRANSITIONS.items()]
+    assert sorted(lines[2:]) == sorted(drawn)
+
+
+def test_every_state_is_reachable() -> None:
+    """From walking, along the table."""
+    reached, known = {State.WALKING}, set[State]()
+    while reached != known:
+        known = set(reached)
+        reached |= {to for (source, _), to in TRANSITIONS.items() if source in known}
+    assert reached == set(State)
+
+
+def test_every_state_can_be_left_for_walking() -> None:
+    """No state is a trap: from each the table leads back to a free agent."""
+    free, known = {State.WALKING}, set[State]()
+    while free != known:
+        known = set(free)
+        free |= {source for (source, _), to in TRANSITIONS.items() if to in known}
+    assert free == set(State)
+
+
+def test_every_cause_is_in_the_table() -> None:
+    """And those of the paper name its section."""
+    assert {cause for _, cause in TRANSITIONS} == set(Cause)
+    assert set(PAPER_SECTION) <= set(Cause)
+    assert all(PAPER_SECTION.values())
+
+
+def test_swarms_take_every_transition(taken: dict[Step, int]) -> None:
+    """Each way in the table does occur, with loss, kills and links that break."""
+    seen = {(source, cause) for source, cause, _ in taken}
+    missing = [f"{source.value}: {cause.value}" for source, cause in TRANSITIONS if (source, cause) not in seen]
+    assert not missing, f"not seen with seeds {SEEDS}: {missing}"
+
+
+def test_swarms_take_no_other_transition(taken: dict[Step, int]) -> None:
+    """Every change of state that was seen is in the table."""
+    assert {(source, cause): to for source, cause, to in taken}.items() <= TRANSITIONS.items()
+    assert len({(source, cause) for source, cause, _ in taken}) == len(taken)
+
+
+def test_what_a_rough_swarm_says_is_always_valid() -> None:
+    """Whatever state an agent is in, each of its frames decodes to itself: no path names an agent twice."""
+    for seed in (1, 2):
+        crew = swarm("smoke", *ROUGH, seed=seed)
+        for step in range(400):
+            crew.step(step, last=False)
+            for agent, (data, frame) in crew.world._spoken.items():
+                assert decode_radio(data) == frame, (seed, step, agent)
+                assert not isinstance(frame, Member) or frame.path[-1] == agent

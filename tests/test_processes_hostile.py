@@ -1,0 +1,167 @@
+"""A hostile client on the router's port: what it may not do, and what it can break (nothing)."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgpack
+import pytest
+import zenoh
+
+from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.launch import Swarm
+from deltaswarm_orchestrator.observer import Observer
+from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.messages import Act, encode_act
+from deltaswarm_wire.session import Link, client_pairs, configured
+from tests.swarms import wait_until
+
+pytestmark = pytest.mark.processes
+
+RUN = "hostile"
+STEPS = 1500
+
+
+class Stage:
+    """A run under way, into which a stranger can step."""
+
+    def __init__(self, swarm: Swarm, observer: Observer, folder: Path) -> None:
+        self.swarm = swarm
+        self.observer = observer
+        self.folder = folder
+        self.keys = Keys(RUN)
+
+    def client(self, user: str, password: str) -> zenoh.Session:
+        """A stranger's session, over the ordinary transport."""
+        link = Link(self.swarm.endpoint, user, password)
+        return zenoh.open(configured(zenoh.Config, client_pairs(link), link))
+
+    def is_running(self) -> bool:
+        """Whether steps are being made."""
+        self.observer.work(0.01)
+        return self.observer.status is not None and self.observer.status.phase == "running"
+
+    def finish(self) -> dict[str, Any]:
+        """The summary, once the run has come to its end."""
+
+        def has_ended() -> bool:
+            self.observer.work(0.01)
+            self.observer.leave_when_done()
+            return self.swarm.part(WORLD).process.exitcode is not None
+
+        wait_until(has_ended, "the end of the run", 60)
+        assert not self.swarm.join(5)
+        scenario = load_scenario("smoke", SETTINGS)
+        return results.summary(results.read_outcome(self.folder), scenario) | {
+            "world": results.read_outcome(self.folder).world,
+            "operator": results.read_outcome(self.folder).operator,
+        }
+
+    def passwords(self) -> dict[str, str]:
+        """All credentials of the run."""
+        return self.swarm._passwords
+
+
+SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_factor=150", "record=off")
+
+
+@pytest.fixture
+def stage(tmp_path: Path) -> Iterator[Stage]:
+    with _stage(tmp_path) as made:
+        yield made
+
+
+@contextmanager
+def _stage(folder: Path) -> Iterator[Stage]:
+    scenario = load_scenario("smoke", SETTINGS)
+    (folder / "scenario.toml").write_text(to_toml(scenario))
+    (folder / "agent.toml").write_text(to_toml(scenario.for_agent()))
+    with Swarm(scenario, RUN, folder) as swarm:
+        swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+        with Observer(RUN, swarm.recorder_link(), None, wire=False) as observer:
+            swarm.start_operator(publish_all=False)
+            swarm.start_agents(folder / "agent.toml")
+            made = Stage(swarm, observer, folder)
+            wait_until(made.is_running, "the first steps")
+            yield made
+
+
+@pytest.mark.parametrize("credentials", [("", ""), ("agent-3", "guess"), ("nobody", "x"), ("world", "")])
+def test_without_credentials_nobody_comes_in(stage: Stage, credentials: tuple[str, str]) -> None:
+    """The router refuses a session without a name, with a wrong password, and with a name it does not know."""
+    with pytest.raises(zenoh.ZError):
+        stage.client(*credentials)
+
+
+def test_an_agent_hears_nothing_but_its_own_frame(stage: Stage) -> None:
+    """With agent 3's credentials: no other's frame or radio, no report, no clock, not the truth."""
+    with stage.client("agent-3", stage.passwords()["agent-3"]) as session:
+        heard: list[str] = []
+        keys = stage.keys
+        wanted = [f"{keys.root}/**", keys.agent("*", FRAME), keys.agent(4, FRAME), keys.all_radio, keys.all_reports]
+        wanted += [keys.all_acts, keys.clock, keys.truth, keys.status, keys.agent(3, FRAME)]
+        subscribers = [
+            session.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr))) for key in wanted
+        ]
+        wait_until(lambda: len(heard) >= 100, "its own frames")
+        assert set(heard) == {keys.agent(3, FRAME)}
+        assert len(subscribers) == len(wanted)
+    assert stage.finish()["complete"]
+
+
+def test_an_agent_cannot_speak_as_another_nor_as_the_world(stage: Stage) -> None:
+    """What agent 3 sends on agent 4's keys, as clock or as frame reaches nobody."""
+    keys = stage.keys
+    with stage.client("agent-3", stage.passwords()["agent-3"]) as session:
+        for key in (keys.agent(4, ACT), keys.agent(4, RADIO), keys.agent(4, REPORT), keys.clock, keys.agent(4, FRAME)):
+            for _ in range(20):
+                session.put(key, b"forged", congestion_control=zenoh.CongestionControl.BLOCK)
+        mark = session.declare_publisher(keys.agent(3, ACT), congestion_control=zenoh.CongestionControl.BLOCK)
+        wait_until(lambda: mark.matching_status.matching, "a way to the world")  # behind all that was sent before
+        mark.put(b"mark")
+        summary = stage.finish()
+    assert summary["valid"], summary["invalid_because"]
+    assert summary["world"]["rejected"] == {"3": 1}
+    assert summary["samples_rejected"] == 1
+    assert summary["agents_lost"] == []
+
+
+def test_rubbish_on_its_own_keys_is_counted_and_harms_nobody(stage: Stage) -> None:
+    """Garbage, 10 MB, an unknown version, a NaN velocity, acts of the future: dropped, counted, survived."""
+    keys = stage.keys
+    nan = msgpack.packb([1, 5, float("nan"), 0.0, []])
+    rubbish = {
+        ACT: [
+            b"",
+            b"\xff" * 40,
+            b"\x00" * 10_000_000,
+            msgpack.packb([9, 5, 0.0, 0.0, []]),
+            nan,
+            encode_act(Act(10**6, 0.0, 0.0, ())),
+        ],
+        RADIO: [
+            b"\xc1",
+            b"\x01" * 10_000_000,
+            msgpack.packb([1, 1, 4, 0, float("nan"), 0]),
+            msgpack.packb([2, 3, 3, 0, 0, 0]),
+        ],
+        REPORT: [b"?", b"\x02" * 10_000_000, msgpack.packb({"v": 1}), msgpack.packb({"v": 7, "agent": 4})],
+    }
+    with stage.client("agent-3", stage.passwords()["agent-3"]) as session:
+        for leaf, samples in rubbish.items():
+            publisher = session.declare_publisher(keys.agent(3, leaf), congestion_control=zenoh.CongestionControl.BLOCK)
+            wait_until(lambda publisher=publisher: publisher.matching_status.matching, "a way to the world")
+            for sample in samples:
+                publisher.put(sample)
+        summary = stage.finish()
+    logging.getLogger(__name__).info("%s", summary)
+    assert summary["valid"], summary["invalid_because"]
+    assert summary["world"]["rejected"] == {"3": len(rubbish[ACT]) + len(rubbish[RADIO])}
+    assert summary["operator"]["rejected"] == len(rubbish[REPORT])
+    assert summary["steps"] == STEPS
+    assert summary["agents_lost"] == []
+    log = (stage.folder / "logs" / "world-0.log").read_text()
+    assert log.count("was dropped") == 1
