@@ -1,8 +1,11 @@
 """Cores for tests: one agent driven by hand, and whole swarms in one process."""
 
+import math
 import random
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any
+
+from hypothesis import strategies as st
 
 from deltaswarm_agent.core import AgentCore, Decision
 from deltaswarm_orchestrator.in_process import InProcess
@@ -23,6 +26,7 @@ from deltaswarm_wire.radio import (
 )
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.truth import Tally
+from tests import strategies
 
 Place = tuple[float, float]
 
@@ -143,6 +147,46 @@ def a_root(at: Place = (50.0, 50.0), agent: int = ME, **control: Any) -> Lone:
     return lone
 
 
+class Crowd:
+    """Several hand-driven agents that hear one another within range, one step late."""
+
+    def __init__(self, *lones: Lone) -> None:
+        self.lones = {lone.core.agent: lone for lone in lones}
+        self._said: dict[int, RadioFrame] = {}
+
+    def step(
+        self, events: dict[int, list[Event]] | None = None, silent: Collection[int] = (), deaf: Collection[int] = ()
+    ) -> dict[int, Decision]:
+        """One step of all; what `silent` agents say is lost, and `deaf` ones hear nothing."""
+        decisions = {}
+        for agent, lone in self.lones.items():
+            heard = [
+                frame
+                for sender, frame in self._said.items()
+                if sender != agent and agent not in deaf and math.dist(self.lones[sender].at, lone.at) <= 10
+            ]
+            decisions[agent] = lone.step(*heard, events=(events or {}).get(agent, ()))
+        said = {agent: decision.radio for agent, decision in decisions.items() if agent not in silent}
+        self._said = {agent: radio for agent, radio in said.items() if radio is not None}
+        return decisions
+
+
+def a_chain(length: int, **control: Any) -> Crowd:
+    """A root, agent 0 at x = 20 m, and below it agents 1, 2... each 8 m farther on and one level down."""
+    control = {"mode": "hierarchical", "rho": 1, **control}
+    crowd = Crowd(a_root((20.0, 50.0), 0, **control))
+    for agent in range(1, length):
+        x_m = 20.0 + 8 * agent
+        crowd.step()
+        lone = Lone(agent, (x_m + 3, 50.0), **control)
+        lone.step(skip=crowd.lones[0].now)
+        lone.at = (x_m, 50.0)
+        crowd.lones[agent] = lone
+        crowd.step()
+        assert lone.path == tuple(range(agent + 1))
+    return crowd
+
+
 def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
     """A whole swarm in this process."""
     return InProcess(load_scenario(name, sets, seed))
@@ -153,3 +197,52 @@ def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda 
     for step in range(steps):
         before(step)
         yield swarm.step(step, step == steps - 1)
+
+
+# Frames of neighbours: valid, few agents and places near one another, so that they matter to one another
+
+neighbours = st.integers(0, 9)
+pulses = st.integers(0, 60)
+near_cm = st.integers(3500, 6500)
+near_events = st.builds(Event, st.integers(1, 4), st.floats(45, 55), st.floats(45, 55))
+
+
+@st.composite
+def near_members(draw: st.DrawFn, places_cm: st.SearchStrategy[int] = near_cm) -> Member:
+    """A member's frame, with whatever its sender might claim."""
+    path = draw(st.lists(neighbours, min_size=1, max_size=4, unique=True))
+    rows = st.builds(Descendant, neighbours, neighbours, places_cm, places_cm, st.integers(0, 3))
+    sightings = st.builds(Sighting, st.integers(1, 4), places_cm, places_cm, st.integers(0, 40))
+    orders = st.builds(Order, neighbours, places_cm, places_cm, st.integers(0, 3), st.integers(0, 12))
+    return Member(
+        path[-1],
+        draw(pulses),
+        draw(near_cm),
+        draw(near_cm),
+        draw(st.booleans()),
+        tuple(path),
+        draw(pulses | strategies.steps),
+        draw(st.integers(0, 3)),
+        draw(strategies.tuples_of(rows, 3)),
+        draw(strategies.tuples_of(sightings, 3)),
+        draw(strategies.tuples_of(st.builds(Gone, st.integers(1, 4), st.integers(0, 40)), 2)),
+        draw(st.none() | orders),
+    )
+
+
+def near_frames(places_cm: st.SearchStrategy[int] = near_cm) -> st.SearchStrategy[RadioFrame]:
+    """A frame of any kind; `places_cm` is what it says of places other than its sender's."""
+    head = (neighbours, pulses, near_cm, near_cm)
+    return st.one_of(
+        near_members(places_cm),
+        near_members(places_cm),
+        st.builds(Attending, *head, st.integers(1, 4), places_cm, places_cm),
+        st.builds(Relocating, *head),
+        st.builds(Leaving, *head),
+    )
+
+
+def lives(frames: st.SearchStrategy[Any], steps: int = 12) -> st.SearchStrategy[list[tuple[list[Any], list[Event]]]]:
+    """What an agent hears and senses in some steps."""
+    sensed = st.lists(near_events, max_size=3, unique_by=lambda event: event.event)
+    return st.lists(st.tuples(st.lists(frames, max_size=4), sensed), min_size=1, max_size=steps)

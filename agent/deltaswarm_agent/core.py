@@ -15,13 +15,12 @@ from deltaswarm_agent.recruitment import BLOCKED_S, ORDER_TTL_STEPS, Place, best
 from deltaswarm_agent.states import FREE, TRANSITIONS, Cause, State
 from deltaswarm_agent.strategies import strategy_of
 from deltaswarm_agent.tree import (
-    FORMER_STEPS,
     RANGE_MARGIN_M,
     SILENCE_STEPS,
     STALL_STEPS,
     Former,
     Membership,
-    is_fresh,
+    fits_below,
     is_senior,
 )
 from deltaswarm_wire.messages import MAX_REPORTED, Act, Event, Frame, Report
@@ -127,18 +126,10 @@ class AgentCore:
             if not frame.orphan
             and self._here.is_legal(frame)
             and self._here.is_newly_met(frame)
-            and self._is_trusted(frame)
+            and fits_below(self.agent, frame)
+            and (self._former is None or self._former.trusts(frame, self._now))
         ]
         return self._nearest(candidates)
-
-    def _is_trusted(self, frame: Member) -> bool:
-        """A freed agent goes back to its former tree only where that tree's root is known to live."""
-        former = self._former
-        if former is None or former.root != frame.path[0]:
-            return True
-        return self._now - former.freed > FORMER_STEPS or is_fresh(
-            frame.pulse, former.pulse, former.pulse_step, self._now
-        )
 
     def _nearest(self, candidates: Sequence[Member]) -> Member | None:
         if not candidates:

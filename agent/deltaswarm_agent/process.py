@@ -120,6 +120,7 @@ def run_agent(config: AgentConfig) -> int:
     Raises:
         zenoh.ZError: the router cannot be reached, or refuses the credentials.
     """
+    zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
     core = AgentCore(config.agent, config.settings, agent_rng(config.settings.seed, config.agent))
     with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:

@@ -46,6 +46,14 @@ class Former:
         self.pulse_step = pulse_step
         self.freed = freed
 
+    def trusts(self, frame: Member, now: int) -> bool:
+        """Whether the sender may be joined: one of this tree only while its root is known to live."""
+        return (
+            self.root != frame.path[0]
+            or now - self.freed > FORMER_STEPS
+            or is_fresh(frame.pulse, self.pulse, self.pulse_step, now)
+        )
+
 
 class Membership:
     """One agent's place in one tree, as a root (path of one) or below a parent."""
@@ -81,7 +89,7 @@ class Membership:
 
     def follow(self, parent: Member, now: int) -> bool:
         """Take path and pulse from the parent's frame; False if that would close a cycle."""
-        if self._agent in parent.path or len(parent.path) >= MAX_PATH:
+        if not fits_below(self._agent, parent):
             return False
         if parent.path[0] != self.root or parent.pulse > self.pulse:
             self.pulse = parent.pulse
@@ -99,8 +107,7 @@ class Membership:
         return (
             not frame.orphan
             and frame.path[0] == self.root
-            and self._agent not in frame.path
-            and len(frame.path) < MAX_PATH
+            and fits_below(self._agent, frame)
             and is_fresh(frame.pulse, self.pulse, self.pulse_step, now)
         )
 
@@ -130,6 +137,11 @@ class Membership:
     def former(self, now: int) -> Former:
         """What to remember of this tree when leaving it."""
         return Former(self.root, self.pulse, self.pulse_step, now)
+
+
+def fits_below(agent: int, parent: Member) -> bool:
+    """Whether an agent's path by this parent would be one: without a cycle, and not too long to be said."""
+    return agent not in parent.path and len(parent.path) < MAX_PATH
 
 
 def is_fresh(pulse: int, known: int, known_step: int, now: int) -> bool:

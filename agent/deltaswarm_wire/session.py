@@ -18,10 +18,10 @@ CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
 """Holds the password of a part that is started by hand, so that it shows in no process list."""
 
-_RUNTIME_VARIABLE = "ZENOH_RUNTIME"
-_RECEIVER = "rx: (worker_threads: 1), acc: (handover: rx), net: (handover: rx), app: (handover: rx)"
-_ONE_WORKER = f"({_RECEIVER}, tx: (handover: rx))"
-_OWN_SENDERS = f"({_RECEIVER}, tx: (worker_threads: 2))"
+RUNTIME_VARIABLE = "ZENOH_RUNTIME"
+ONE_WORKER = (
+    "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
+)
 
 MAX_RECEIVED_BYTES = 32 * 1024 * 1024
 """The router cuts off whoever sends more in one sample."""
@@ -45,15 +45,22 @@ class Link:
     overrides: tuple[tuple[str, str], ...] = ()
 
 
-def use_one_worker_thread(*, forwards: bool = False) -> None:
-    """Let Zenoh run on one worker thread; the user's own ZENOH_RUNTIME wins. Call before `import zenoh`.
+def use_one_worker_thread() -> None:
+    """Let Zenoh run on one worker thread, unless the user says otherwise. Call before `import zenoh`.
 
-    With dozens of sessions on few cores, more threads only add switches. A router `forwards` large samples
-    in pieces: one thread that waits for room in the outgoing queue would never empty it, and with one
-    thread more it was seen to hang as well, so two do the sending.
+    With dozens of sessions on few cores, more threads only add switches.
     """
-    if os.environ.get(_RUNTIME_VARIABLE, _ONE_WORKER) in (_ONE_WORKER, _OWN_SENDERS):
-        os.environ[_RUNTIME_VARIABLE] = _OWN_SENDERS if forwards else _ONE_WORKER
+    os.environ.setdefault(RUNTIME_VARIABLE, ONE_WORKER)
+
+
+def use_default_threads() -> None:
+    """Undo that for a router, which forwards large samples in pieces.
+
+    A thread that waits for room in the outgoing queue must not be the one that empties it: with one worker
+    a sample of 10 MB stops the whole swarm.
+    """
+    if os.environ.get(RUNTIME_VARIABLE) == ONE_WORKER:
+        del os.environ[RUNTIME_VARIABLE]
 
 
 class ZenohConfig(Protocol):

@@ -229,6 +229,7 @@ def run_operator(config: OperatorConfig) -> int:
         FileExistsError: the folder holds an operator's table already.
         ValueError: the user's own Zenoh settings are refused.
     """
+    zenoh.init_log_from_env_or("error")
     inbox: Inbox = queue.SimpleQueue()
     _stop_on_signals(inbox)
     link = config.link

@@ -51,7 +51,7 @@ def _read(name: str) -> tuple[dict[str, Any], list[Problem]]:
         raise SettingsError([Problem("scenario", f"{name!r} is not there", allowed)])
     try:
         table = tomllib.loads(path.read_text())
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+    except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
         raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
     if "schema" not in table:
         return table, [Problem("schema", "missing", "schema = 1 is expected")]
@@ -75,8 +75,8 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
     try:
         file = density.file
         grid = np.load(file, allow_pickle=False) if file.endswith(".npy") else np.loadtxt(file, delimiter=",", ndmin=2)
-        fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and grid.sum() > 0)
-    except (OSError, ValueError, TypeError) as error:
+        fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
+    except (OSError, ValueError, TypeError, EOFError, AttributeError) as error:  # numpy's own, and a zip of arrays
         return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "a table is expected")]
     allowed = "a table of finite weights >= 0 with a positive sum is allowed"
     return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
@@ -94,6 +94,6 @@ def _apply(table: dict[str, Any], override: str) -> list[Problem]:
             return [Problem(path, f"{key!r} is no table", "a key of a table is expected")]
     try:
         table[keys[-1]] = tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         table[keys[-1]] = text
     return []

@@ -110,6 +110,8 @@ class WorldCore:
         if frame.counter > expected:
             self._lost_in_step += frame.counter - expected
         self._newest_counter[agent] = frame.counter
+        if agent in self.lockstep.hanging:
+            return None  # late: its act, which follows, ends that
         if agent in self._spoken or agent not in self.lockstep.waiting:
             return self._reject(agent, "radio: a second frame in one step, or one out of turn")
         self._spoken[agent] = (data, frame)

@@ -43,7 +43,7 @@ def _mixture(
 
     def draw(rng: np.random.Generator) -> tuple[float, float]:
         for _ in range(MAX_TRIES):
-            part = int(np.searchsorted(shares, rng.random())) if len(parts) > 1 else 0
+            part = min(int(np.searchsorted(shares, rng.random())), len(parts) - 1) if len(parts) > 1 else 0
             offset = factors[part] @ rng.standard_normal(2)
             x_m, y_m = means[part][0] + float(offset[0]), means[part][1] + float(offset[1])
             if 0.0 <= x_m <= arena.width_m and 0.0 <= y_m <= arena.height_m:
@@ -62,9 +62,9 @@ def load_grid(file: str) -> Floats:
     try:
         raw = np.load(file, allow_pickle=False) if file.endswith(".npy") else np.loadtxt(Path(file), delimiter=",")
         grid = np.atleast_2d(np.asarray(raw, dtype=np.float64))
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, TypeError, EOFError) as error:
         raise SettingsError([Problem("events.density.file", repr(file), f"cannot be read: {error}")]) from None
-    if grid.ndim != 2 or not np.all(np.isfinite(grid)) or np.any(grid < 0) or grid.sum() <= 0:
+    if grid.ndim != 2 or not np.all(np.isfinite(grid)) or np.any(grid < 0) or not 0 < grid.sum() < np.inf:
         allowed = "a table of finite weights >= 0 with a positive sum is allowed"
         raise SettingsError([Problem("events.density.file", repr(file), allowed)])
     return grid

@@ -23,13 +23,13 @@ from deltaswarm_wire.keys import (
     parse_token,
 )
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_frame, encode_status
-from deltaswarm_wire.session import Link, access_rules, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.session import Link, access_rules, configured, router_pairs, use_default_threads
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
 
-use_one_worker_thread(forwards=True)
+use_default_threads()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.world")
@@ -301,6 +301,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda *_: None)
+    zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
     with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
         world = WorldProcess(config, session)

@@ -1,0 +1,289 @@
+"""Active recruitment: which leaf, to which place, and how the order gets there."""
+
+import math
+import random
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_agent.core import ARRIVAL_STEPS, ARRIVAL_STRICT_STEPS, Decision
+from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, best_place, weakest_leaf
+from deltaswarm_agent.states import State
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, Relocating, Sighting
+from tests.cores import (
+    INSIDE,
+    ME,
+    PARENT,
+    PARENT_AT,
+    ROOT,
+    Lone,
+    Place,
+    a_member,
+    a_root,
+    child,
+    cm,
+    event,
+    member,
+    relocating,
+)
+
+SIZE_M = (30.0, 24.0)
+SENSING_M, RANGE_M, D_MIN_M = 5.0, 9.98, 6.0
+EPSILON = 1e-9
+
+in_arena = st.tuples(st.floats(0.0, SIZE_M[0]), st.floats(0.0, SIZE_M[1]))
+in_cm = st.tuples(st.integers(0, 3000), st.integers(0, 2400)).map(lambda place: (place[0] / 100, place[1] / 100))
+
+
+def distance(one: Place, other: Place) -> float:
+    return math.hypot(one[0] - other[0], one[1] - other[1])
+
+
+def score(place: Place, events: Iterable[Event], slack_m: float = 0.0) -> int:
+    return sum(distance(place, (e.x_m, e.y_m)) <= SENSING_M + slack_m for e in events)
+
+
+def is_legal(place: Place, members: Iterable[Place], slack_m: float = 0.0) -> bool:
+    distances_m = [distance(place, other) for other in members]
+    return min(distances_m) <= RANGE_M + slack_m and all(d >= D_MIN_M - slack_m for d in distances_m)
+
+
+def chosen(leaf: Place, members: list[Place], events: list[Event]) -> Place | None:
+    return best_place(leaf, members, events, sensing_range_m=SENSING_M, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+
+
+# The place
+
+
+@given(in_arena, st.lists(in_arena, min_size=1, max_size=4), st.lists(in_cm | in_arena, max_size=7))
+@settings(max_examples=150)
+def test_the_best_place_is_legal_and_no_place_of_the_grid_is_better(
+    leaf: Place, members: list[Place], spots: list[Place]
+) -> None:
+    """By brute force over the arena: the most events, then the nearest to the leaf; at least one event."""
+    events = [Event(number, *spot) for number, spot in enumerate(spots)]
+    place = chosen(leaf, members, events)
+    grid = [(float(x), float(y)) for x in range(31) for y in range(25)]
+    legal = {spot: score(spot, events, -EPSILON) for spot in grid if is_legal(spot, members, -EPSILON)}
+    if place is None:
+        assert max(legal.values(), default=0) == 0
+        return
+    assert place in grid
+    assert is_legal(place, members, EPSILON)
+    most = score(place, events, EPSILON)
+    assert most >= max(1, *legal.values(), 1)
+    rivals = [distance(spot, leaf) for spot, found in legal.items() if found == most]
+    assert distance(place, leaf) <= min(rivals, default=math.inf) + EPSILON
+
+
+def test_the_place_may_be_the_leafs_own() -> None:
+    """The leaf is no member to keep away from: the best place can be where it stands."""
+    assert chosen((15.0, 12.0), [(8.0, 12.0)], [event(1, 15, 12)]) == (15.0, 12.0)
+
+
+def test_there_is_no_place_without_a_known_event() -> None:
+    """A score of at least 1 is needed; events out of the tree's reach are of no use."""
+    assert chosen((15.0, 12.0), [(8.0, 12.0)], []) is None
+    assert chosen((15.0, 12.0), [(0.0, 0.0)], [event(1, 29, 23)]) is None
+
+
+# The leaf
+
+rows = st.lists(
+    st.builds(Descendant, st.integers(2, 12), st.integers(1, 12), st.just(0), st.just(0), st.integers(0, 3)),
+    max_size=10,
+    unique_by=lambda row: row.agent,
+)
+
+
+@given(rows, st.randoms(use_true_random=False), st.integers(0, 1000))
+def test_the_leaf_has_no_children_and_senses_the_fewest(table: list[Descendant], order: Any, seed: int) -> None:
+    """Chance decides among equals, and the order of the table does not."""
+    leaf = weakest_leaf(table, random.Random(seed))
+    parents = {row.parent for row in table}
+    leaves = [row for row in table if row.agent not in parents]
+    if leaf is None:
+        assert not leaves
+        return
+    assert leaf in leaves
+    assert leaf.score == min(row.score for row in leaves)
+    assert weakest_leaf(order.sample(table, len(table)), random.Random(seed)) == leaf
+
+
+def test_each_of_equal_leaves_has_its_chance() -> None:
+    """Uniform, over 900 draws of a fixed seed."""
+    table = [Descendant(agent, 1, 0, 0, 1) for agent in (2, 3, 4)] + [Descendant(5, 1, 0, 0, 2)]
+    rng = random.Random(5)
+    drawn = [leaf.agent for leaf in (weakest_leaf(table, rng) for _ in range(900)) if leaf]
+    assert all(250 <= drawn.count(agent) <= 350 for agent in (2, 3, 4))
+    assert 5 not in drawn
+
+
+# The order, at the root
+
+LEAF = 2
+FAR_EVENT = Sighting(9, 6200, 5800, 0)
+
+
+def leaf_frame(**more: Any) -> Member:
+    return child(LEAF, (ME,), (58, 50), events=[FAR_EVENT], **more)
+
+
+def orders(decisions: Iterable[Decision]) -> list[Order | None]:
+    return [decision.radio.order for decision in decisions if isinstance(decision.radio, Member)]
+
+
+def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[Order | None]]:
+    """A root with one leaf up to a step; what it orders in the steps from 1 on."""
+    root = a_root(**control)
+    return root, orders(root.steps(until, leaf_frame()))
+
+
+@pytest.mark.parametrize("interval_s", [60, 20])
+def test_a_root_recruits_on_its_own_clock(interval_s: int) -> None:
+    """Each 60 s of its own counting, said for 12 steps with less and less time to live."""
+    _, said = with_a_leaf(2 * interval_s + 15, recruitment_interval_s=interval_s)
+    expected = {}
+    for number in (1, 2):
+        for since in range(ORDER_TTL_STEPS):
+            expected[number * interval_s + since] = (number, ORDER_TTL_STEPS - since)
+    found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 2) if order}
+    assert found == expected
+
+
+def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
+    """Near the event that is out of everybody's sensing range."""
+    root = a_root()
+    strong = child(3, (ME,), (43, 50), score=1)
+    (order,) = {order[:3] for order in orders(root.steps(59, leaf_frame(), strong)) if order}
+    place = (order[1] / 100, order[2] / 100)
+    assert order[0] == LEAF
+    assert distance(place, (62, 58)) <= 5
+    others = [root.at, (43.0, 50.0)]
+    assert all(distance(place, other) >= 6 for other in others)
+    assert min(distance(place, other) for other in others) <= 9.98
+
+
+def test_a_root_without_followers_or_events_gives_no_order() -> None:
+    """There is nobody to send, or nowhere to go."""
+    assert not any(orders(a_root().steps(130, events=[event(1, 50, 50)])))
+    assert not any(orders(a_root().steps(130, child(LEAF, (ME,), (58, 50)))))
+
+
+def test_recruitment_can_be_switched_off() -> None:
+    """The paper's ablation: no orders at all."""
+    assert not any(with_a_leaf(130, recruitment=False)[1])
+
+
+def test_a_movers_place_is_blocked_for_the_next() -> None:
+    """Two leaves with the same event to go to are sent to places at least d_min apart."""
+    root = a_root(recruitment_interval_s=13)
+    both = [leaf_frame(), child(3, (ME,), (50, 58), events=[FAR_EVENT], score=1)]
+    (first,) = {order[:3] for order in orders(root.steps(13, *both)) if order}
+    moving = [relocating(LEAF, (58, 50)), both[1]]
+    found = {order[:3] for order in orders(root.steps(24, *moving)) if order} - {first}
+    assert all(distance((x_cm, y_cm), first[1:]) >= 600 for leaf, x_cm, y_cm in found)
+    assert {leaf for leaf, _, _ in found} == {3}
+
+
+# The order on its way
+
+
+def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> Order:
+    return Order(leaf, cm(place[0]), cm(place[1]), number, ttl)
+
+
+def parent_says(pulse: int, order: Order | None) -> Member:
+    return member((ROOT, PARENT), PARENT_AT, pulse=pulse, order=order)
+
+
+@pytest.mark.parametrize(("leaf", "ttl", "relayed"), [(9, 12, True), (9, 2, True), (9, 1, False), (8, 12, False)])
+def test_an_order_is_relayed_only_towards_its_leaf(leaf: int, ttl: int, relayed: bool) -> None:
+    """By those with the leaf in their table, once per hearing, while it has time to live."""
+    lone = a_member()
+    below = Descendant(9, 4, 0, 0, 0)
+    mine = child(4, lone.path, (59, 58), table=[below])
+    decision = lone.step(parent_says(101, order_to(leaf, ttl=ttl)), mine)
+    assert orders([decision]) == [order_to(leaf, ttl=ttl - 1) if relayed else None]
+    assert orders([lone.step(parent_says(102, None), mine)]) == [None]
+
+
+def test_an_order_from_elsewhere_is_neither_obeyed_nor_relayed() -> None:
+    """Only the own parent's frame counts."""
+    lone = a_member()
+    stranger = member((ROOT, 5), (59, 42), pulse=101, order=order_to(ME))
+    lone.step(stranger, parent_says(101, None))
+    assert lone.core.state is State.MEMBER
+
+
+def test_an_agent_with_children_refuses() -> None:
+    """It is no leaf any more."""
+    lone = a_member()
+    lone.step(parent_says(101, order_to(ME)), child(4, lone.path, (59, 58)))
+    assert lone.core.state is State.MEMBER
+
+
+def sent(place: Place = (56.0, 56.0), **control: Any) -> Lone:
+    """A member that has just been ordered to a place."""
+    lone = a_member(**control)
+    decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place)))
+    assert isinstance(decision.radio, Relocating)
+    return lone
+
+
+def test_a_mover_travels_says_so_and_does_nothing_else() -> None:
+    """Straight to the place at full speed; whatever it senses it leaves to others, and it reports nothing."""
+    lone = sent()
+    while distance(lone.at, (56, 56)) > 0.01:
+        before_m = distance(lone.at, (56, 56))
+        decision = lone.go_where_it_wants(parent_says(105, None), events=[event(1, *lone.at)])
+        assert isinstance(decision.radio, Relocating)
+        assert (decision.act.observed, decision.report) == ((), None)
+        assert distance(lone.at, (56, 56)) == pytest.approx(max(0.0, before_m - 1))
+
+
+def test_an_order_is_obeyed_once() -> None:
+    """On arrival the mover is a member again; the order it has done is no order, the next one is."""
+    lone = sent(INSIDE)
+    lone.step(parent_says(102, order_to(ME, INSIDE)))
+    assert (lone.core.state, lone.path) == (State.MEMBER, (ROOT, PARENT, ME))
+    lone.step(parent_says(103, order_to(ME)))
+    assert lone.core.state is State.MEMBER
+    lone.step(parent_says(104, order_to(ME, number=2)))
+    assert lone.core.state is State.RELOCATING
+
+
+@pytest.mark.parametrize("pulse", [101, 102])
+def test_a_mover_attaches_to_a_fresh_pulse_only(pulse: int) -> None:
+    """Newer than the one with which it left; other trees are no matter to it."""
+    lone = sent(INSIDE)
+    lone.step(member((ROOT, 5), (51, 50), pulse=pulse), member((6,), (52, 50), pulse=900))
+    assert (lone.path == (ROOT, 5, ME)) == (pulse == 102)
+
+
+def test_a_mover_attaches_to_the_nearest_legal_member() -> None:
+    """At its place; closer ones only after 3 steps."""
+    lone = sent(INSIDE)
+    near, legal = (56.0, 50.0), (59.0, 57.0)
+    for waited in range(ARRIVAL_STRICT_STEPS):
+        lone.step(member((ROOT, 4), near, pulse=102 + waited))
+        assert lone.core.state is State.RELOCATING
+    lone.step(member((ROOT, 4), near, pulse=105), member((ROOT, 5), legal, pulse=105))
+    assert lone.path == (ROOT, 4, ME)
+    lone = sent(INSIDE)
+    lone.step(member((ROOT, 4), near, pulse=102), member((ROOT, 5), legal, pulse=102), parent_says(102, None))
+    assert lone.path == (ROOT, 5, ME)
+
+
+def test_a_mover_that_finds_nobody_gives_up() -> None:
+    """It says that it relocates for 8 steps at its place, then that it leaves, and is free."""
+    lone = sent(INSIDE)
+    waiting = lone.steps(ARRIVAL_STEPS)
+    assert all(isinstance(decision.radio, Relocating) for decision in waiting)
+    assert all((decision.act.vx_mps, decision.act.vy_mps) == (0.0, 0.0) for decision in waiting)
+    assert isinstance(lone.step().radio, Leaving)
+    assert lone.core.state is State.WALKING

@@ -1,0 +1,159 @@
+"""Where events occur: each density gives the places that it promises, all of them in the arena."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_wire.settings import ArenaSettings, DensitySettings
+from deltaswarm_world.density import Floats, load_grid, sampler
+
+PAPER = [[50.0, 0.0], [0.0, 50.0]]
+DRAWS = 4000
+
+
+def places(density: dict[str, Any], draws: int = DRAWS, seed: int = 7, **arena: float) -> Floats:
+    """Many draws, (n, 2) [m]."""
+    draw = sampler(load(DensitySettings, density), ArenaSettings(**arena))
+    rng = np.random.default_rng(seed)
+    return np.array([draw(rng) for _ in range(draws)])
+
+
+def are_inside(found: Floats, width_m: float = 100.0, height_m: float = 100.0) -> bool:
+    return bool(np.all(found >= 0) and np.all(found <= (width_m, height_m)))
+
+
+def a_component(weight: float, x_m: float, y_m: float) -> dict[str, Any]:
+    return {"weight": weight, "mean_m": [x_m, y_m], "covariance_m2": [[4, 0], [0, 4]]}
+
+
+@pytest.mark.parametrize("covariance", [PAPER, [[40.0, 25.0], [25.0, 60.0]], [[9.0, -8.0], [-8.0, 16.0]]])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_gaussian_has_its_mean_and_covariance(covariance: list[list[float]], seed: int) -> None:
+    """The paper's density, and ones that are correlated: moments of 4,000 draws within 4 standard errors or so."""
+    found = places({"mean_m": [48, 52], "covariance_m2": covariance}, seed=seed)
+    assert are_inside(found)
+    assert np.allclose(found.mean(axis=0), [48, 52], atol=0.5)
+    assert np.allclose(np.cov(found.T), covariance, rtol=0.1, atol=2.5)
+
+
+def test_what_falls_outside_is_drawn_again() -> None:
+    """A mean in the corner: a quarter of the normal distribution, no heap of events at the walls."""
+    found = places({"mean_m": [0, 0], "covariance_m2": PAPER})
+    assert are_inside(found)
+    assert not np.any(found == 0)
+    assert np.allclose(found.mean(axis=0), (2 * 50 / np.pi) ** 0.5, atol=0.4)
+
+
+@settings(max_examples=30)
+@given(st.floats(0, 1), st.floats(0, 1), st.floats(0.01, 1e4), st.floats(0.01, 1e4), st.floats(-0.99, 0.99))
+def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: float, correlation: float) -> None:
+    """Wherever the mean in it, and however wide the covariance."""
+    xy = correlation * (xx * yy) ** 0.5
+    density = {"mean_m": [40 * right, 25 * up], "covariance_m2": [[xx, xy], [xy, yy]]}
+    assert are_inside(places(density, 20, width_m=40.0, height_m=25.0), 40.0, 25.0)
+
+
+def test_a_density_outside_the_arena_is_given_up() -> None:
+    """With an error that names the key, instead of drawing for ever."""
+    with pytest.raises(ValueError, match=r"events\.density: 10000 draws"):
+        places({"mean_m": [5000, 5000], "covariance_m2": PAPER}, 1)
+
+
+def test_a_mixture_has_its_shares() -> None:
+    """Each component as many events as its weight says, around its own mean."""
+    parts = [a_component(1, 20, 20), a_component(2, 80, 30), a_component(5, 40, 80)]
+    found = places({"kind": "mixture", "components": parts})
+    assert are_inside(found)
+    means = np.array([part["mean_m"] for part in parts])
+    nearest = np.argmin(np.linalg.norm(found[:, None] - means, axis=2), axis=1)
+    assert np.allclose(np.bincount(nearest) / DRAWS, [1 / 8, 2 / 8, 5 / 8], atol=0.03)
+    for part, mean in enumerate(means):
+        assert np.allclose(found[nearest == part].mean(axis=0), mean, atol=0.4)
+        assert np.allclose(np.cov(found[nearest == part].T), 4 * np.eye(2), atol=0.8)
+
+
+def test_a_uniform_density_is_even() -> None:
+    """Each of 4 x 2 fields has an eighth."""
+    found = places({"kind": "uniform"}, width_m=80.0, height_m=20.0)
+    assert are_inside(found, 80.0, 20.0)
+    fields = np.floor(found / [20, 10]).astype(int)
+    assert np.allclose(np.bincount(fields[:, 0] + 4 * fields[:, 1]) / DRAWS, 1 / 8, atol=0.025)
+
+
+# Grids
+
+GRID = np.array([[1.0, 0.0, 2.0], [0.0, 4.0, 1.0]])
+"""Two rows from y = 0 upwards, three columns from x = 0."""
+
+
+def written(folder: Path, name: str, grid: Floats = GRID) -> str:
+    file = folder / name
+    if name.endswith(".npy"):
+        np.save(file, grid)
+    else:
+        np.savetxt(file, grid, delimiter=",")
+    return str(file)
+
+
+@pytest.mark.parametrize("name", ["weights.npy", "weights.csv"])
+def test_a_grids_rows_go_up_and_its_columns_right(tmp_path: Path, name: str) -> None:
+    """Each cell has its share, evenly within it, and an empty cell has nothing."""
+    found = places({"kind": "grid", "file": written(tmp_path, name)}, width_m=90.0, height_m=40.0)
+    assert are_inside(found, 90.0, 40.0)
+    cells = np.minimum(np.floor(found / [30, 20]).astype(int), [2, 1])
+    counts = np.bincount(cells[:, 1] * 3 + cells[:, 0], minlength=6).reshape(2, 3)
+    assert np.allclose(counts / DRAWS, GRID / 8, atol=0.03)
+    assert np.all((counts == 0) == (GRID == 0))
+    within = found[(cells == [1, 1]).all(axis=1)]
+    assert np.allclose(within.mean(axis=0), [45, 30], atol=1.0)
+
+
+@pytest.mark.parametrize("name", ["weights.npy", "weights.csv"])
+def test_a_single_row_is_a_grid(tmp_path: Path, name: str) -> None:
+    """It is one row, not one column."""
+    assert load_grid(written(tmp_path, name, np.array([[1.0, 2.0, 3.0]]))).shape == (1, 3)
+
+
+@pytest.mark.parametrize(
+    "grid",
+    [
+        [[1.0, -1.0]],
+        [[0.0, 0.0]],
+        [[1.0, float("nan")]],
+        [[1.0, float("inf")]],
+        [[1e308, 1e308]],
+        np.ones((2, 2, 2)),
+        np.ones((0, 2)),
+        [["a", "b"]],
+        np.zeros(2, dtype=[("a", int), ("b", float)]),
+    ],
+    ids=["negative", "zero", "nan", "inf", "sum", "cube", "empty", "text", "records"],
+)
+def test_weights_that_make_no_density_are_refused(tmp_path: Path, grid: Any) -> None:
+    """By the scenario's key, the file and what is allowed."""
+    with pytest.raises(SettingsError) as caught:
+        load_grid(written(tmp_path, "weights.npy", np.array(grid)))
+    (problem,) = caught.value.problems
+    assert problem.path == "events.density.file"
+    assert "weights.npy" in problem.found
+
+
+@pytest.mark.parametrize("name", ["empty.npy", "junk.npy", "empty.csv", "words.csv", "ragged.csv", "bytes.csv"])
+@pytest.mark.filterwarnings("ignore:loadtxt")
+def test_a_file_that_holds_no_table_is_refused(tmp_path: Path, name: str) -> None:
+    """Whatever is in it."""
+    content = {"junk": b"no array", "words": b"a,b\n", "ragged": b"1,2\n3\n", "bytes": b"\xff\xfe\x80"}
+    (tmp_path / name).write_bytes(content.get(name.split(".")[0], b""))
+    with pytest.raises(SettingsError, match="cannot be read|a table of finite weights"):
+        load_grid(str(tmp_path / name))
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """Not an exception of the library that reads it."""
+    with pytest.raises(SettingsError, match="nowhere.csv"):
+        load_grid(str(tmp_path / "nowhere.csv"))
