@@ -65,6 +65,22 @@ def test_an_agent_that_hangs_is_left_behind_and_rejoins(tmp_path: Path) -> None:
         assert "ends after step 2499" in swarm.log("agent", 4)
 
 
+def test_when_all_agents_hang_the_world_waits_for_them(tmp_path: Path) -> None:
+    """It does not race through steps in which nobody takes part; once they wake, all go on."""
+    with running(tmp_path / "run", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=2000") as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        for agent in range(6):
+            swarm.signal(f"agent {agent}", signal.SIGSTOP)
+        wait_until(lambda: swarm.log("world").count("which hangs") == 6, "the world to notice")
+        for agent in range(6):
+            swarm.signal(f"agent {agent}", signal.SIGCONT)
+        code, _, errors = swarm.finish()
+        assert code == 0, errors
+        assert swarm.summary()["agents_late"] == 6
+        assert "ends after step 1999" in swarm.log("agent", 5)
+
+
 @pytest.mark.parametrize("part", ["world", "operator"])
 def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) -> None:
     """Within 5 s, with a clear error and exit code 1; what was written is readable and marked incomplete."""

@@ -1,7 +1,9 @@
 """Scenarios: TOML files and built-in ones, with `--set` on top, checked as a whole."""
 
+import dataclasses
+import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -97,3 +99,30 @@ def _apply(table: dict[str, Any], override: str) -> list[Problem]:
     except (ValueError, RecursionError):
         table[keys[-1]] = text
     return []
+
+
+def reference() -> str:
+    """Every scenario key with its default, its meaning and its source, as Markdown (docs/SCENARIO.md)."""
+    lines = [
+        "# Scenario keys",
+        "",
+        "A scenario is a TOML file with `schema = 1`; every key below can also be set by `--set key=value`. The",
+        "source says whether a default is the paper's or our reading of what the paper leaves open.",
+        "",
+        "| key | default | meaning | source |",
+        "| --- | --- | --- | --- |",
+        *_reference_rows(Scenario(), ""),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
+    for spec in dataclasses.fields(settings):
+        value = getattr(settings, spec.name)
+        if dataclasses.is_dataclass(value):
+            yield from _reference_rows(value, f"{prefix}{spec.name}.")
+            continue
+        choices = spec.metadata["choices"]
+        meaning = spec.metadata["doc"] + (f" ({', '.join(choices)})" if choices else "")
+        shown = json.dumps(checked.plain_value(value))
+        yield f"| `{prefix}{spec.name}` | `{shown}` | {meaning} | {spec.metadata['source']} |"

@@ -37,6 +37,9 @@ log = logging.getLogger("deltaswarm.world")
 GOODBYE_S = 3.0
 """How long the world waits, after the last clock, for the others to have taken all and left."""
 
+STOP_WITHIN_S = 1.0
+"""Who has not closed the step by then is not waited for when the run is to end."""
+
 STATUS_EVERY_S = 0.5
 PORT_TRIES = 20
 STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
@@ -96,6 +99,7 @@ class Waker:
     def _stop_on(self, reader: socket.socket) -> None:
         reader.recv(1)
         self.stop_requested = True
+        self.deadline = min(self.deadline, time.monotonic() + STOP_WITHIN_S)
         self._nudge.set()
 
     def close(self) -> None:
@@ -160,7 +164,7 @@ class WorldProcess:
             if time.monotonic() > self._waker.deadline:
                 missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
                 raise TimeoutError(f"not there after {settings.start_timeout_s:g} s: {missing}")
-            self._receive_one()
+            self._take(self._channel.recv())
 
     def run(self, output: WorldOutput) -> bool:
         """All steps; True if none was cut off."""
@@ -190,21 +194,23 @@ class WorldProcess:
         return complete
 
     def _collect(self, pace: "Pace | None") -> None:
-        """Wait until every agent has closed the step, or its time is up."""
+        """Wait until every agent has closed the step, or its time is up; while all hang, for the first to return."""
         lockstep = self._core.lockstep
         timeout_s = self._config.scenario.run.step_timeout_s
         self._waker.deadline = pace.next_tick() if pace else time.monotonic() + timeout_s
-        while not lockstep.is_closed:
-            if self._receive_one() and time.monotonic() >= self._waker.deadline:
+        hanging = len(lockstep.hanging) if lockstep.is_closed else 0
+        while not lockstep.is_closed or (hanging and len(lockstep.hanging) == hanging):
+            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
                 for agent in lockstep.waiting:
                     log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
-                return
+                break
         if pace:
             pace.wait()
+        while (sample := self._channel.try_recv()) is not None:
+            self._take(sample)  # who was late takes part again in the next step
 
-    def _receive_one(self) -> bool:
+    def _take(self, sample: zenoh.Sample) -> bool:
         """Take one sample; True if it was only a wake-up."""
-        sample = self._channel.recv()
         source = self._leaf_of.get(str(sample.key_expr))
         if source is None:
             self._take_tokens()
@@ -258,7 +264,7 @@ class WorldProcess:
         """Let operator and recorder take what was sent and leave; then the world's token goes."""
         self._waker.deadline = time.monotonic() + GOODBYE_S
         while any(role in (OPERATOR, RECORDER) for role, _ in self._there):
-            if self._receive_one() and time.monotonic() >= self._waker.deadline:
+            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
                 log.warning("not all parts left within %g s", GOODBYE_S)
                 break
         self._token.undeclare()

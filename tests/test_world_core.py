@@ -1,0 +1,366 @@
+"""The world's core: what it takes from agents, what it gives them, and that its counts add up."""
+
+from collections import Counter
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
+from deltaswarm_wire.messages import Act, Event, Frame, encode_act, encode_frame
+from deltaswarm_wire.radio import Descendant, Member, RadioFrame, Relocating, encode_radio
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally, Truth, decode_truth, encode_truth
+from deltaswarm_world.core import WorldCore
+from deltaswarm_world.environment import Happening
+from tests.cores import member, swarm
+from tests.strategies import ACT, RADIO, complaint, strange
+
+
+class Stage:
+    """A world with agents played by the test, all at one place unless they are moved."""
+
+    def __init__(self, count: int = 3, **tables: Any) -> None:
+        self.core = WorldCore(load(Scenario, {"agents": {"count": count}, "events": {"rate_hz": 0}, **tables}))
+        self.core.environment.positions_m[:] = 50.0
+        self.step = -1
+        self.frames: dict[int, Frame] = {}
+        self.counters = Counter[int]()
+
+    def event(self, x_m: float, y_m: float) -> int:
+        """An event from now on."""
+        environment = self.core.environment
+        event = Happening(len(environment.happenings) + 1, x_m, y_m, 0.0)
+        environment.happenings.append(event)
+        environment.active.append(event)
+        environment._place_active()
+        return event.event
+
+    def begin(self) -> dict[int, Frame]:
+        """The next step's frames."""
+        self.step += 1
+        self.frames = dict(self.core.begin(self.step, last=False))
+        return self.frames
+
+    def say(self, agent: int, frame: RadioFrame | None = None) -> bytes:
+        """A frame of an agent, with its next counter, taken by the world; its bytes."""
+        frame = frame or Relocating(agent, 0, 5000, 5000)
+        data = encode_radio(frame._replace(counter=self.counters[agent]))
+        self.counters[agent] += 1
+        assert self.core.hear_radio(agent, data) is None
+        return data
+
+    def act(self, agent: int, *observed: int, step: int | None = None, vx_mps: float = 0.0) -> str | None:
+        """An act, with the events that it claims to observe."""
+        return self.core.hear_act(agent, encode_act(Act(self.step if step is None else step, vx_mps, 0.0, observed)))
+
+    def end(self, *silent: int) -> Tally:
+        """Acts of all who have not acted, save the silent; then the end of the step."""
+        for agent in sorted(self.core.lockstep.waiting - set(silent)):
+            assert self.act(agent) is None
+        return self.core.end()
+
+
+# Claims
+
+
+@pytest.mark.parametrize(("distance_m", "works"), [(4.9, True), (5.1, False)])
+def test_an_event_beyond_sensing_range_cannot_be_observed(distance_m: float, works: bool) -> None:
+    """Whatever the agent claims: no work is done, and the claim is counted."""
+    stage = Stage()
+    event = stage.event(50 + distance_m, 50)
+    stage.begin()
+    stage.act(0, event)
+    stage.end()
+    assert stage.core.events()[0].work_agent_s == works
+    assert stage.core.refused_claims == (not works)
+
+
+def test_observers_are_distinct_agents() -> None:
+    """Two that observe do twice the work; one that claims thrice does its own; unknown events are refused."""
+    stage = Stage()
+    event = stage.event(50, 50)
+    stage.begin()
+    stage.act(0, event, event, event)
+    stage.act(1, event, 77)
+    stage.end()
+    assert stage.core.events()[0].work_agent_s == 2.0
+    assert stage.core.refused_claims == 1
+
+
+def test_work_completes_an_event_and_nobody_senses_it_again() -> None:
+    """200 agent-seconds by three agents: 67 steps."""
+    stage = Stage()
+    event = stage.event(50, 50)
+    for _ in range(67):
+        assert all(frame.events == (Event(event, 50.0, 50.0),) for frame in stage.begin().values())
+        for agent in range(3):
+            stage.act(agent, event)
+        stage.end()
+    assert stage.core.events()[0].completed_s == 66.0
+    assert not any(frame.events for frame in stage.begin().values())
+
+
+# What agents send
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), strange(RADIO)), min_size=1, max_size=8))
+@settings(max_examples=80)
+def test_malformed_and_forged_radio_frames_are_counted_never_raised(samples: list[tuple[int, bytes]]) -> None:
+    """On any key, in any number; the step ends as if they had not been."""
+    stage = Stage()
+    stage.begin()
+    taken: set[int] = set()
+    refused = 0
+    for agent, data in samples:
+        valid = complaint(RADIO, data) is None and RADIO.decode(data).sender == agent
+        reason = stage.core.hear_radio(agent, data)
+        assert (reason is None) == (valid and agent < 3 and agent not in taken)
+        refused += reason is not None
+        taken |= {agent} if reason is None else set()
+    tally = stage.end()
+    assert (tally.rejected, tally.frames_sent) == (refused, len(taken))
+    assert sum(stage.core.rejected.values()) == refused
+    assert stage.core.lockstep.is_closed
+
+
+@given(st.lists(st.tuples(st.integers(0, 5), strange(ACT)), min_size=1, max_size=8))
+@settings(max_examples=80)
+def test_malformed_acts_are_counted_never_raised(samples: list[tuple[int, bytes]]) -> None:
+    """They close nobody's step; only a valid act of this step does."""
+    stage = Stage()
+    stage.begin()
+    refused = 0
+    for agent, data in samples:
+        valid = complaint(ACT, data) is None and ACT.decode(data).step <= stage.step
+        assert (stage.core.hear_act(agent, data) is None) == valid
+        refused += not valid
+    assert stage.end().rejected == refused
+
+
+def test_a_frame_on_anothers_key_is_refused() -> None:
+    """Nobody speaks as another; the one whose key it is is counted."""
+    stage = Stage()
+    stage.begin()
+    reason = stage.core.hear_radio(1, encode_radio(Relocating(2, 0, 0, 0)))
+    assert reason is not None
+    assert "2 on the key of agent 1" in reason
+    assert stage.core.rejected == {1: 1}
+    assert stage.end().frames_sent == 0
+
+
+def test_one_frame_per_step_and_none_after_the_act() -> None:
+    """A second one is refused, and one that follows the act; neither is heard."""
+    stage = Stage()
+    stage.begin()
+    first = stage.say(0)
+    assert stage.core.hear_radio(0, encode_radio(Relocating(0, 1, 0, 0))) is not None
+    stage.act(1)
+    assert stage.core.hear_radio(1, encode_radio(Relocating(1, 0, 0, 0))) is not None
+    assert stage.end().rejected == 2
+    assert {agent: frame.heard for agent, frame in stage.begin().items()} == {0: (), 1: (first,), 2: (first,)}
+
+
+def test_an_act_of_a_step_to_come_is_refused() -> None:
+    """It would close a step that has not begun; one of a step gone by closes nothing and is no offence."""
+    stage = Stage()
+    stage.begin()
+    reason = stage.act(0, step=1)
+    assert reason is not None
+    assert "1 has not begun" in reason
+    stage.end()
+    stage.begin()
+    assert stage.act(1, step=0) is None
+    assert stage.core.lockstep.waiting == {0, 1, 2}
+    assert stage.end().rejected == 0
+
+
+def test_a_second_act_changes_nothing() -> None:
+    """The first one closed the step."""
+    stage = Stage()
+    event = stage.event(50, 50)
+    stage.begin()
+    stage.act(0, vx_mps=1.0)
+    stage.act(0, event, vx_mps=-1.0)
+    stage.end()
+    assert stage.core.events()[0].work_agent_s == 0
+    assert stage.begin()[0].x_m == 51.0
+
+
+def test_a_gap_in_counters_is_a_loss_on_the_fabric() -> None:
+    """Counted per missing frame, apart from the loss on the air; a counter that goes back is a restart."""
+    stage = Stage()
+    lost = []
+    for counter in (0, 1, 4, 5, 0, 1):
+        stage.begin()
+        stage.core.hear_radio(0, encode_radio(Relocating(0, counter, 0, 0)))
+        lost.append(stage.end().transport_lost)
+    assert lost == [0, 0, 2, 0, 0, 0]
+
+
+# What agents get
+
+
+def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
+    """Also where a sender writes an integer wider than needed."""
+    stage = Stage(2)
+    stage.begin()
+    odd = b"\x96\x01\x03\xcd\x00\x00\x00\xd2\x00\x00\x13\x88\xcd\x13\x88"
+    assert stage.core.hear_radio(0, odd) is None
+    stage.end()
+    assert stage.begin()[1].heard == (odd,)
+
+
+def test_an_agent_senses_what_is_in_its_own_range() -> None:
+    """And is told its own place, nothing of the others'."""
+    stage = Stage()
+    stage.core.environment.positions_m[1] = (80.0, 20.0)
+    near, far = stage.event(51, 50), stage.event(79, 20)
+    frames = stage.begin()
+    assert [frames[agent].events for agent in (0, 1)] == [(Event(near, 51, 50),), (Event(far, 79, 20),)]
+    assert (frames[1].x_m, frames[1].y_m, frames[1].step, frames[1].time_s) == (80.0, 20.0, 0, 0.0)
+
+
+def test_a_crowded_frame_drops_what_does_not_fit_and_says_so() -> None:
+    """However many and large the frames in range, what the agent gets is within the limit of a sample."""
+    stage = Stage(9, events={"rate_hz": 0})
+    for number in range(300):
+        stage.event(50, 50 + number / 100)
+    stage.begin()
+    table = [Descendant(60_000 + row, 60_000, 2**31 - 1, 2**31 - 1, 65_535) for row in range(350)]
+    said = [stage.say(agent, member((agent,), (50, 50), table=table)) for agent in range(9)]
+    assert max(map(len, said)) > 6000
+    stage.end()
+    frames = stage.begin()
+    tally = stage.end()
+    assert all(len(encode_frame(frame)) <= MAX_SAMPLE_BYTES for frame in frames.values())
+    heard = [len(frame.heard) for frame in frames.values()]
+    assert set(heard) == {3}
+    assert (tally.frames_received, tally.dropped_crowded) == (27, 9 * 8 - 27)
+
+
+def test_more_events_than_a_frame_may_hold_are_left_out() -> None:
+    """The frame stays within its limits; all of them have been sensed all the same."""
+    stage = Stage(1)
+    for _ in range(1100):
+        stage.event(50, 50)
+    (frame,) = stage.begin().values()
+    assert len(frame.events) == 1000
+    assert len(encode_frame(frame)) <= MAX_SAMPLE_BYTES
+    stage.end()
+    assert all(event.sensed_s == 0.0 for event in stage.core.events())
+
+
+# Agents that are late or gone
+
+
+def test_a_late_agent_keeps_its_velocity_and_gets_no_frame() -> None:
+    """Until an act of its arrives; it is counted late once per step that it misses."""
+    stage = Stage(2)
+    stage.begin()
+    stage.act(0, vx_mps=1.0)
+    assert stage.end().agents_late == 0
+    stage.begin()
+    assert stage.end(0).agents_late == 1
+    assert list(stage.begin()) == [1]
+    assert stage.core.environment.positions_m[0].tolist() == [52.0, 50.0]
+    assert stage.end().agents_late == 0
+    stage.begin()
+    assert stage.act(0, step=1) is None
+    stage.end()
+    assert list(stage.begin()) == [0, 1]
+
+
+def test_a_dead_agent_stops_and_hears_nothing() -> None:
+    """It neither moves nor senses any more; frames to it are dropped for that reason, and it is shown as dead."""
+    stage = Stage(2)
+    stage.begin()
+    stage.act(0, vx_mps=1.0)
+    stage.say(1)
+    stage.end()
+    stage.core.lockstep.gone(0)
+    stage.event(50, 50)
+    assert list(stage.begin()) == [1]
+    tally = stage.end()
+    assert (tally.agents_alive, tally.dropped_dead, tally.frames_received) == (1, 1, 0)
+    assert stage.core.truth(tally).bodies[0][1:4] == (50.0, 50.0, "dead")
+    assert stage.core.totals(complete=True)["agents_lost"] == [0]
+
+
+# The books
+
+
+@pytest.mark.parametrize("loss", ["0", "0.4"])
+def test_every_frame_sent_is_heard_or_dropped_in_the_step_after(loss: str) -> None:
+    """Sent in step k times all others = heard and dropped, by reason, in k+1; also with deaths, returns and hangs."""
+    crew = swarm("smoke", "agents.count=10", "events.rate_hz=0.3", "control.delta=2", f"radio.loss={loss}")
+    world = crew.world
+    changes = {60: world.lockstep.gone, 90: world.lockstep.gone, 120: world.lockstep.back, 150: world.lockstep.gone}
+    sent = heard = 0
+    for step in range(250):
+        changes.get(step, lambda agent: None)(step // 30)
+        tally = crew.step(step, last=False)
+        drops = tally.dropped_range + tally.dropped_loss + tally.dropped_crowded + tally.dropped_dead
+        assert tally.frames_received + drops == sent * 9
+        assert tally.bytes_sent >= 6 * tally.frames_sent
+        sent, heard = tally.frames_sent, heard + tally.frames_received
+    assert heard > 1000
+
+
+def digest_of(heard: bytes, act: Act, agent: int = 0) -> str:
+    stage = Stage()
+    stage.begin()
+    stage.core.hear_radio(agent, heard)
+    stage.core.hear_act(agent, encode_act(act))
+    stage.end()
+    return stage.core.digest.hex()
+
+
+def test_the_digest_shows_one_changed_byte() -> None:
+    """Of a radio frame or an act; the same bytes give the same digest."""
+    frame, act = encode_radio(Relocating(0, 0, 5000, 5000)), Act(0, 0.5, 0.0, ())
+    assert digest_of(frame, act) == digest_of(frame, act)
+    others = [
+        (encode_radio(Relocating(0, 0, 5000, 5001)), act),
+        (encode_radio(Relocating(0, 1, 5000, 5000)), act),
+        (frame, act._replace(vx_mps=0.25)),
+        (frame, act._replace(observed=(1,))),
+    ]
+    assert len({digest_of(*other) for other in [*others, (frame, act)]}) == 5
+
+
+def test_the_order_of_arrival_does_not_change_the_world() -> None:
+    """Inputs are processed in agent order: same digest, same places, same frames heard."""
+    ends = []
+    for order in ((0, 1, 2), (2, 0, 1)):
+        stage = Stage()
+        for _ in range(3):
+            stage.begin()
+            for agent in order:
+                stage.say(agent)
+            for agent in reversed(order):
+                stage.act(agent, vx_mps=agent / 4)
+            stage.end()
+        ends.append((stage.core.digest.hex(), stage.core.environment.positions_m.tolist(), stage.begin()))
+    assert ends[0] == ends[1]
+
+
+def test_the_truth_is_what_happened_and_goes_over_the_wire() -> None:
+    """Roles as the frames show them, links as they were heard, each change of an event once."""
+    crew = swarm("smoke", "agents.count=8", "events.rate_hz=0.2", "control.delta=2")
+    completed: list[int] = []
+    for step in range(300):
+        tally = crew.step(step, last=False)
+        truth = crew.world.truth(tally)
+        assert decode_truth(encode_truth(truth)) == truth
+        assert isinstance(truth, Truth)
+        assert sum(body.role == "root" for body in truth.bodies) == tally.trees
+        assert len(truth.links) == tally.frames_received
+        completed += [event.event for event in truth.events if event.completed_s is not None]
+        for agent, (_, frame) in crew.world._spoken.items():
+            if isinstance(frame, Member):
+                assert truth.bodies[agent].level == len(frame.path) - 1
+    assert completed == sorted(set(completed), key=completed.index)
+    assert sorted(completed) == [event.event for event in crew.world.events() if event.completed_s is not None]

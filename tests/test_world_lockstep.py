@@ -1,0 +1,124 @@
+"""The lock-step: whom a step waits for, through any order of acts, hangs, deaths and returns."""
+
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
+
+from deltaswarm_world.lockstep import LockStep
+
+AGENTS = range(5)
+agents = st.integers(0, 6)
+"""Two more than there are: samples may come on any key."""
+
+
+class Life(RuleBasedStateMachine):
+    """The lock-step beside a model that keeps each agent's condition by itself."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.lockstep = LockStep(AGENTS)
+        self.condition = dict.fromkeys(AGENTS, "idle")
+        """Of each agent that is there: idle, owing an act, or hanging."""
+        self.deaths: list[int] = []
+        self.step = -1
+
+    def those(self, condition: str) -> set[int]:
+        """The agents of one condition."""
+        return {agent for agent, found in self.condition.items() if found == condition}
+
+    @precondition(lambda self: not self.those("owing"))
+    @rule(skipped=st.integers(1, 3))
+    def begin(self, skipped: int) -> None:
+        """A step opens when the one before is closed; all that do not hang take part, in order."""
+        self.step += skipped
+        taking_part = self.lockstep.begin(self.step)
+        assert taking_part == sorted(set(self.condition) - self.those("hanging"))
+        self.condition |= dict.fromkeys(taking_part, "owing")
+        assert self.lockstep.is_closed == (not taking_part)
+
+    @rule(agent=agents, late=st.sampled_from([0, 0, 0, 1, 5]))
+    def close(self, agent: int, late: int) -> None:
+        """An act closes its agent's step once, if it is of this step; any act ends its agent's hanging."""
+        closes = self.condition.get(agent) == "owing" and late == 0
+        assert self.lockstep.close(agent, self.step - late) == closes
+        if closes or self.condition.get(agent) == "hanging":
+            self.condition[agent] = "idle"
+
+    @rule()
+    def give_up(self) -> None:
+        """Who still owes its act hangs."""
+        assert self.lockstep.give_up() == sorted(self.those("owing"))
+        self.condition |= dict.fromkeys(self.those("owing"), "hanging")
+        assert self.lockstep.is_closed
+
+    @rule(agent=agents)
+    def gone(self, agent: int) -> None:
+        """A dead agent is waited for no longer, and is noted once per death."""
+        self.lockstep.gone(agent)
+        if self.condition.pop(agent, None):
+            self.deaths.append(agent)
+
+    @rule(agent=st.sampled_from(AGENTS))
+    def back(self, agent: int) -> None:
+        """It takes part from the next step on, not in this one; the return of one that is there is nothing."""
+        self.lockstep.back(agent)
+        self.condition.setdefault(agent, "idle")
+
+    @invariant()
+    def waits_for_those_who_owe(self) -> None:
+        """Whoever is waited for is alive and does not hang, and the step is closed when there is none."""
+        lockstep = self.lockstep
+        assert lockstep.waiting == self.those("owing")
+        assert lockstep.waiting <= lockstep.alive - lockstep.hanging
+        assert lockstep.is_closed == (not lockstep.waiting)
+
+    @invariant()
+    def keeps_the_books(self) -> None:
+        """Alive are those that did not die or came back; only the living hang; each death is on the list."""
+        assert self.lockstep.alive == set(self.condition)
+        assert self.lockstep.hanging == self.those("hanging")
+        assert self.lockstep.lost == self.deaths
+
+
+TestLife = Life.TestCase
+TestLife.settings = settings(max_examples=100, stateful_step_count=30)
+
+
+def test_a_step_in_order() -> None:
+    """Begin, one act each, closed."""
+    lockstep = LockStep([2, 0, 1])
+    assert lockstep.begin(0) == [0, 1, 2]
+    assert [lockstep.close(agent, 0) for agent in (1, 2, 0)] == [True] * 3
+    assert lockstep.is_closed
+    assert lockstep.give_up() == []
+
+
+def test_one_act_closes_one_step() -> None:
+    """A second one does not close anything, nor does one of a step before."""
+    lockstep = LockStep([0, 1])
+    lockstep.begin(7)
+    assert not lockstep.close(0, 6)
+    assert lockstep.close(0, 7)
+    assert not lockstep.close(0, 7)
+    assert lockstep.waiting == {1}
+
+
+def test_a_hanging_agent_rejoins_at_the_next_step() -> None:
+    """Its late act brings it back, but not into the step under way."""
+    lockstep = LockStep([0, 1])
+    lockstep.begin(0)
+    lockstep.close(0, 0)
+    assert lockstep.give_up() == [1]
+    assert lockstep.begin(1) == [0]
+    assert not lockstep.close(1, 0)
+    assert lockstep.waiting == {0}
+    lockstep.close(0, 1)
+    assert lockstep.begin(2) == [0, 1]
+
+
+def test_a_step_without_agents_is_closed() -> None:
+    """When all have died the world goes on, for whoever watches it."""
+    lockstep = LockStep([0])
+    lockstep.gone(0)
+    assert lockstep.begin(0) == []
+    assert lockstep.is_closed
