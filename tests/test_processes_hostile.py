@@ -60,10 +60,6 @@ class Stage:
             "operator": results.read_outcome(self.folder).operator,
         }
 
-    def passwords(self) -> dict[str, str]:
-        """All credentials of the run."""
-        return self.swarm._passwords
-
 
 SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_factor=100", "record=off")
 
@@ -98,7 +94,7 @@ def test_without_credentials_nobody_comes_in(stage: Stage, credentials: tuple[st
 
 def test_an_agent_hears_nothing_but_its_own_frame(stage: Stage) -> None:
     """With agent 3's credentials: no other's frame or radio, no report, no clock, not the truth."""
-    with stage.client("agent-3", stage.passwords()["agent-3"]) as session:
+    with stage.client("agent-3", stage.swarm.password("agent-3")) as session:
         heard: list[str] = []
         keys = stage.keys
         wanted = [f"{keys.root}/**", keys.agent("*", FRAME), keys.agent(4, FRAME), keys.all_radio, keys.all_reports]
@@ -115,7 +111,7 @@ def test_an_agent_hears_nothing_but_its_own_frame(stage: Stage) -> None:
 def test_an_agent_cannot_speak_as_another_nor_as_the_world(stage: Stage) -> None:
     """What agent 3 sends on agent 4's keys, as clock or as frame reaches nobody."""
     keys = stage.keys
-    with stage.client("agent-3", stage.passwords()["agent-3"]) as session:
+    with stage.client("agent-3", stage.swarm.password("agent-3")) as session:
         for key in (keys.agent(4, ACT), keys.agent(4, RADIO), keys.agent(4, REPORT), keys.clock, keys.agent(4, FRAME)):
             for _ in range(20):
                 session.put(key, b"forged", congestion_control=zenoh.CongestionControl.BLOCK)
@@ -131,7 +127,7 @@ def test_an_agent_cannot_speak_as_another_nor_as_the_world(stage: Stage) -> None
 
 def test_rubbish_on_its_own_keys_is_counted_and_harms_nobody(stage: Stage) -> None:
     """Garbage, 10 MB, an unknown version, a NaN velocity, acts of the future: dropped, counted, survived."""
-    stranger = [sys.executable, "-m", "tests.stranger", RUN, stage.swarm.endpoint, stage.passwords()["agent-3"]]
+    stranger = [sys.executable, "-m", "tests.stranger", RUN, stage.swarm.endpoint, stage.swarm.password("agent-3")]
     subprocess.run(stranger, check=True, timeout=60, cwd=Path(__file__).parents[1])
     summary = stage.finish()
     assert summary["valid"], summary["invalid_because"]

@@ -35,7 +35,7 @@ class Spans:
 
 
 def true_descendants(members: dict[int, AgentCore]) -> dict[int, set[int]]:
-    """By agent all that are below it, by the parents that they name."""
+    """By agent all that are below it, by the parents that they name; orphans and movers have none."""
     below: dict[int, set[int]] = {agent: set() for agent in members}
     for agent in members:
         seen = {agent}
@@ -48,9 +48,10 @@ def true_descendants(members: dict[int, AgentCore]) -> dict[int, set[int]]:
 
 
 def parent_of(members: dict[int, AgentCore], agent: int) -> int:
+    """Its own id, if it is a root or has no parent at the time."""
     membership = members[agent].membership
     assert membership is not None
-    return membership.parent
+    return membership.parent if members[agent].state is State.MEMBER else agent
 
 
 def is_on_cycle(members: dict[int, AgentCore], agent: int) -> bool:

@@ -109,6 +109,10 @@ class Swarm:
             argv = ["--id", str(agent), "--settings", str(settings_file), "--low-latency", *self._joining()]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
+    def password(self, user: str) -> str:
+        """The password of one who may join, once the world is there."""
+        return self._passwords[user]
+
     def recorder_link(self) -> Link:
         """How the orchestrator itself joins."""
         return Link(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)

@@ -1,0 +1,61 @@
+"""Every command of the README works as it is written (runs are made short, virtual environments are not made anew)."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text()
+
+SHORTER = {
+    "run": "--set run.duration_s=20",
+    "bench": "--agents 3 --steps 30",
+}
+
+
+def commands() -> list[str]:
+    """The lines of all shell blocks, without their comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", README, flags=re.DOTALL)
+    return [line.split(" #")[0].strip() for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def shortened(command: str) -> str:
+    """The `deltaswarm` part of a command, with a short run."""
+    own = command[command.index("deltaswarm ") :]
+    before, sign, target = own.partition(" > ")
+    verb = before.split()[1]
+    return f"{before} {SHORTER.get(verb, '')}{sign}{target}"
+
+
+@pytest.mark.processes
+def test_the_commands_work(tmp_path: Path) -> None:
+    """In the order in which they stand, in one folder, with exit code 0."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    lines = [line for line in commands() if "deltaswarm " in line and "wheel" not in line]
+    assert len(lines) >= 8
+    for line in lines:
+        done = subprocess.run(
+            shortened(line), shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+
+
+def test_the_gate_runs_the_readmes_own_test_command() -> None:
+    """The block that .ci/run takes is there, sets up its environment and calls pytest, in one line."""
+    found = re.search(r"<!-- tests -->\n```sh\n(.*)\n```", README)
+    assert found is not None
+    assert found[1].startswith("python3 -m venv .venv && ")
+    assert found[1].endswith("-m pytest -q")
+    main = re.search(r"<!-- run -->\n```sh\n(.*)\n```", README)
+    assert main is not None
+    assert main[1].endswith("deltaswarm run paper-25")
+
+
+def test_the_links_lead_somewhere() -> None:
+    """Files that the README names are there."""
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert target.startswith("http") or (ROOT / target).exists(), target
