@@ -1,4 +1,7 @@
-"""A hostile process: `python -m tests.stranger RUN ENDPOINT PASSWORD` puts rubbish on agent 3's keys."""
+"""A hostile process: `python -m tests.stranger RUN ENDPOINT PASSWORD` puts rubbish on agent 3's keys.
+
+It stays until its standard input ends: a session that closes may drop what it still has to send.
+"""
 
 import sys
 
@@ -28,7 +31,7 @@ RUBBISH = {
 
 
 def main(run: str, endpoint: str, password: str) -> None:
-    """Put everything, in order, and leave."""
+    """Put everything, in order."""
     keys = Keys(run)
     link = Link(endpoint, f"agent-{AGENT}", password)
     with zenoh.open(configured(zenoh.Config, client_pairs(link), link)) as session:
@@ -39,6 +42,7 @@ def main(run: str, endpoint: str, password: str) -> None:
             wait_until(lambda publisher=publisher: publisher.matching_status.matching, "a way to the world")
             for sample in samples:
                 publisher.put(sample)
+        sys.stdin.read()
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ from deltaswarm_wire.messages import Clock, Report, Workload, decode_workload, e
 from deltaswarm_wire.session import (
     PASSWORD_VARIABLE,
     Link,
-    access_rules,
     client_pairs,
     configured,
     router_pairs,
@@ -77,7 +76,7 @@ class World:
         credentials = folder / "credentials"
         credentials.write_text("".join(f"{user}:secret of {user}\n" for user in USERS))
         link = Link(self.endpoint)
-        pairs = router_pairs(link, str(credentials), access_rules(KEYS, range(AGENTS)))
+        pairs = router_pairs(link, str(credentials), KEYS, range(AGENTS))
         self.session = zenoh.open(configured(zenoh.Config, pairs, link))
         self.token = self.session.liveliness().declare_token(KEYS.token(WORLD))
         self.clock = fast(self.session, KEYS.clock)
@@ -279,11 +278,11 @@ import sys
 import zenoh
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.messages import Clock, decode_workload, encode_clock
-from deltaswarm_wire.session import Link, access_rules, configured, router_pairs
+from deltaswarm_wire.session import Link, configured, router_pairs
 
 endpoint, credentials, with_token = sys.argv[1:]
 keys, link = Keys("test"), Link(endpoint)
-with zenoh.open(configured(zenoh.Config, router_pairs(link, credentials, access_rules(keys, [])), link)) as session:
+with zenoh.open(configured(zenoh.Config, router_pairs(link, credentials, keys, []), link)) as session:
     token = session.liveliness().declare_token(keys.token(WORLD)) if with_token == "True" else None
     tokens = session.liveliness().declare_subscriber(keys.token(OPERATOR), zenoh.handlers.FifoChannel(8), history=True)
     workloads = session.declare_subscriber(keys.workload, zenoh.handlers.FifoChannel(8))

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
@@ -18,8 +19,8 @@ CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
 """Holds the password of a part that is started by hand, so that it shows in no process list."""
 
-RUNTIME_VARIABLE = "ZENOH_RUNTIME"
-ONE_WORKER = (
+_RUNTIME_VARIABLE = "ZENOH_RUNTIME"
+_ONE_WORKER = (
     "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
 )
 
@@ -50,17 +51,7 @@ def use_one_worker_thread() -> None:
 
     With dozens of sessions on few cores, more threads only add switches.
     """
-    os.environ.setdefault(RUNTIME_VARIABLE, ONE_WORKER)
-
-
-def use_default_threads() -> None:
-    """Undo that for a router, which forwards large samples in pieces.
-
-    A thread that waits for room in the outgoing queue must not be the one that empties it: with one worker
-    a sample of 10 MB stops the whole swarm.
-    """
-    if os.environ.get(RUNTIME_VARIABLE) == ONE_WORKER:
-        del os.environ[RUNTIME_VARIABLE]
+    os.environ.setdefault(_RUNTIME_VARIABLE, _ONE_WORKER)
 
 
 class ZenohConfig(Protocol):
@@ -113,15 +104,27 @@ def client_pairs(link: Link) -> Pairs:
     return pairs
 
 
-def router_pairs(link: Link, dictionary_file: str, rules: dict[str, Any]) -> Pairs:
-    """The router: listens on the link's endpoint, knows users from a file, enforces `rules`."""
+def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[int]) -> Pairs:
+    """The router: listens on the link's endpoint, knows users from a file, enforces the access rules.
+
+    It forwards no report above `MAX_SAMPLE_BYTES`: a large sample goes out in pieces, and its one worker
+    thread, waiting for room in the outgoing queue, would never empty it. The world still hears and counts it.
+    """
+    reports = {
+        "id": "no-large-reports",
+        "flows": ["egress"],
+        "messages": ["put"],
+        "key_exprs": [keys.all_reports],
+        "size_limit": MAX_SAMPLE_BYTES,
+    }
     return [
         ("mode", "router"),
         ("listen/endpoints", [link.endpoint]),
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", rules),
+        ("access_control", access_rules(keys, agents)),
+        ("low_pass_filter", [reports]),
     ]
 
 

@@ -103,9 +103,9 @@ class WorldCore:
         try:
             frame = self._decode(data)
         except WireError as error:
-            return self._reject(agent, str(error))
+            return self.reject(agent, str(error))
         if frame.sender != agent:
-            return self._reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
+            return self.reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
         expected = self._newest_counter.get(agent, -1) + 1
         if frame.counter > expected:
             self._lost_in_step += frame.counter - expected
@@ -113,7 +113,7 @@ class WorldCore:
         if agent in self.lockstep.hanging:
             return None  # late: its act, which follows, ends that
         if agent in self._spoken or agent not in self.lockstep.waiting:
-            return self._reject(agent, "radio: a second frame in one step, or one out of turn")
+            return self.reject(agent, "radio: a second frame in one step, or one out of turn")
         self._spoken[agent] = (data, frame)
         return None
 
@@ -122,21 +122,18 @@ class WorldCore:
         try:
             act = decode_act(data)
         except WireError as error:
-            return self._reject(agent, str(error))
+            return self.reject(agent, str(error))
         if act.step > self._step:
-            return self._reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
+            return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self.lockstep.close(agent, act.step):
             self._acts[agent] = (data, act)
         return None
 
-    def _reject(self, agent: int, reason: str) -> str:
+    def reject(self, agent: int, reason: str) -> str:
+        """Count a sample that came on a key of this agent and is dropped; gives the reason back."""
         self.rejected[agent] += 1
         self._rejected_in_step += 1
         return reason
-
-    def reject(self, agent: int, reason: str) -> str:
-        """Count a sample that came on a key of this agent and is none of its messages."""
-        return self._reject(agent, reason)
 
     def end(self) -> Tally:
         """Close the step: commands, work, completion, tally, digest."""

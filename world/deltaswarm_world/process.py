@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import (
     ACT,
     AGENT,
@@ -23,13 +24,13 @@ from deltaswarm_wire.keys import (
     parse_token,
 )
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_frame, encode_status
-from deltaswarm_wire.session import Link, access_rules, configured, router_pairs, use_default_threads
+from deltaswarm_wire.session import Link, configured, router_pairs, use_one_worker_thread
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
 
-use_default_threads()
+use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.world")
@@ -216,10 +217,14 @@ class WorldProcess:
             self._take_tokens()
             return True
         agent, leaf = source
-        if leaf == REPORT:
-            return False
+        if leaf == REPORT and len(sample.payload) <= MAX_SAMPLE_BYTES:
+            return False  # the operator's
         data = sample.payload.to_bytes()
-        reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
+        reason: str | None
+        if leaf == REPORT:
+            reason = self._core.reject(agent, f"report: {len(data)} bytes, at most {MAX_SAMPLE_BYTES} are allowed")
+        else:
+            reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
@@ -325,13 +330,15 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
 
 def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None]) -> zenoh.Session:
     """Listen where asked; port 0 is any free one."""
-    rules = access_rules(keys, range(config.scenario.agents.count))
+    agents = range(config.scenario.agents.count)
     address, _, port = config.link.endpoint.rpartition(":")
     for attempt in range(PORT_TRIES):
         endpoint = config.link.endpoint if port != "0" else f"{address}:{_free_port()}"
         link = replace(config.link, endpoint=endpoint)
         try:
-            session = zenoh.open(configured(zenoh.Config, router_pairs(link, str(config.credentials), rules), link))
+            session = zenoh.open(
+                configured(zenoh.Config, router_pairs(link, str(config.credentials), keys, agents), link)
+            )
         except zenoh.ZError:
             if port != "0" or attempt == PORT_TRIES - 1:
                 raise
