@@ -139,12 +139,11 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
     """The world does not wait for ever: it says for whom it waited, and ends."""
     scenario = load_scenario("smoke", ["run.start_timeout_s=2", "record=off"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
-    (tmp_path / "agent.toml").write_text(to_toml(scenario.for_agent()))
     with Swarm(scenario, "incomplete", tmp_path) as swarm:
         swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
         with Observer("incomplete", swarm.recorder_link(), None, wire=False):
             swarm.start_operator(publish_all=False)
-            swarm.start_agents(tmp_path / "agent.toml", [0, 1, 2, 4])
+            swarm.start_agents([0, 1, 2, 4])
             wait_until(lambda: swarm.part(WORLD).process.exitcode is not None, "the world's end", 10)
         assert swarm.part(WORLD).process.exitcode == 1
         assert "not there after 2 s: agent 3, agent 5" in swarm.part(WORLD).log_tail()

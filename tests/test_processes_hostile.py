@@ -74,12 +74,11 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
 def _stage(folder: Path) -> Iterator[Stage]:
     scenario = load_scenario("smoke", SETTINGS)
     (folder / "scenario.toml").write_text(to_toml(scenario))
-    (folder / "agent.toml").write_text(to_toml(scenario.for_agent()))
     with Swarm(scenario, RUN, folder) as swarm:
         swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
         with Observer(RUN, swarm.recorder_link(), None, wire=False) as observer:
             swarm.start_operator(publish_all=False)
-            swarm.start_agents(folder / "agent.toml")
+            swarm.start_agents()
             made = Stage(swarm, observer, folder)
             wait_until(made.is_running, "the first steps")
             yield made

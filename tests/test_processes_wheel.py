@@ -45,12 +45,11 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
 
     scenario = load_scenario("smoke", ["record=off", "run.duration_s=100"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
-    (tmp_path / "agent.toml").write_text(to_toml(scenario.for_agent()))
     with Swarm(scenario, "board", tmp_path) as swarm:
         swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
         with Observer("board", swarm.recorder_link(), None, wire=False) as observer:
             swarm.start_operator(publish_all=False)
-            swarm.start_agents(tmp_path / "agent.toml", range(5))
+            swarm.start_agents(range(5))
             command = [str(python), "-m", "deltaswarm_agent", "--id", "5", "--run", "board"]
             command += ["--connect", swarm.endpoint, "--settings", str(tmp_path / "agent.toml")]
             environment = {**os.environ, PASSWORD_VARIABLE: swarm.password("agent-5")}

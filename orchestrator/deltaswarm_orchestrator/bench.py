@@ -81,7 +81,6 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario))
-        (folder / "agent.toml").write_text(to_toml(scenario.for_agent()))
         run = f"bench-{secrets.token_hex(4)}"
         began = time.monotonic()
         startup_s = pss_mb = 0.0
@@ -89,7 +88,7 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
             swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
-                swarm.start_agents(folder / "agent.toml")
+                swarm.start_agents()
                 while swarm.part(WORLD).process.exitcode is None:
                     observer.work(0.02)
                     phase = observer.status.phase if observer.status else "waiting"

@@ -103,10 +103,11 @@ class Swarm:
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
         self._start(OPERATOR, 0, [*argv, *self._joining()], password=self._passwords[OPERATOR])
 
-    def start_agents(self, settings_file: Path, agents: Iterable[int] | None = None) -> None:
+    def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents, or those given; each gets its own number, password and log."""
+        settings = str(self._folder / "agent.toml")  # written by the world
         for agent in range(self._scenario.agents.count) if agents is None else agents:
-            argv = ["--id", str(agent), "--settings", str(settings_file), "--low-latency", *self._joining()]
+            argv = ["--id", str(agent), "--settings", settings, "--low-latency", *self._joining()]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
     def password(self, user: str) -> str:

@@ -17,7 +17,6 @@ from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.progress import Reporter
 from deltaswarm_orchestrator.recorder import Recorder
 from deltaswarm_orchestrator.results import Outcome, RunFolder
-from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import checked
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from deltaswarm_wire.settings import Scenario
@@ -122,8 +121,6 @@ def _run_processes(
     messages: list[str],
 ) -> tuple[Outcome, str]:
     """Launch, watch, end; the outcome and the exit reason."""
-    agent_settings = folder / "agent.toml"
-    agent_settings.write_text(to_toml(scenario.for_agent()))
     name = f"{scenario.name}-{secrets.token_hex(4)}"
     reason = "finished"
     with Swarm(scenario, name, folder, options.zenoh) as swarm:
@@ -131,7 +128,7 @@ def _run_processes(
             swarm.start_world(folder / "scenario.toml", listen=options.listen, record=recorder is not None)
             with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
                 swarm.start_operator(publish_all=recorder is not None)
-                swarm.start_agents(agent_settings)
+                swarm.start_agents()
                 swarm.write_pids()
                 reason = _watch(swarm, observer, reporter, stop, messages)
         except (LaunchError, ConnectionError) as error:

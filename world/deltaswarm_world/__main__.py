@@ -8,12 +8,17 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
+import tomli_w
+
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import LOG_FORMAT, add_zenoh_argument, run_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import Link, user_name
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.process import WorldConfig, run_world
+
+AGENT_SETTINGS = "agent.toml"
+"""What each agent is told, written beside the world's tables."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,7 +34,13 @@ def parser() -> argparse.ArgumentParser:
         metavar="FILE",
         help="user:password lines of all who may join; made with random passwords if it does not exist",
     )
-    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for its tables")
+    made.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FOLDER",
+        help="for its tables, and for agent.toml, the agents' settings",
+    )
     made.add_argument(
         "--expect",
         action="append",
@@ -52,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if not arguments.credentials.exists():
             write_credentials(arguments.credentials, scenario.agents.count)
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / AGENT_SETTINGS).write_text(tomli_w.dumps(checked.plain(scenario.for_agent())))
         config = WorldConfig(
             run=arguments.run,
             scenario=scenario,

@@ -60,9 +60,10 @@ def load_grid(file: str) -> Floats:
         SettingsError: the file cannot be read, or is no table of weights >= 0 with a positive sum.
     """
     try:
-        raw = np.load(file, allow_pickle=False) if file.endswith(".npy") else np.loadtxt(Path(file), delimiter=",")
-        grid = np.atleast_2d(np.asarray(raw, dtype=np.float64))
-    except (OSError, ValueError, TypeError, EOFError) as error:
+        is_array = file.endswith(".npy")  # read as such only: np.load would take zips for arrays too
+        raw = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(Path(file), delimiter=",")
+        grid = np.atleast_2d(np.array(raw, dtype=np.float64))
+    except (OSError, ValueError, TypeError) as error:
         raise SettingsError([Problem("events.density.file", repr(file), f"cannot be read: {error}")]) from None
     if grid.ndim != 2 or not np.all(np.isfinite(grid)) or np.any(grid < 0) or not 0 < grid.sum() < np.inf:
         allowed = "a table of finite weights >= 0 with a positive sum is allowed"

@@ -1,0 +1,313 @@
+"""The run folder: figures from what happened, tables that read back, and the same from the recording alone."""
+
+import csv
+import json
+import tomllib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.progress import Quiet
+from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.results import (
+    OPERATOR_COLUMNS,
+    FolderExistsError,
+    Outcome,
+    RunFolder,
+    figures,
+    new_manifest,
+    read_outcome,
+    summary,
+    write_json,
+    write_tables,
+)
+from deltaswarm_orchestrator.run import RunOptions, run
+from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.digest import combine
+from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
+from tests.strategies import event_states, tallies, workloads
+
+STEP_S = 0.5
+
+
+def tally(step: int, **more: Any) -> Tally:
+    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
+    return Tally(**{**zeros, "step": step, "time_s": step * STEP_S, "covered_area_m2": None, **more})
+
+
+def workload(step: int, messages: int = 0, **more: Any) -> Workload:
+    zeros: dict[str, Any] = dict.fromkeys(Workload._fields, 0)
+    return Workload(**{**zeros, "step": step, "time_s": step * STEP_S, "messages": messages, **more})
+
+
+def event(number: int, arrived_s: float, sensed_s: float | None) -> EventState:
+    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, None, 0.0)
+
+
+def a_scenario(**run: Any) -> Scenario:
+    return load(Scenario, {"run": {"step_s": STEP_S, **run}})
+
+
+def whole(**more: Any) -> Outcome:
+    """A run of 6 steps that came to its end."""
+    return Outcome(
+        tallies=[tally(step, **{name: value[step] for name, value in more.items()}) for step in range(6)],
+        world={"complete": True, "digest": "aa", "wall_s": 2.0, "agents_lost": [], "refused_claims": 0},
+        operator={"complete": True, "digest": "bb"},
+    )
+
+
+# Figures
+
+
+def test_waiting_times_are_until_first_sensed() -> None:
+    """Mean, median and number of those sensed; apart from them the others, which wait until the end."""
+    outcome = whole()
+    outcome.events = [event(1, 0.0, 0.0), event(2, 0.5, 1.0), event(3, 0.5, 2.0), event(4, 1.0, None)]
+    assert figures(outcome, STEP_S)["waiting_time_s"] == {
+        "mean": pytest.approx(2.0 / 3),
+        "median": 0.5,
+        "n": 3,
+        "never_sensed": 1,
+        "mean_with_never_sensed": (0.0 + 0.5 + 1.5 + 2.0) / 4,
+    }
+
+
+def test_rates_are_per_second_not_per_step() -> None:
+    """With steps of half a second each count is worth twice as much."""
+    outcome = whole(frames_sent=[3] * 6, frames_received=[0, 6] * 3, bytes_sent=[100] * 6)
+    outcome.workloads = [workload(step, messages=step, senders=2, time_above_s=step / 2) for step in range(6)]
+    found = figures(outcome, STEP_S)
+    assert found["frames_sent_per_s"] == {"mean": 6.0}
+    assert found["frames_received_per_s"] == {"mean": 6.0}
+    assert found["bytes_sent_per_s"] == {"mean": 200.0}
+    assert found["operator_messages_per_s"] == {"mean": 5.0}
+    assert found["operator_senders"] == {"mean": 2.0}
+    assert found["operator_time_above_threshold_s"] == 2.5
+
+
+def test_drops_are_told_by_reason() -> None:
+    """Loss on the air is no loss on the fabric, and each reason has its own sum."""
+    outcome = whole(**{f"dropped_{reason}": [number] * 6 for number, reason in enumerate(DROP_REASONS, 1)})
+    found = figures(outcome, STEP_S)
+    assert found["frames_dropped"] == {"range": 6, "loss": 12, "crowded": 18, "dead": 24}
+    assert found["transport_lost"] == 0
+
+
+def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
+    """The area over the steps in which it was measured, and over those of them with trees."""
+    areas = [0.0, None, 60.0, None, 120.0, None]
+    outcome = whole(agents_in_trees=[0, 0, 3, 6, 9, 12], trees=[0, 0, 1, 2, 2, 1], covered_area_m2=areas)
+    found = figures(outcome, STEP_S)
+    assert found["agents_in_trees"] == {"mean": 5.0, "last_third_mean": 10.5}
+    assert found["trees"] == {"mean": 1.0}
+    assert found["covered_area_m2"] == {"mean": 60.0, "mean_while_trees": 90.0}
+
+
+def test_nothing_is_no_number() -> None:
+    """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
+    found = figures(Outcome(), STEP_S)
+    assert found["waiting_time_s"] == {
+        "mean": None,
+        "median": None,
+        "n": 0,
+        "never_sensed": 0,
+        "mean_with_never_sensed": None,
+    }
+    assert found["operator_messages_per_s"] == {"mean": None}
+    assert found["covered_area_m2"] == {"mean": None, "mean_while_trees": None}
+    assert (found["steps"], found["transport_lost"], found["operator_time_above_threshold_s"]) == (0, 0, None)
+
+
+# The summary
+
+KEYS = {
+    "waiting_time_s": {"mean", "median", "n", "never_sensed", "mean_with_never_sensed"},
+    "operator_messages_per_s": {"mean"},
+    "frames_sent_per_s": {"mean"},
+    "frames_received_per_s": {"mean"},
+    "bytes_sent_per_s": {"mean"},
+    "frames_dropped": set(DROP_REASONS),
+    "agents_in_trees": {"mean", "last_third_mean"},
+    "trees": {"mean"},
+    "covered_area_m2": {"mean", "mean_while_trees"},
+    "transport_lost": None,
+    "steps": None,
+    "wall_s": None,
+    "steps_per_s": None,
+    "real_time_factor": None,
+    "digest": None,
+    "agents_lost": None,
+    "valid": None,
+}
+"""What others read from `summary.json`: these names must stay."""
+
+
+def test_a_summary_has_its_keys() -> None:
+    """With just these parts; further keys may come, none of these may go."""
+    found = summary(whole(), a_scenario())
+    assert KEYS.keys() <= found.keys()
+    for name, parts in KEYS.items():
+        if parts is not None:
+            assert found[name].keys() == parts, name
+    json.dumps(found, allow_nan=False)
+
+
+def test_speed_is_told_both_ways() -> None:
+    """Steps per wall second, and simulated per wall second."""
+    found = summary(whole(), a_scenario())
+    assert (found["steps"], found["wall_s"], found["steps_per_s"], found["real_time_factor"]) == (6, 2.0, 3.0, 1.5)
+
+
+def test_a_whole_run_is_valid_and_has_a_digest() -> None:
+    """Made of the world's and the operator's."""
+    found = summary(whole(), a_scenario())
+    assert (found["valid"], found["invalid_because"]) == (True, [])
+    assert found["digest"] == combine("aa", "bb") != combine("bb", "aa")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"world": {}}, "did not come to its last step"),
+        ({"operator": {"complete": False, "digest": "bb"}}, "did not come to its last step"),
+        ({"tallies": [tally(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
+        ({"workloads": [workload(0, lost=3)]}, "3 messages were lost on the fabric"),
+    ],
+    ids=["no world", "operator ended early", "lost to the world", "lost to the operator"],
+)
+def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reason: str) -> None:
+    """And it says why."""
+    outcome = whole()
+    for name, value in change.items():
+        setattr(outcome, name, value)
+    found = summary(outcome, a_scenario())
+    assert not found["valid"]
+    assert any(reason in because for because in found["invalid_because"])
+
+
+# Tables
+
+
+def same(found: Outcome, outcome: Outcome) -> bool:
+    return (found.tallies, found.workloads, found.events) == (outcome.tallies, outcome.workloads, outcome.events)
+
+
+@st.composite
+def outcomes(draw: st.DrawFn) -> Outcome:
+    """Any figures that the wire allows; the operator may have come less far than the world."""
+    steps = draw(st.integers(0, 5))
+    return Outcome(
+        [draw(tallies)._replace(step=step) for step in range(steps)],
+        draw(st.lists(event_states, max_size=3)),
+        [draw(workloads)._replace(step=step) for step in range(draw(st.integers(0, steps)))],
+    )
+
+
+@given(outcome=outcomes())
+@settings(max_examples=60)
+def test_tables_read_back_as_they_were_written(tmp_path_factory: pytest.TempPathFactory, outcome: Outcome) -> None:
+    """To the last bit; what is not yet is empty, and None again."""
+    folder = tmp_path_factory.mktemp("tables")
+    write_tables(folder, outcome)
+    found = read_outcome(folder)
+    steps = {workload.step: workload for workload in outcome.workloads}
+    outcome.workloads = [w._replace(time_s=outcome.tallies[step].time_s) for step, w in sorted(steps.items())]
+    assert same(found, outcome)
+
+
+def test_the_columns_are_named(tmp_path: Path) -> None:
+    """One row per step: the world's columns, then the operator's; one row per event."""
+    outcome = whole()
+    outcome.events = [event(1, 0.0, None)]
+    write_tables(tmp_path, outcome)
+    rows = list(csv.DictReader((tmp_path / "series.csv").open(newline="")))
+    assert list(rows[0]) == [*Tally._fields, *OPERATOR_COLUMNS.values()]
+    assert [row["step"] for row in rows] == list("012345")
+    assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(EventState._fields)
+
+
+def put(file: Path, fields: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows([fields, *rows])
+    return file.read_bytes()
+
+
+def test_a_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
+    """Wherever a killed part's file ends: the whole rows before it count, half a number never does."""
+    told = [tally(step, frames_sent=1000 + step, covered_area_m2=123.25) for step in range(3)]
+    data = put(tmp_path / "world.csv", Tally._fields, told)
+    counted = set()
+    for end in range(len(data) + 1):
+        (tmp_path / "world.csv").write_bytes(data[:end])
+        found = read_outcome(tmp_path).tallies
+        assert found == told[: len(found)]
+        counted.add(len(found))
+    assert counted == {0, 1, 2, 3}
+
+
+def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
+    """What an interrupted run left: the world's rows and the operator's, each as far as they go."""
+    outcome = whole()
+    outcome.workloads = [workload(step, messages=step) for step in range(4)]
+    put(tmp_path / "world.csv", Tally._fields, outcome.tallies)
+    put(tmp_path / "operator.csv", Workload._fields, outcome.workloads)
+    write_json(tmp_path / "world.json", outcome.world)
+    found = read_outcome(tmp_path)
+    assert same(found, outcome)
+    assert (found.is_complete, found.digest) == (False, None)
+    write_tables(tmp_path, found)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.csv", "series.csv"]
+    assert same(read_outcome(tmp_path), outcome)
+
+
+# The folder
+
+
+def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
+    """Until then it is beside it as `.part`."""
+    target = tmp_path / "run"
+    folder = RunFolder(target, force=False)
+    scenario = load_scenario("smoke")
+    folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
+    assert [path.name for path in tmp_path.iterdir()] == ["run.part"]
+    assert folder.finish() == target
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert (target / "scenario.toml").read_text() == to_toml(scenario)
+    assert json.loads((target / "manifest.json").read_text())["seed"] == 1
+
+
+@pytest.mark.parametrize("there", ["run", "run.part"])
+def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> None:
+    """Neither a run nor what an interrupted one left."""
+    (tmp_path / there).mkdir()
+    (tmp_path / there / "old").touch()
+    with pytest.raises(FolderExistsError, match="--force replaces it"):
+        RunFolder(tmp_path / "run", force=False)
+    assert (tmp_path / there / "old").exists()
+    RunFolder(tmp_path / "run", force=True).finish()
+    assert not list((tmp_path / "run").iterdir())
+
+
+def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:
+    """Exactly: whoever has recording.mcap needs nothing else."""
+    scenario = load_scenario("smoke", ["radio.loss=0.1", "control.delta=2"])
+    result = run(scenario, RunOptions(tmp_path / "run", in_process=True), Quiet())
+    recorded = read_recording(result.folder)
+    assert recorded.complete
+    again = load(Scenario, tomllib.loads(recorded.scenario))
+    assert again == scenario
+    found = figures(Outcome(recorded.tallies, recorded.events, recorded.workloads), again.run.step_s)
+    told = json.loads((result.folder / "summary.json").read_text())
+    assert found == {name: told[name] for name in found}
+    assert found["waiting_time_s"]["n"] > 10
+    assert told["valid"]
+    assert recorded.metadata["digest"] == told["digest"]
+    assert same(read_outcome(result.folder), Outcome(recorded.tallies, recorded.events, recorded.workloads))
