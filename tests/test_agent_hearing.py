@@ -135,14 +135,12 @@ def test_an_agent_stays_in_the_arena(life: list[Any], begin: str) -> None:
         assert -1e-9 <= lone.at[1] <= 100 + 1e-9
 
 
-@pytest.mark.xfail(strict=True, reason="a place on the air may be 20 times as far away as one in a report")
 def test_what_a_root_was_told_can_be_reported() -> None:
     """A report is valid, whatever sighting a member of the tree claims."""
     decision = a_root().step(child(2, (ME,), (58, 50), events=[Sighting(9, MAX_ABS_CM, 5000, 0)]))
     assert_sound(decision, [])
 
 
-@pytest.mark.xfail(strict=True, reason="it goes there until it senses another event, or for ever")
 def test_no_place_outside_the_arena_is_gone_to() -> None:
     """Events occur within it, so such a frame is wrong."""
     lone = Lone(at=OUTSIDE)
@@ -151,7 +149,6 @@ def test_no_place_outside_the_arena_is_gone_to() -> None:
     assert lone.core.state is State.WALKING
 
 
-@pytest.mark.xfail(strict=True, reason="it is on its way for ever")
 def test_no_order_leads_outside_the_arena() -> None:
     """Places to go to are within it, so such an order is wrong."""
     lone = a_member()

@@ -143,7 +143,6 @@ def test_who_is_at_a_place_stands() -> None:
 
 
 @pytest.mark.parametrize(("x_m", "y_m"), [(-5.0, 50.0), (50.0, 103.0), (-5.0, -5.0)])
-@pytest.mark.xfail(strict=True, reason="the mirror takes it back in one stride, however far outside it is")
 def test_a_walk_keeps_the_speed_limit_outside_the_arena(x_m: float, y_m: float) -> None:
     """A body that was put beyond a wall, as a real one may be, walks back no faster than it can."""
     assert math.hypot(*Walk(an_agent(), random.Random(1)).velocity(x_m, y_m)) <= 1.0 + 1e-9

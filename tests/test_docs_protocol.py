@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent import beliefs, core, process, recruitment, tree
+from deltaswarm_agent import beliefs, core, hearing, process, recruitment, tree
 from deltaswarm_wire import codec, keys, messages, radio, session, settings
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Clock, Event, Frame, Report, Status, Workload
@@ -23,7 +23,7 @@ HEX_COLUMNS = 47
 PAGE = Path(__file__).parent.parent / "agent" / "PROTOCOL.md"
 TEXT = PAGE.read_text()
 
-SOURCES = (codec, messages, radio, session, settings, core, tree, beliefs, recruitment, process)
+SOURCES = (codec, messages, radio, session, settings, core, hearing, tree, beliefs, recruitment, process)
 
 
 @dataclass(frozen=True)

@@ -288,12 +288,23 @@ def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> None:
     """Neither a run nor what an interrupted one left."""
     (tmp_path / there).mkdir()
-    (tmp_path / there / "old").touch()
+    (tmp_path / there / "manifest.json").touch()
     with pytest.raises(FolderExistsError, match="--force replaces it"):
         RunFolder(tmp_path / "run", force=False)
-    assert (tmp_path / there / "old").exists()
+    assert (tmp_path / there / "manifest.json").exists()
     RunFolder(tmp_path / "run", force=True).finish()
     assert not list((tmp_path / "run").iterdir())
+
+
+def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No folder with anything else in it, no file, and not the folder that one is in, nor the one above."""
+    (tmp_path / "work").mkdir()
+    (tmp_path / "work" / "thesis").touch()
+    monkeypatch.chdir(tmp_path / "work")
+    for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path("..")):
+        with pytest.raises(FolderExistsError, match="does not replace it"):
+            RunFolder(target, force=True)
+    assert (tmp_path / "work" / "thesis").exists()
 
 
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:

@@ -15,6 +15,11 @@ from deltaswarm_agent.recruitment import BLOCKED_S, ORDER_TTL_STEPS, Place, best
 from deltaswarm_agent.states import FREE, TRANSITIONS, Cause, State
 from deltaswarm_agent.strategies import strategy_of
 from deltaswarm_agent.tree import (
+    ARRIVAL_STEPS,
+    ARRIVAL_STRICT_STEPS,
+    LEAVING_STEPS,
+    ORPHAN_STEPS,
+    ORPHAN_STRICT_STEPS,
     RANGE_MARGIN_M,
     SILENCE_STEPS,
     STALL_STEPS,
@@ -27,17 +32,8 @@ from deltaswarm_wire.messages import MAX_REPORTED, Act, Event, Frame, Report
 from deltaswarm_wire.radio import Attending, Leaving, Member, Order, RadioFrame, Relocating, decode_radio
 from deltaswarm_wire.settings import AgentSettings
 
-LEAVING_STEPS = 4
-"""Leaving is said in so many frames."""
-
 AT_PLACE_M = 0.01
 """This close to a place is on it."""
-
-ORPHAN_STRICT_STEPS, ORPHAN_STEPS = 2, 5
-"""An orphan takes parents at legal distance only, then any in range, then gives up."""
-
-ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS = 3, 8
-"""The same for a mover at its place."""
 
 
 class Decision(NamedTuple):
@@ -167,7 +163,13 @@ class AgentCore:
 
     def _join_attending(self, heard: Sequence[RadioFrame]) -> None:
         """A walking agent that comes newly into range of an attending one goes to its event too."""
-        attending = [frame for frame in heard if type(frame) is Attending and self._here.is_newly_met(frame)]
+        attending = [
+            frame
+            for frame in heard
+            if type(frame) is Attending
+            and self._here.is_newly_met(frame)
+            and self._here.is_in_arena(frame.event_x_cm / 100, frame.event_y_cm / 100)
+        ]
         if attending:
             near = min(attending, key=self._sender_distance)
             self._target = Event(near.event, near.event_x_cm / 100, near.event_y_cm / 100)
@@ -290,10 +292,11 @@ class AgentCore:
                 self._order = order._replace(ttl=order.ttl - 1)
             return False
         number = (membership.root, order.number)
-        if membership.children or number == self._last_order:
+        place = (order.x_cm / 100, order.y_cm / 100)
+        if membership.children or number == self._last_order or not self._here.is_in_arena(*place):
             return False
         self._last_order = number
-        self._place = (order.x_cm / 100, order.y_cm / 100)
+        self._place = place
         self._since = self._now + 1
         self._change(Cause.ORDERED)
         return True

@@ -50,6 +50,7 @@ class Whereabouts:
         self._trail: list[tuple[float, float]] = []
         self._range_m2 = settings.range_m**2
         self._reach_m2 = (settings.range_m - RANGE_MARGIN_M) ** 2
+        self._size_m = (settings.width_m, settings.height_m)
         self._d_min_m2 = settings.control.d_min_m**2
 
     def move_to(self, x_m: float, y_m: float) -> None:
@@ -84,3 +85,7 @@ class Whereabouts:
     def is_legal(self, frame: RadioFrame) -> bool:
         """At a distance at which the sender may be this agent's parent."""
         return self._d_min_m2 <= self.sender_m2(frame) <= self._reach_m2
+
+    def is_in_arena(self, x_m: float, y_m: float) -> bool:
+        """Whether a place that another agent named can be gone to."""
+        return 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]

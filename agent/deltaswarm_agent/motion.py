@@ -33,13 +33,18 @@ class Walk:
         if self._left_s <= 0.0:
             self.turn()
         self._left_s -= self._step_s
-        to_x, self._dx = _reflect(x_m + self._dx, self._dx, self._size_m[0])
-        to_y, self._dy = _reflect(y_m + self._dy, self._dy, self._size_m[1])
+        to_x, self._dx = _reflect(x_m, self._dx, self._size_m[0])
+        to_y, self._dy = _reflect(y_m, self._dy, self._size_m[1])
         return (to_x - x_m) / self._step_s, (to_y - y_m) / self._step_s
 
 
-def _reflect(to_m: float, stride_m: float, wall_m: float) -> tuple[float, float]:
-    """Where a stride that may cross a wall ends, and the stride after it."""
+def _reflect(at_m: float, stride_m: float, wall_m: float) -> tuple[float, float]:
+    """Where a stride that may cross a wall ends, and the stride after it; from beyond a wall it leads back."""
+    if at_m < 0.0:
+        return min(at_m + abs(stride_m), wall_m), abs(stride_m)
+    if at_m > wall_m:
+        return max(at_m - abs(stride_m), 0.0), -abs(stride_m)
+    to_m = at_m + stride_m
     if to_m < 0.0:
         return min(-to_m, wall_m), -stride_m
     if to_m > wall_m:

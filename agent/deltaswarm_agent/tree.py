@@ -20,6 +20,15 @@ FRESHNESS_STEPS = 8
 FORMER_STEPS = 20
 """For so long a freed agent is as careful with its former tree as an orphan."""
 
+LEAVING_STEPS = 4
+"""Leaving is said in so many frames."""
+
+ORPHAN_STRICT_STEPS, ORPHAN_STEPS = 2, 5
+"""An orphan takes parents at legal distance only, then any in range, then gives up."""
+
+ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS = 3, 8
+"""The same for a mover at its place."""
+
 RANGE_MARGIN_M = 0.02
 """Members keep this far within range: places are rounded to centimetres."""
 

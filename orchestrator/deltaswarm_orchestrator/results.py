@@ -60,6 +60,8 @@ class RunFolder:
     def __init__(self, target: Path, *, force: bool) -> None:
         if target.exists() and not force:
             raise FolderExistsError(f"{target} exists; --force replaces it")
+        if target.exists() and not _is_replaceable(target):
+            raise FolderExistsError(f"{target} exists and is no run folder; --force does not replace it")
         self.target = target
         self.path = target.with_name(target.name + ".part")
         self._force = force
@@ -83,6 +85,13 @@ class RunFolder:
             shutil.rmtree(self.target, ignore_errors=True)
         self.path.rename(self.target)
         return self.target
+
+
+def _is_replaceable(target: Path) -> bool:
+    """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
+    if target.name in ("", "..") or not target.is_dir():
+        return False
+    return (target / "manifest.json").exists() or not any(target.iterdir())
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:

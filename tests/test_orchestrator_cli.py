@@ -1,0 +1,238 @@
+"""The command line: exit codes, JSON that can be parsed, results on standard output and the rest beside it."""
+
+import json
+import subprocess
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltaswarm_orchestrator import doctor
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire import __version__
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.settings import Scenario
+from tests.swarms import COMMAND
+
+Printed = pytest.CaptureFixture[str]
+
+SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
+
+
+def refused(*arguments: str) -> int:
+    """The exit code of a command line that its parser refuses."""
+    with pytest.raises(SystemExit) as caught:
+        main(arguments)
+    return int(caught.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
+    """A finished run, by the command itself: its folder, and the JSON that was printed."""
+    out = tmp_path_factory.mktemp("runs") / "mine"
+    arguments = ["run", "smoke", *SHORT, "--seed", "3", "--json", "--out", str(out)]
+    done = subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, check=True)
+    return out, json.loads(done.stdout)
+
+
+# Usage
+
+
+def test_the_version_is_the_packages(capsys: Printed) -> None:
+    """On standard output, with exit code 0."""
+    assert refused("--version") == 0
+    assert capsys.readouterr().out == f"deltaswarm {__version__}\n"
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["walk"],
+        ["run", "--seed", "many"],
+        ["run", "--record", "video"],
+        ["run", "--set"],
+        ["run", "--zenoh", "novalue"],
+        ["run", "--unknown"],
+        ["run", "smoke", "smoke"],
+        ["info"],
+        ["doctor", "me"],
+    ],
+    ids=lambda value: " ".join(value) or "nothing",
+)
+def test_wrong_usage_ends_with_2(arguments: list[str], capsys: Printed) -> None:
+    """The complaint goes to standard error, and to nothing else."""
+    assert refused(*arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert "error: " in printed.err
+
+
+@pytest.mark.parametrize("command", [[], ["run"], ["info"], ["doctor"], ["bench"], ["agent"], ["world"], ["operator"]])
+def test_every_command_explains_itself(command: list[str], capsys: Printed) -> None:
+    """With --help, and exit code 0."""
+    assert refused(*command, "--help") == 0
+    assert capsys.readouterr().out.startswith("usage: ")
+
+
+def test_a_wrong_scenario_ends_with_2(capsys: Printed) -> None:
+    """All mistakes, one line each."""
+    arguments = ["run", "smoke", "--set", "radio.los=1", "--set", "agents.count=0", "--seed", "-1"]
+    assert main(arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    paths = [line.split(":")[1].strip() for line in printed.err.splitlines()]
+    assert sorted(paths) == ["agents.count", "radio.los", "seed"]
+
+
+# Run
+
+
+def test_a_dry_run_prints_the_effective_scenario_and_starts_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """As TOML that is a scenario; no folder is made."""
+    monkeypatch.chdir(tmp_path)
+    arguments = ["run", "smoke", "--set", "radio.loss=0.25", "--seed", "8", "--record", "wire", "--dry-run"]
+    assert main(arguments) == 0
+    printed = load(Scenario, tomllib.loads(capsys.readouterr().out))
+    assert printed == load_scenario("smoke", ["radio.loss=0.25", "record=wire"], 8)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_is_all_that_a_run_prints(finished: tuple[Path, dict[str, Any]]) -> None:
+    """One object: the summary, with the folder and how the run ended."""
+    out, printed = finished
+    assert (printed["folder"], printed["exit_reason"]) == (str(out), "finished")
+    summary = json.loads((out / "summary.json").read_text())
+    assert printed == {"folder": str(out), "exit_reason": "finished", **summary}
+    assert (printed["valid"], printed["steps"], printed["seed"]) == (True, 40, 3)
+
+
+def test_a_run_without_json_prints_a_table(tmp_path: Path, capsys: Printed) -> None:
+    """With the figures, and last the folder; how it goes is told on standard error. No colours on a pipe."""
+    out = tmp_path / "run"
+    assert main(["run", "smoke", *SHORT, "--record", "off", "--out", str(out)]) == 0
+    printed = capsys.readouterr()
+    assert "mean waiting time" in printed.out
+    assert printed.out.rstrip().replace("\n", "").endswith(str(out))
+    assert "\x1b" not in printed.out + printed.err
+    assert "39/40 s" in printed.err
+
+
+def test_runs_have_folders_of_their_own_by_default(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two in the same second as well, named after what they are."""
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert main(["run", "smoke", *SHORT, "--record", "off", "--json"]) == 0
+    names = sorted(path.name for path in (tmp_path / "runs").iterdir())
+    assert len(names) == 2
+    assert all(name.startswith("smoke-hybrid-seed1-") for name in names)
+
+
+def test_a_folder_that_is_there_ends_with_2(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
+    """And stays as it is."""
+    out, _ = finished
+    before = (out / "summary.json").read_bytes()
+    assert main(["run", "smoke", *SHORT, "--out", str(out)]) == 2
+    assert "--force replaces it" in capsys.readouterr().err
+    assert (out / "summary.json").read_bytes() == before
+
+
+@pytest.mark.xfail(strict=True, raises=NotADirectoryError, reason="the folder's own OSError gets through")
+def test_a_folder_that_cannot_be_made_ends_with_2(tmp_path: Path, capsys: Printed) -> None:
+    """With a line that says so."""
+    (tmp_path / "file").touch()
+    assert main(["run", "smoke", *SHORT, "--out", str(tmp_path / "file" / "run")]) == 2
+    assert capsys.readouterr().err.startswith("deltaswarm: ")
+
+
+# Info
+
+
+def test_info_tells_of_a_finished_run(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
+    """Manifest, summary and files, as JSON."""
+    out, printed = finished
+    assert main(["info", str(out), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["summary"] == json.loads((out / "summary.json").read_text())
+    assert found["manifest"]["digest"] == printed["digest"]
+    assert {"events.csv", "manifest.json", "recording.mcap", "scenario.toml", "series.csv", "summary.json"} <= set(
+        found["files"]
+    )
+
+
+def test_info_tells_it_to_people_too(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
+    """In a few lines."""
+    out, printed = finished
+    assert main(["info", str(out)]) == 0
+    text = capsys.readouterr().out
+    assert text.startswith("smoke, hybrid, seed 3: complete\n")
+    assert printed["digest"] in text
+    assert "40 steps" in text
+
+
+def test_info_tells_of_an_interrupted_run(
+    finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: Printed
+) -> None:
+    """From what there is of it: the figures so far, and that it is not all."""
+    for name in ("manifest.json", "scenario.toml"):
+        (tmp_path / name).write_bytes((finished[0] / name).read_bytes())
+    rows = (finished[0] / "series.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "series.csv").write_text("".join(rows[:11]) + rows[11][:9])
+    assert main(["info", str(tmp_path), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)["summary"]
+    assert (summary["steps"], summary["complete"], summary["valid"]) == (10, False, False)
+    assert main(["info", str(tmp_path)]) == 0
+    assert "not valid: the run did not come to its last step" in capsys.readouterr().out
+
+
+def test_info_wants_a_run_folder(tmp_path: Path, capsys: Printed) -> None:
+    """Not one without a manifest, nor a file, nor nothing."""
+    (tmp_path / "file").touch()
+    for path in (tmp_path, tmp_path / "file", tmp_path / "nothing"):
+        assert main(["info", str(path)]) == 2
+        assert str(path) in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("name", "content"), [("manifest.json", "[]"), ("summary.json", "{"), ("series.csv", "step\nx\n")]
+)
+@pytest.mark.xfail(strict=True, reason="what is read after manifest and scenario is not guarded")
+def test_info_says_if_a_run_cannot_be_read(
+    finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: Printed, name: str, content: str
+) -> None:
+    """Whichever of its files is damaged: a line instead of a traceback, and exit code 2."""
+    for kept in ("manifest.json", "scenario.toml", "series.csv"):
+        (tmp_path / kept).write_bytes((finished[0] / kept).read_bytes())
+    (tmp_path / name).write_text(content)
+    assert main(["info", str(tmp_path)]) == 2
+    assert capsys.readouterr().err.startswith("deltaswarm: ")
+
+
+# Doctor
+
+
+def test_doctor_tells_what_this_machine_has(capsys: Printed) -> None:
+    """As JSON: each thing looked at, what was found, whether it is well, and else what to do."""
+    code = main(["doctor", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert all(finding.keys() == {"name", "found", "is_well", "advice"} for finding in found)
+    assert {"Python", "cores", "loopback", "file descriptors", *doctor.NEEDED} <= {finding["name"] for finding in found}
+    assert code == (0 if all(finding["is_well"] for finding in found) else 1)
+    packages = {finding["name"]: finding["is_well"] for finding in found}
+    assert all(packages[name] for name in doctor.NEEDED), "these tests could not run without them"
+
+
+def test_doctor_says_what_to_do_where_something_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    """With the command that gets it, and exit code 1."""
+    monkeypatch.setitem(doctor.NEEDED, "no-such-package", (3, 1))
+    monkeypatch.setitem(doctor.NEEDED, "msgpack", (999, 0))
+    assert main(["doctor"]) == 1
+    lines = {line.split()[1]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["no-such-package"].startswith("MISSING")
+    assert lines["no-such-package"].endswith("python -m pip install 'no-such-package>=3.1'")
+    assert lines["msgpack"].startswith("MISSING")
+    assert lines["Python"].startswith("ok")
