@@ -233,7 +233,7 @@ def test_the_nearest_member_becomes_the_parent() -> None:
         member((5,), (50, 49.5)),
         member((4,), (58, 48)),
         member((3,), (42, 48)),
-        member((2,), (50, 47.9), orphan=True),
+        member((2,), (50, 51), orphan=True),
         member((6,), (50, 45)),
         member((8,), (50, 34)),
     ]

@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.progress import Quiet
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.results import (
     OPERATOR_COLUMNS,
-    FolderExistsError,
+    FolderError,
     Outcome,
     RunFolder,
     figures,
@@ -289,7 +289,7 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> Non
     """Neither a run nor what an interrupted one left."""
     (tmp_path / there).mkdir()
     (tmp_path / there / "manifest.json").touch()
-    with pytest.raises(FolderExistsError, match="--force replaces it"):
+    with pytest.raises(FolderError, match="--force replaces it"):
         RunFolder(tmp_path / "run", force=False)
     assert (tmp_path / there / "manifest.json").exists()
     RunFolder(tmp_path / "run", force=True).finish()
@@ -302,7 +302,7 @@ def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "work" / "thesis").touch()
     monkeypatch.chdir(tmp_path / "work")
     for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path("..")):
-        with pytest.raises(FolderExistsError, match="does not replace it"):
+        with pytest.raises(FolderError, match="does not replace it"):
             RunFolder(target, force=True)
     assert (tmp_path / "work" / "thesis").exists()
 

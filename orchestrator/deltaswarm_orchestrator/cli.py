@@ -100,7 +100,7 @@ def _run(arguments: argparse.Namespace) -> int:
         print(to_toml(scenario), end="")
         return OK
     from deltaswarm_orchestrator.progress import Display, result_table
-    from deltaswarm_orchestrator.results import FolderExistsError
+    from deltaswarm_orchestrator.results import FolderError
     from deltaswarm_orchestrator.run import RunOptions, run
 
     out = arguments.out or _default_folder(scenario)
@@ -108,7 +108,7 @@ def _run(arguments: argparse.Namespace) -> int:
     try:
         with Display(scenario.run.step_s) as display:
             result = run(scenario, options, display)
-    except FolderExistsError as error:
+    except FolderError as error:
         print(f"deltaswarm: {error}", file=sys.stderr)
         return USAGE
     for message in result.messages:

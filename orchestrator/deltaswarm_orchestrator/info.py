@@ -18,16 +18,16 @@ def describe(folder: Path) -> dict[str, Any]:
     """Manifest, summary (computed anew if the run did not come to write it) and the files that are there.
 
     Raises:
-        NotARunError: there is no manifest or scenario, or they cannot be read.
+        NotARunError: there is no manifest or scenario, or one of its files cannot be read.
     """
     try:
-        manifest = json.loads((folder / "manifest.json").read_text())
+        manifest = dict(json.loads((folder / "manifest.json").read_text()))
         scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
-    except (OSError, ValueError) as error:
-        raise NotARunError(f"{folder} is no run folder: {error}") from None
-    outcome = results.read_outcome(folder)
-    written = folder / "summary.json"
-    summary = json.loads(written.read_text()) if written.exists() else results.summary(outcome, scenario)
+        outcome = results.read_outcome(folder)
+        written = folder / "summary.json"
+        summary = json.loads(written.read_text()) if written.exists() else results.summary(outcome, scenario)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise NotARunError(f"{folder} is no run folder, or a damaged one: {error!r}") from None
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     return {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
 

@@ -50,8 +50,8 @@ class Outcome:
         return digest.combine(world, operator) if world and operator else None
 
 
-class FolderExistsError(Exception):
-    """The run folder is there already, and `--force` was not given."""
+class FolderError(Exception):
+    """The run folder cannot be made, or is there already and `--force` was not given."""
 
 
 class RunFolder:
@@ -59,16 +59,19 @@ class RunFolder:
 
     def __init__(self, target: Path, *, force: bool) -> None:
         if target.exists() and not force:
-            raise FolderExistsError(f"{target} exists; --force replaces it")
+            raise FolderError(f"{target} exists; --force replaces it")
         if target.exists() and not _is_replaceable(target):
-            raise FolderExistsError(f"{target} exists and is no run folder; --force does not replace it")
+            raise FolderError(f"{target} exists and is no run folder; --force does not replace it")
         self.target = target
         self.path = target.with_name(target.name + ".part")
         self._force = force
         if self.path.exists() and not force:
-            raise FolderExistsError(f"{self.path} exists: an interrupted run, or one under way; --force replaces it")
+            raise FolderError(f"{self.path} exists: an interrupted run, or one under way; --force replaces it")
         shutil.rmtree(self.path, ignore_errors=True)
-        self.path.mkdir(parents=True)
+        try:
+            self.path.mkdir(parents=True)
+        except OSError as error:
+            raise FolderError(f"{self.path} cannot be made: {error.strerror}") from None
 
     def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
         """Write what is known before the first step."""

@@ -61,7 +61,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """Do one run and write its folder.
 
     Raises:
-        FolderExistsError: the folder is there and `force` was not given.
+        FolderError: the folder is there and `force` was not given.
     """
     folder = RunFolder(options.out, force=options.force)
     engine = "in-process" if options.in_process else "processes"
