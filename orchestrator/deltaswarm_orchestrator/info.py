@@ -9,6 +9,8 @@ from deltaswarm_orchestrator import results
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
+SHOWN_OF_MANIFEST = {"name", "seed", "engine", "started", "exit_reason", "versions"}
+
 
 class NotARunError(Exception):
     """The folder is no run folder, or one that cannot be read."""
@@ -21,7 +23,9 @@ def describe(folder: Path) -> dict[str, Any]:
         NotARunError: there is no manifest or scenario, or one of its files cannot be read.
     """
     try:
-        manifest = dict(json.loads((folder / "manifest.json").read_text()))
+        manifest = json.loads((folder / "manifest.json").read_text())
+        if not isinstance(manifest, dict) or not manifest.keys() >= SHOWN_OF_MANIFEST:
+            raise ValueError("manifest.json is incomplete")
         scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
         outcome = results.read_outcome(folder)
         written = folder / "summary.json"
