@@ -202,6 +202,9 @@ def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda 
 # Frames of neighbours: valid, few agents and places near one another, so that they matter to one another
 
 neighbours = st.integers(0, 9)
+KIN = [(ROOT,), (ROOT, PARENT), (ROOT, 8), (ROOT, PARENT, ME, 4), (ROOT, PARENT, ME, 5), (ME, 4), (ME, 5), (ME, 4, 6)]
+"""Paths in the tree of `a_member`, or of `a_root`."""
+
 pulses = st.integers(0, 60)
 near_cm = st.integers(3500, 6500)
 near_events = st.builds(Event, st.integers(1, 4), st.floats(45, 55), st.floats(45, 55))
@@ -210,7 +213,7 @@ near_events = st.builds(Event, st.integers(1, 4), st.floats(45, 55), st.floats(4
 @st.composite
 def near_members(draw: st.DrawFn, places_cm: st.SearchStrategy[int] = near_cm) -> Member:
     """A member's frame, with whatever its sender might claim."""
-    path = draw(st.lists(neighbours, min_size=1, max_size=4, unique=True))
+    path = draw(st.lists(neighbours, min_size=1, max_size=4, unique=True) | st.sampled_from(KIN))
     rows = st.builds(Descendant, neighbours, neighbours, places_cm, places_cm, st.integers(0, 3))
     sightings = st.builds(Sighting, st.integers(1, 4), places_cm, places_cm, st.integers(0, 40))
     orders = st.builds(Order, neighbours, places_cm, places_cm, st.integers(0, 3), st.integers(0, 12))

@@ -9,7 +9,16 @@ from deltaswarm_agent.core import Decision
 from deltaswarm_agent.hearing import TRAIL_STEPS
 from deltaswarm_agent.states import FREE, State
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import MAX_PATH, Attending, Member, Sighting
+from deltaswarm_wire.radio import (
+    MAX_PATH,
+    MAX_TABLE,
+    Attending,
+    Descendant,
+    Member,
+    Sighting,
+    decode_radio,
+    encode_radio,
+)
 from tests.cores import (
     INSIDE,
     ME,
@@ -259,6 +268,14 @@ def test_no_free_agent_joins_below_itself_or_beyond_the_longest_path(above: tupl
 # Observing, speaking and reporting
 
 
+def test_events_of_other_trees_are_not_believed_in() -> None:
+    """Only frames with the same root count: another tree has its own root to report them."""
+    root = a_root()
+    other = member((9, 5), (58, 50), events=[Sighting(3, 6000, 5000, 0)])
+    assert root.step(other).report is None
+    assert root.step(child(2, (ME,), (42, 50), events=[Sighting(4, 4000, 5000, 0)])).report is not None
+
+
 def test_hierarchical_free_agents_only_walk() -> None:
     """They never attend, observe, speak or report, whatever they sense and hear."""
     lone = Lone(at=OUTSIDE, mode="hierarchical", rho=2)
@@ -304,3 +321,15 @@ def test_a_root_reports_while_its_tree_believes_in_an_event() -> None:
     assert report.events == (Event(9, 60.0, 50.0),), "the root's own event is gone"
     silent = [root.step(child(2, (ME,), (58, 50))).report is None for _ in range(15)]
     assert silent == [False] * 11 + [True] * 4
+
+
+def test_the_longest_table_can_be_said() -> None:
+    """A frame with all 350 rows, and more offered, is within the limit of the air."""
+    wide = [Descendant(60_000 + row, 2, -(2**31) + 1, 2**31 - 1, 65_535) for row in range(600)]
+    broods = [child(2, (ME,), (58, 50), table=wide[:300]), child(3, (ME,), (58, 50), table=wide[300:])]
+    decision = a_root().step(*broods, events=[event(1, 50, 50)])
+    assert isinstance(decision.radio, Member)
+    assert len(decision.radio.table) == MAX_TABLE
+    assert decode_radio(encode_radio(decision.radio)) == decision.radio
+    assert decision.report is not None
+    assert decision.report.followers == MAX_TABLE

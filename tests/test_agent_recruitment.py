@@ -81,8 +81,8 @@ def test_the_best_place_is_legal_and_no_place_of_the_grid_is_better(
 
 
 def test_the_place_may_be_the_leafs_own() -> None:
-    """The leaf is no member to keep away from: the best place can be where it stands."""
-    assert chosen((15.0, 12.0), [(8.0, 12.0)], [event(1, 15, 12)]) == (15.0, 12.0)
+    """The leaf is no member to keep away from; exactly d_min from the others is legal."""
+    assert chosen((14.0, 12.0), [(8.0, 12.0)], [event(1, 14, 12)]) == (14.0, 12.0)
 
 
 def test_there_is_no_place_without_a_known_event() -> None:
@@ -218,6 +218,15 @@ def test_an_order_from_elsewhere_is_neither_obeyed_nor_relayed() -> None:
     stranger = member((ROOT, 5), (59, 42), pulse=101, order=order_to(ME))
     lone.step(stranger, parent_says(101, None))
     assert lone.core.state is State.MEMBER
+
+
+def test_an_order_under_way_ends_with_its_tree() -> None:
+    """Who relays one and leaves in the same step does not say it in a tree of its own."""
+    lone = a_member(gamma_max=4, delta=1)
+    lone.step(parent_says(101, order_to(4)), child(4, lone.path, (59, 58)))
+    assert lone.core.state is State.WALKING
+    decision = lone.step(events=[event(1, *INSIDE)])
+    assert (lone.core.state, orders([decision])) == (State.ROOT, [None])
 
 
 def test_an_agent_with_children_refuses() -> None:

@@ -11,7 +11,7 @@ from deltaswarm_agent.core import LEAVING_STEPS, ORPHAN_STEPS, ORPHAN_STRICT_STE
 from deltaswarm_agent.states import FREE, State
 from deltaswarm_agent.tree import FORMER_STEPS, FRESHNESS_STEPS, SILENCE_STEPS, STALL_STEPS, Membership, is_fresh
 from deltaswarm_agent.tree import is_senior as senior
-from deltaswarm_wire.radio import MAX_TABLE, Descendant, Leaving, Member, RadioFrame, decode_radio, encode_radio
+from deltaswarm_wire.radio import MAX_TABLE, Descendant, Leaving, Member, RadioFrame
 from tests.cores import (
     INSIDE,
     ME,
@@ -70,18 +70,6 @@ def test_a_childs_own_word_about_itself_comes_first() -> None:
     assert isinstance(decision.radio, Member)
     assert Descendant(CHILD, ME, 5800, 5000, 1) in decision.radio.table
     assert stale not in decision.radio.table
-
-
-def test_the_longest_table_can_be_said() -> None:
-    """A frame with all 350 rows, and more offered, is within the limit of the air."""
-    wide = [Descendant(60_000 + row, 2, -(2**31) + 1, 2**31 - 1, 65_535) for row in range(600)]
-    broods = [child(2, (ME,), CHILD_AT, table=wide[:300]), child(3, (ME,), CHILD_AT, table=wide[300:])]
-    decision = a_root().step(*broods, events=[event(1, 50, 50)])
-    assert isinstance(decision.radio, Member)
-    assert len(decision.radio.table) == MAX_TABLE
-    assert decode_radio(encode_radio(decision.radio)) == decision.radio
-    assert decision.report is not None
-    assert decision.report.followers == MAX_TABLE
 
 
 @pytest.mark.parametrize(
@@ -197,6 +185,13 @@ def test_the_junior_root_joins_or_leaves(distance_m: float, state: State) -> Non
     assert root.core.state is state
     assert root.path == ((9, ME) if state is State.MEMBER else ())
     assert isinstance(decision.radio, Member if state is State.MEMBER else Leaving)
+
+
+def test_of_several_seniors_the_longest_pulse_wins() -> None:
+    """Then the lowest id: all juniors join the same one."""
+    root = a_root()
+    root.step(member((8,), (58, 50), pulse=50), member((9,), (42, 50), pulse=100), member((10,), (50, 58), pulse=100))
+    assert root.path == (9, ME)
 
 
 def test_a_member_follows_its_parents_path() -> None:
@@ -379,8 +374,8 @@ def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> 
     assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=101))
     assert lone.core.state is State.ORPHAN
-    lone.step(member((ROOT, 5), LEGAL_AT, pulse=106))
-    assert lone.core.state is State.MEMBER
+    lone.step(member((ROOT, 5), LEGAL_AT, pulse=114), events=[])
+    assert (lone.core.state, lone.gamma) == (State.MEMBER, 50)
 
 
 @pytest.mark.parametrize(("root", "pulse", "joins"), [(ROOT, 100, False), (ROOT, 130, True), (2, 1, True)])

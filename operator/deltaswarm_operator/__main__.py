@@ -24,6 +24,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
     )
+    made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
 
@@ -35,7 +36,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         config = OperatorConfig(
             run=arguments.run,
-            link=link_of(arguments, OPERATOR),
+            link=link_of(arguments, OPERATOR, low_latency=arguments.low_latency),
             settings=checked.load(OperatorSettings, {"threshold_hz": arguments.threshold_hz}, "operator"),
             step_s=checked.load(RunSettings, {"step_s": arguments.step_s}, "run").step_s,
             out=arguments.out,

@@ -101,7 +101,7 @@ class Swarm:
         scenario = self._scenario
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
-        self._start(OPERATOR, 0, [*argv, *self._joining()], password=self._passwords[OPERATOR])
+        self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents, or those given; each gets its own number, password and log."""
@@ -131,7 +131,7 @@ class Swarm:
         environment = {PASSWORD_VARIABLE: password} if password else {}
         process = self._context.Process(
             target=child.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role == AGENT),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
