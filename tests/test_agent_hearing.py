@@ -13,7 +13,7 @@ from deltaswarm_agent.hearing import FORGET_SENDER_STEPS
 from deltaswarm_agent.states import State
 from deltaswarm_wire.codec import MAX_ABS_CM
 from deltaswarm_wire.messages import Event, decode_act, decode_report, encode_act, encode_report
-from deltaswarm_wire.radio import Order, Sighting, decode_radio, encode_radio
+from deltaswarm_wire.radio import Member, Order, Sighting, decode_radio, encode_radio
 from tests.cores import (
     INSIDE,
     ME,
@@ -87,6 +87,16 @@ def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order
         frames = list({(frame.sender, frame.counter): encode_radio(frame) for frame in heard}.values())
         shuffled = order.sample(frames * 2, len(frames) * 2)
         assert one.go_where_it_wants(*frames, events=sensed) == other.go_where_it_wants(*shuffled, events=sensed)
+
+
+def test_senders_are_taken_in_the_order_of_their_ids() -> None:
+    """So tables, and with them bytes on the air, do not depend on arrival either."""
+    children = [child(number, (ME,), (50, 50 + number)) for number in (2, 4, 8)]
+    one, other = a_root(), a_root()
+    decision = one.step(*children)
+    assert decision == other.step(*reversed(children))
+    assert isinstance(decision.radio, Member)
+    assert [row.agent for row in decision.radio.table] == [2, 4, 8]
 
 
 @given(lives(strange(RADIO) | near_frames().map(encode_radio), steps=6), beginnings)
