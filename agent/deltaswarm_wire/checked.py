@@ -131,6 +131,8 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
         origin = typing.get_origin(hint)
     if dataclasses.is_dataclass(hint):
         return check(typing.cast(type[Any], hint), value, path)
+    if origin is dict:
+        return (value, []) if isinstance(value, dict) else (None, [Problem(path, _shown(value), "a table is expected")])
     if origin is tuple:
         return _tuple(value, typing.get_args(hint)[0], limits, path)
     allowed = _allowed(hint, limits)

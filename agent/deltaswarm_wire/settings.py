@@ -17,7 +17,7 @@ RECORDS = ("off", "views", "wire")
 
 PAPER, OURS = "paper", "our reading"
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
 """Leaves room, in a run's name of at most 64, for what tells runs of one scenario apart."""
 
 
@@ -172,7 +172,7 @@ class Scenario:
     def problems(self) -> list[Problem]:
         """What no single key can show."""
         found = []
-        if not _NAME.fullmatch(self.name):
+        if not NAME.fullmatch(self.name):
             found.append(Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed"))
         if self.control.d_min_m >= self.radio.range_m:
             allowed = f"below radio.range_m ({self.radio.range_m:g}) is allowed"

@@ -10,13 +10,13 @@ from pathlib import Path
 
 from rich.console import Console
 
+from deltaswarm_orchestrator import cli_sweeps
+from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import override
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.settings import RECORDS, Scenario
-
-OK, FAILED, USAGE = 0, 1, 2
 
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
@@ -32,6 +32,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="run a scenario with real processes"))
+    cli_sweeps.add_sweep(commands.add_parser("sweep", help="many runs that differ in some keys, in one table"))
     _add_bench(commands.add_parser("bench", help="measure this machine: the swarm beside the floors under it"))
     doctor = commands.add_parser("doctor", help="what this machine has and lacks")
     _add_json(doctor)
@@ -80,6 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     command: Callable[[argparse.Namespace], int] = {
         "run": _run,
+        "sweep": cli_sweeps.sweep,
         "bench": _bench,
         "doctor": _doctor,
         "info": _info,
@@ -88,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return command(arguments)
     except SettingsError as error:
         for problem in error.problems:
-            print(f"deltaswarm: {problem}", file=sys.stderr)
+            complain(str(problem))
         return USAGE
     except KeyboardInterrupt:
         return FAILED
@@ -109,19 +111,19 @@ def _run(arguments: argparse.Namespace) -> int:
         with Display(scenario.run.step_s) as display:
             result = run(scenario, options, display)
     except FolderError as error:
-        print(f"deltaswarm: {error}", file=sys.stderr)
+        complain(str(error))
         return USAGE
     for message in result.messages:
-        print(f"deltaswarm: {message}", file=sys.stderr)
+        complain(message)
     if arguments.json:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     else:
         Console().print(result_table(result.summary))
         print(result.folder)
     if overruns := result.summary["realtime_overruns"]:
-        print(f"deltaswarm: {overruns} steps missed the pace of real time", file=sys.stderr)
+        complain(f"{overruns} steps missed the pace of real time")
     for reason in result.summary["invalid_because"]:
-        print(f"deltaswarm: not valid: {reason}", file=sys.stderr)
+        complain(f"not valid: {reason}")
     return OK if result.summary["valid"] else FAILED
 
 
@@ -160,12 +162,12 @@ def _info(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator import info
 
     if not arguments.folder.is_dir():
-        print(f"deltaswarm: {arguments.folder} is no folder; a run folder is expected", file=sys.stderr)
+        complain(f"{arguments.folder} is no folder; a run folder is expected")
         return USAGE
     try:
         found = info.describe(arguments.folder)
     except info.NotARunError as error:
-        print(f"deltaswarm: {error}", file=sys.stderr)
+        complain(str(error))
         return USAGE
     print(json.dumps(found) if arguments.json else info.text(found))
     return OK

@@ -2,25 +2,21 @@
 
 import csv
 import json
-import os
-import platform
 import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
+from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import digest
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
 
-PACKAGES = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "mcap")
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json")
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
@@ -104,19 +100,12 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "seed": scenario.seed,
         "engine": engine,
         "record": record,
-        "started": datetime.now(UTC).isoformat(timespec="seconds"),
+        "started": provenance.now(),
         "exit_reason": "running",
         "digest": None,
-        "versions": {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}},
-        "host": {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()},
+        "versions": provenance.versions(),
+        "host": provenance.host(),
     }
-
-
-def _version(package: str) -> str | None:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return None
 
 
 def write_json(file: Path, value: Any) -> None:

@@ -24,18 +24,23 @@ def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = N
     Raises:
         SettingsError: every mistake in file and overrides at once.
     """
-    table, problems = _read(name)
+    table, problems = read_table(name)
     for override in overrides:
-        problems += _apply(table, override)
+        problems += apply(table, override)
     if seed is not None:
         table["seed"] = seed
-    scenario, found = checked.check(Scenario, table)
-    problems += found
+    scenario, found = check_table(table)
+    if scenario is None or problems + found:
+        raise SettingsError(problems + found)
+    return scenario
+
+
+def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
+    """The scenario that a table describes, and all mistakes in it."""
+    scenario, problems = checked.check(Scenario, table)
     if scenario is not None:
         problems += _grid_problems(scenario)
-    if scenario is None or problems:
-        raise SettingsError(problems)
-    return scenario
+    return scenario, problems
 
 
 def to_toml(settings: Scenario | AgentSettings) -> str:
@@ -43,8 +48,13 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
     return tomli_w.dumps(checked.plain(settings))
 
 
-def _read(name: str) -> tuple[dict[str, Any], list[Problem]]:
-    path = Path(name)
+def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[Problem]]:
+    """The table of a built-in scenario or of a file, unchecked; a relative path starts at `beside`.
+
+    Raises:
+        SettingsError: there is no such scenario, or it is no TOML.
+    """
+    path = beside / name
     if name in BUILT_IN:
         text = resources.files("deltaswarm_orchestrator").joinpath(f"scenarios/{name}.toml").read_text()
         return tomllib.loads(text), []
@@ -85,20 +95,28 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
     return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
 
 
-def _apply(table: dict[str, Any], override: str) -> list[Problem]:
-    """Set one dotted key; the value is TOML, or else a plain string."""
+def apply(table: dict[str, Any], override: str) -> list[Problem]:
+    """Set one dotted key from `key=value`; the value is TOML, or else a plain string."""
     path, sign, text = override.partition("=")
-    keys = path.strip().split(".")
-    if not sign or not all(keys):
+    if not sign or not all(path.strip().split(".")):
         return [Problem("--set", repr(override), "key=value is expected")]
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        value = text
+    return put(table, path.strip(), value)
+
+
+def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
+    """Set one dotted key of a nested table."""
+    keys = path.split(".")
+    if not all(keys):
+        return [Problem(path or "''", "no key", "a dotted key such as control.delta is expected")]
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, dict):
             return [Problem(path, f"{key!r} is no table", "a key of a table is expected")]
-    try:
-        table[keys[-1]] = tomllib.loads(f"value = {text}")["value"]
-    except (ValueError, RecursionError):
-        table[keys[-1]] = text
+    table[keys[-1]] = value
     return []
 
 

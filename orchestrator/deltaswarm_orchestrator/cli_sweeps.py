@@ -1,0 +1,147 @@
+"""The commands that do many runs: `deltaswarm sweep`."""
+
+import argparse
+import json
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.sweeps.conduct import SweepResult
+    from deltaswarm_orchestrator.sweeps.engine import Engine
+    from deltaswarm_orchestrator.sweeps.plan import Sweep
+
+ENGINES = ("local", "dask")
+
+
+def add_sweep(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm sweep`."""
+    from deltaswarm_orchestrator.sweeps.load import BUILT_IN
+
+    command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
+    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
+    command.add_argument("--seed", type=int, help="the replicates' seeds are derived from it")
+    command.add_argument("--prove", type=int, metavar="N", help="runs that real processes do too, to compare digests")
+    command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
+    command.add_argument("--dry-run", action="store_true", help="check the sweep and list its variants only")
+    add_engine(command)
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
+    command.add_argument("--json", action="store_true", help="print the result as JSON")
+
+
+def add_engine(command: argparse.ArgumentParser) -> None:
+    """Where and by what means runs are done."""
+    command.add_argument("-j", "--jobs", type=int, metavar="N", help="runs side by side (default: the cores)")
+    command.add_argument("--processes", action="store_true", help="every run with real agent processes")
+    command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
+    command.add_argument("--scheduler", metavar="ADDRESS", help="with --engine dask: its scheduler, else a local one")
+
+
+def sweep(arguments: argparse.Namespace) -> int:
+    """`deltaswarm sweep`."""
+    from deltaswarm_orchestrator.sweeps.load import load_sweep
+
+    settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
+    loaded = load_sweep(arguments.sweep, arguments.set, settings)
+    if arguments.dry_run:
+        jobs = loaded.jobs()
+        print(
+            f"{loaded.name}: {len(loaded.variants)} variants x {loaded.file.sweep.repeats} replicates, {len(jobs)} runs"
+        )
+        print("\n".join(variant.label for variant in loaded.variants))
+        return OK
+    folder = arguments.out or Path("sweeps") / loaded.name
+    result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
+    if result is None:
+        return USAGE
+    if arguments.json:
+        print(json.dumps({"folder": str(folder), **result.manifest, "well": result.is_well}))
+    else:
+        print(described(result))
+    return OK if result.is_well else FAILED
+
+
+def conduct_for(
+    arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool
+) -> "SweepResult | None":
+    """Do a sweep as the command line says, and say what went wrong; None if it could not begin."""
+    from deltaswarm_orchestrator.sweeps.conduct import conduct
+    from deltaswarm_orchestrator.sweeps.engine import EngineError
+    from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
+    from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
+    from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES
+
+    means = PROCESSES if arguments.processes else IN_PROCESS
+    make_engine = engine_maker(arguments, means)
+    if make_engine is None:
+        return None
+    try:
+        with SweepDisplay(loaded.name) as display, _interruptible():
+            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
+    except (SweepFolderError, EngineError) as error:
+        complain(str(error))
+        return None
+    for reason in result.failed:
+        complain(f"failed: {reason}")
+    for name in result.differing:
+        complain(f"digests differ between one process and real processes: {name}")
+    if result.interrupted:
+        complain(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
+    return result
+
+
+def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine] | None":
+    """What makes the engine that the command line asks for; None, with a complaint, if it asks for nonsense."""
+    from deltaswarm_orchestrator.sweeps.conduct import default_workers
+    from deltaswarm_orchestrator.sweeps.engine import LocalEngine
+
+    workers = arguments.jobs if arguments.jobs is not None else default_workers(means)
+    if workers < 1:
+        complain(f"--jobs: {workers}; at least 1 is allowed")
+        return None
+    if arguments.engine == "local":
+        if arguments.scheduler:
+            complain("--scheduler is for --engine dask")
+            return None
+        return lambda: LocalEngine(workers)
+    try:
+        from deltaswarm_orchestrator.sweeps.cluster import DaskEngine
+    except ImportError:
+        complain("--engine dask needs Dask: pip install 'deltaswarm[cluster]'")
+        return None
+    return lambda: DaskEngine(arguments.scheduler, workers)
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """SIGTERM and a closed terminal end a sweep as Ctrl-C does: tables are written, and it can go on later."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    numbers = (signal.SIGTERM, signal.SIGHUP)
+    before: dict[signal.Signals, Any] = {number: signal.signal(number, interrupt) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def described(result: "SweepResult") -> str:
+    """The end of a sweep, for people."""
+    proofs = result.manifest["proofs"]
+    return "\n".join(
+        [
+            f"{result.finished} of {result.runs} runs in {result.manifest['wall_s']:.0f} s, digest "
+            f"{result.manifest['digest'] or '-'}",
+            f"{proofs['equal']} of {proofs['checked']} runs that were also done by real processes have the same digest",
+            f"{result.folder / 'table.csv'}",
+        ]
+    )

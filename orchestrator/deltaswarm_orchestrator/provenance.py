@@ -1,0 +1,46 @@
+"""Where results come from: versions, host, code, date."""
+
+import hashlib
+import importlib.util
+import os
+import platform
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
+PACKAGES = ("deltaswarm_wire", "deltaswarm_agent", "deltaswarm_world", "deltaswarm_operator", "deltaswarm_orchestrator")
+
+
+def now() -> str:
+    """Date and time, UTC."""
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def versions() -> dict[str, str | None]:
+    """Of Python and of what the figures depend on; None for what is not installed."""
+    return {"python": platform.python_version(), **{name: _version(name) for name in DISTRIBUTIONS}}
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def host() -> dict[str, str | int | None]:
+    """The machine's kind, not its name."""
+    return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()}
+
+
+def code_digest() -> str:
+    """A digest of all sources of deltaswarm, which tells apart what one version number may hold."""
+    found = hashlib.blake2b(digest_size=8)
+    for package in PACKAGES:
+        spec = importlib.util.find_spec(package)
+        assert spec is not None, package
+        for folder in spec.submodule_search_locations or ():
+            for file in sorted(Path(folder).rglob("*.py")):
+                found.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
+    return found.hexdigest()

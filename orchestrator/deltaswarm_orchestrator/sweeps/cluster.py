@@ -1,0 +1,89 @@
+"""A sweep on a Dask cluster: a local one, or whichever its deployers made of SLURM, SSH or Kubernetes."""
+
+import functools
+import logging
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import dask
+from distributed import Client, LocalCluster, as_completed
+
+from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, attempt
+from deltaswarm_orchestrator.sweeps.work import Result, Task
+
+CONNECT_WITHIN_S = 10.0
+
+
+class DaskEngine:
+    """Gives all runs to a Dask scheduler, which gives them to its workers, and again if a worker is lost.
+
+    How often a run may lose its worker is the scheduler's `allowed-failures`; a local cluster's is ours.
+    """
+
+    def __init__(self, scheduler: str | None, workers: int) -> None:
+        self._scheduler = scheduler
+        self._workers = workers
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Each task once, as it ends.
+
+        Raises:
+            EngineError: there is no scheduler at the address.
+        """
+        with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), self._client() as client:
+            code = provenance.code_digest()
+            futures = {
+                client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(task)): task
+                for task in tasks
+            }
+            waiting = as_completed(list(futures))
+            for future in waiting:
+                task = futures.pop(future)
+                error = future.exception()
+                if error is not None:
+                    yield Done(task, None, f"{type(error).__name__}: {error}")
+                else:
+                    yield Done(task, *future.result())
+                future.release()
+
+    def _client(self) -> Client:
+        try:
+            if self._scheduler is not None:
+                return Client(self._scheduler, timeout=CONNECT_WITHIN_S)
+            cluster = LocalCluster(
+                n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            )
+            return _OwnClient(cluster)
+        except (OSError, ValueError) as error:
+            where = self._scheduler or "this machine"
+            raise EngineError(f"no Dask scheduler could be reached at {where}: {error}") from None
+
+
+class _OwnClient(Client):
+    """A client that ends its cluster with itself."""
+
+    def __init__(self, cluster: LocalCluster) -> None:
+        super().__init__(cluster)
+        self._own_cluster = cluster
+
+    def __exit__(self, *error: object) -> None:
+        super().__exit__(*error)
+        self._own_cluster.close()
+
+
+def _key(task: Task) -> str:
+    return f"deltaswarm-{task.job.key}-{task.means}"
+
+
+def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:
+    """A run's result by a worker that has the same code as we have; else the reason why there is none."""
+    own = _own_code()
+    if own != code:
+        return None, f"the Dask worker has another deltaswarm (code {own}, here {code}); install the same on both"
+    return attempt(task)
+
+
+@functools.cache
+def _own_code() -> str:
+    return provenance.code_digest()

@@ -1,0 +1,131 @@
+"""What does the runs of a sweep: here, processes on this machine. `cluster.py` has another."""
+
+import contextlib
+import multiprocessing
+import os
+import signal
+import traceback
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from multiprocessing.context import SpawnProcess
+from typing import Protocol
+
+from deltaswarm_orchestrator.sweeps.mortal import die_with_parent
+from deltaswarm_orchestrator.sweeps.work import Result, RunError, Task, work
+
+ATTEMPTS = 2
+"""A run whose worker was killed is tried once more: what killed it may have been meant for another."""
+
+
+class EngineError(Exception):
+    """The engine cannot be had."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A run that ended: with a result, or with the reason why there is none."""
+
+    task: Task
+    result: Result | None
+    reason: str = ""
+
+
+class Engine(Protocol):
+    """Does runs side by side, in any order."""
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Each task once, as it ends; what is under way when the caller stops is given up."""
+
+
+class LocalEngine:
+    """So many worker processes, each of which does one run after another."""
+
+    def __init__(self, workers: int) -> None:
+        self._workers = workers
+        self._context = multiprocessing.get_context("spawn")
+
+    def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
+        """Each task once, as it ends."""
+        waiting = deque((task, 1) for task in tasks)
+        busy: dict[Connection, _Worker] = {}
+        try:
+            while waiting or busy:
+                idle = [worker for worker in busy.values() if worker.task is None]
+                while waiting and (idle or len(busy) < self._workers):
+                    worker = idle.pop() if idle else _Worker(self._context)
+                    busy[worker.connection] = worker
+                    worker.give(*waiting.popleft())
+                if not waiting:
+                    for worker in [worker for worker in busy.values() if worker.task is None]:
+                        busy.pop(worker.connection).end()
+                    if not busy:
+                        break
+                for connection in wait([worker.connection for worker in busy.values()]):
+                    worker = busy[connection]  # type: ignore[index]  # only connections were given
+                    task, attempt = worker.task, worker.attempt
+                    assert task is not None
+                    try:
+                        result, reason = worker.connection.recv()
+                    except (EOFError, OSError):
+                        how = busy.pop(worker.connection).end()
+                        if attempt < ATTEMPTS:
+                            waiting.appendleft((task, attempt + 1))
+                        else:
+                            yield Done(task, None, f"its process {how}, {attempt} times")
+                        continue
+                    worker.task = None
+                    yield Done(task, result, reason)
+        finally:
+            for worker in busy.values():
+                worker.end()
+
+
+class _Worker:
+    """One worker process, as its engine sees it."""
+
+    def __init__(self, context: multiprocessing.context.SpawnContext) -> None:
+        self.connection, theirs = context.Pipe()
+        self.task: Task | None = None
+        self.attempt = 0
+        self._process: SpawnProcess = context.Process(target=_serve, args=(theirs, os.getpid()), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def give(self, task: Task, attempt: int) -> None:
+        """Have it do a run."""
+        self.task, self.attempt = task, attempt
+        with contextlib.suppress(OSError):  # it is dead: the next wait says so
+            self.connection.send(task)
+
+    def end(self) -> str:
+        """End it at once; how it ended."""
+        self.connection.close()
+        self._process.join(0.2 if self.task is None else 0)
+        self._process.kill()
+        self._process.join()
+        code = self._process.exitcode or 0
+        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+
+
+def _serve(connection: Connection, parent: int) -> None:
+    """What a worker process does: runs, until nobody asks for more."""
+    die_with_parent(signal.SIGKILL, parent)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the one who asked
+    while True:
+        try:
+            task = connection.recv()
+        except EOFError:
+            return
+        connection.send(attempt(task))
+
+
+def attempt(task: Task) -> tuple[Result | None, str]:
+    """A run's result, or the reason why there is none."""
+    try:
+        return work(task), ""
+    except RunError as error:
+        return None, str(error)
+    except Exception:
+        return None, traceback.format_exc()

@@ -1,0 +1,22 @@
+"""A `deltaswarm` command that ends with the process that started it, even if that one is killed with -9."""
+
+import ctypes
+import os
+import signal
+import sys
+
+PR_SET_PDEATHSIG = 1
+
+
+def die_with_parent(number: signal.Signals, parent: int) -> None:
+    """Have the kernel send this process a signal when its parent ends (Linux), or now if it has ended already."""
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
+    if os.getppid() != parent:
+        os.kill(os.getpid(), number)
+
+
+if __name__ == "__main__":
+    die_with_parent(signal.SIGTERM, int(sys.argv[1]))
+    from deltaswarm_orchestrator.cli import main
+
+    sys.exit(main(sys.argv[2:]))

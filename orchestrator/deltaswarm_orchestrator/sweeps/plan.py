@@ -1,0 +1,124 @@
+"""What a sweep is: a base scenario, keys that vary, replicates with seeds of their own."""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.settings import NAME, Scenario
+
+MAX_RUNS = 100_000
+SEED_BITS = 53
+"""So many, that a seed stays exact in a spreadsheet and in JSON."""
+
+LABEL = "label"
+"""In `[[sweep.paired]]` and `[[sweep.variants]]` no key but the name of a variant."""
+
+
+@dataclass(frozen=True)
+class SweepSettings:
+    """The table `[sweep]` of a sweep file."""
+
+    seed: int = key(1, "the replicates' seeds are derived from it", low=0, high=2**63 - 1)
+    repeats: int = key(20, "replicates of each variant", low=1, high=MAX_RUNS)
+    prove: int = key(1, "runs that real processes do too, to compare the digests", low=0, high=MAX_RUNS)
+    series_every_s: float = key(60.0, "length of a window of the time series [s]; 0: none", low=0, high=1e8)
+    axes: dict[str, Any] = key(dict, "dotted scenario keys with lists of values: every combination is run")
+    paired: tuple[dict[str, Any], ...] = key((), "tables of keys whose lists vary together, with labels if you like")
+    variants: tuple[dict[str, Any], ...] = key((), "single variants: what each changes, with a label if you like")
+
+
+@dataclass(frozen=True)
+class SweepFile:
+    """A sweep as a TOML file has it."""
+
+    schema: int = key(1, "version of this table", low=1, high=1)
+    name: str = key("sweep", "used in the sweep folder's name")
+    base: str = key("paper-25", "the scenario that all runs start from: a TOML file or a built-in one")
+    scenario: dict[str, Any] = key(dict, "scenario keys that all variants share")
+    sweep: SweepSettings = key(SweepSettings, "what varies, and how often it is repeated")
+
+    def problems(self) -> list[Problem]:
+        """A name becomes a folder's."""
+        if not NAME.fullmatch(self.name):
+            return [Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed")]
+        return []
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One combination of the keys that vary."""
+
+    label: str
+    keys: Mapping[str, Any]
+    """The swept keys, dotted, with this variant's values."""
+    scenario: Scenario
+
+
+@dataclass(frozen=True)
+class Job:
+    """One run of a sweep."""
+
+    variant: Variant
+    replicate: int
+    scenario: Scenario
+    """The variant's, with the replicate's seed."""
+    series_every_s: float
+
+    @cached_property
+    def key(self) -> str:
+        """Same scenario and same windows, same key: by it a finished run is found again, whatever its name."""
+        density = self.scenario.events.density
+        grid = hashlib.sha256(Path(density.file).read_bytes()).hexdigest() if density.kind == "grid" else ""
+        text = json.dumps([checked.plain(replace(self.scenario, name="")), self.series_every_s, grid], sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()[:20]
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.variant.label}, replicate {self.replicate}"
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A whole sweep, checked."""
+
+    file: SweepFile
+    variants: Sequence[Variant]
+
+    @property
+    def name(self) -> str:
+        """The file's name for it."""
+        return self.file.name
+
+    @property
+    def swept(self) -> list[str]:
+        """The keys that vary, dotted, in the file's order."""
+        return list(self.variants[0].keys)
+
+    def jobs(self) -> list[Job]:
+        """All runs, the first replicate of every variant first: so what was interrupted can be compared."""
+        settings = self.file.sweep
+        seeds = [replicate_seed(settings.seed, replicate) for replicate in range(settings.repeats)]
+        return [
+            Job(variant, number, replace(variant.scenario, seed=seed), settings.series_every_s)
+            for number, seed in enumerate(seeds)
+            for variant in self.variants
+        ]
+
+    def proofs(self) -> list[Job]:
+        """The runs that real processes do too: a sample that no one chose, the same each time."""
+        return sorted(self.jobs(), key=lambda job: job.key)[: self.file.sweep.prove]
+
+
+def replicate_seed(sweep_seed: int, replicate: int) -> int:
+    """The seed of replicate r, the same in every variant: so all variants see the same arrivals."""
+    (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
+    return int(state) >> (64 - SEED_BITS)

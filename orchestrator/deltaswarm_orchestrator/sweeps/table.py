@@ -1,0 +1,99 @@
+"""The tables of a sweep: a row per run, a row per run and window of time, and what the runs cost."""
+
+import hashlib
+import importlib.util
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import orjson
+import pandas as pd
+
+from deltaswarm_orchestrator.sweeps.folder import SweepFolder, write_whole
+from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
+from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Result
+
+Finished = list[tuple[Job, Result]]
+
+DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
+"""The same run by other means must have the same digest: both stand in the table."""
+
+
+def finished_runs(sweep: Sweep, folder: SweepFolder, means: str) -> Finished:
+    """The finished runs by variant, then by replicate."""
+    order = {variant.label: index for index, variant in enumerate(sweep.variants)}
+    jobs = sorted(sweep.jobs(), key=lambda job: (order[job.variant.label], job.replicate))
+    found = ((job, folder.result(job, means)) for job in jobs)
+    return [(job, result) for job, result in found if result is not None]
+
+
+def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
+    """A row per run: variant, swept keys, replicate, seed, digests, every figure of its summary."""
+    rows = []
+    for job, result in runs:
+        digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
+        rows.append({**_head(job), **digests, **dict(flattened(result["summary"]))})
+    return pd.DataFrame(rows)
+
+
+def _head(job: Job) -> dict[str, Any]:
+    """What tells a run apart."""
+    keys = {name: _cell(value) for name, value in job.variant.keys.items()}
+    return {"variant": job.variant.label, **keys, "replicate": job.replicate, "seed": job.scenario.seed}
+
+
+def _digest(result: Result | None) -> str | None:
+    return None if result is None else str(result["summary"]["digest"])
+
+
+def flattened(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names; lists as JSON."""
+    for name, value in figures.items():
+        if isinstance(value, Mapping):
+            yield from flattened(value, f"{prefix}{name}.")
+        elif f"{prefix}{name}" not in ("name", "seed"):  # stand in the row's head
+            yield f"{prefix}{name}", _cell(value)
+
+
+def _cell(value: Any) -> Any:
+    return orjson.dumps(value).decode() if isinstance(value, list) else value
+
+
+def series_of(runs: Finished) -> pd.DataFrame:
+    """A row per run and window: what tells the run apart, `time_s`, and the window's means."""
+    frames = [pd.DataFrame({**_head(job), **result["series"]}) for job, result in runs if result["series"]]
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
+
+
+def costs_of(runs: Finished) -> pd.DataFrame:
+    """A row per run: wall time [s], steps per second, largest memory of its process so far [MB], host."""
+    return pd.DataFrame([{**_head(job), **result["cost"]} for job, result in runs])
+
+
+def digest_of(runs: Finished) -> str:
+    """One digest for a sweep, over those of its runs in the table's order."""
+    found = hashlib.blake2b(digest_size=16)
+    for job, result in runs:
+        found.update(f"{job.variant.label}/{job.replicate}/{result['summary']['digest']}\n".encode())
+    return found.hexdigest()
+
+
+def differing(table: pd.DataFrame) -> list[str]:
+    """Runs whose digests by different means differ: there must be none."""
+    if table.empty:
+        return []
+    both = table.dropna(subset=list(DIGESTS.values()))
+    wrong = both[both[DIGESTS[IN_PROCESS]] != both[DIGESTS[PROCESSES]]]
+    return [f"{row['variant']}, replicate {row['replicate']}" for _, row in wrong.iterrows()]
+
+
+def write_table(path: Path, table: pd.DataFrame) -> list[Path]:
+    """A table as CSV, and as Parquet where pyarrow is installed; each file whole or not at all."""
+    written = [path.with_suffix(".csv")]
+    write_whole(written[0], table.to_csv(index=False).encode())
+    if importlib.util.find_spec("pyarrow") is not None:
+        part, parquet = path.with_suffix(".parquet.part"), path.with_suffix(".parquet")
+        table.to_parquet(part, index=False)
+        part.replace(parquet)
+        written.append(parquet)
+    return written

@@ -1,0 +1,116 @@
+"""One run of a sweep, from its scenario to the figures that are kept of it."""
+
+import os
+import platform
+import resource
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import orjson
+
+from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.results import OPERATOR_COLUMNS, Outcome
+from deltaswarm_orchestrator.scenario import to_toml
+from deltaswarm_orchestrator.sweeps.plan import Job
+from deltaswarm_wire.truth import Tally
+
+IN_PROCESS, PROCESSES = "in-process", "processes"
+
+WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
+"""What a summary says of the machine and not of the swarm; it is another one each time."""
+
+
+class RunError(Exception):
+    """A run of a sweep that failed, or is not valid."""
+
+
+@dataclass(frozen=True)
+class Task:
+    """A run, and the means by which it is done."""
+
+    job: Job
+    means: str = IN_PROCESS
+    scratch: str | None = None
+    """A folder for what processes write while they run; the system's own if None."""
+
+
+Result = dict[str, Any]
+"""What is kept of a run: its summary, its time series, and what it cost. Plain, for JSON."""
+
+
+def work(task: Task) -> Result:
+    """Do one run.
+
+    Raises:
+        RunError: it is not valid; says why.
+    """
+    began = time.monotonic()
+    scenario = task.job.scenario
+    if task.means == PROCESSES:
+        outcome, summary = _by_processes(task)
+    else:
+        outcome = run_in_process(scenario)
+        summary = results.summary(outcome, scenario)
+    if not summary["valid"]:
+        raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}")
+    return {
+        "variant": task.job.variant.label,
+        "replicate": task.job.replicate,
+        "seed": scenario.seed,
+        "means": task.means,
+        "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK},
+        "series": series_of(outcome, scenario.run.step_s, task.job.series_every_s),
+        "cost": {
+            "wall_s": time.monotonic() - began,
+            "steps_per_s": summary["steps_per_s"],
+            "max_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
+            "host": platform.node(),
+        },
+    }
+
+
+def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
+    """The same run by `deltaswarm run`: world, operator and every agent a process."""
+    folder = Path(tempfile.mkdtemp(prefix="run-", dir=task.scratch))
+    try:
+        file = folder / "scenario.toml"
+        file.write_text(to_toml(task.job.scenario))
+        command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.mortal", str(os.getpid())]
+        command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode != 0:
+            raise RunError(f"deltaswarm run ended with {done.returncode}:\n{done.stderr}")
+        return results.read_outcome(folder / "run"), orjson.loads(done.stdout)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list[float | None]]:
+    """Means over windows of `every_s` seconds of every column of `series.csv`; `time_s` is where each begins."""
+    if every_s == 0:
+        return {}
+    width = max(1, round(every_s / step_s))
+    starts = range(0, len(outcome.tallies), width)
+    columns: dict[str, list[float | None]] = {"time_s": [index * step_s for index in starts]}
+    rows: Sequence[tuple[str, str, Sequence[Any]]] = [
+        *((name, name, outcome.tallies) for name in Tally._fields if name not in ("step", "time_s")),
+        *((column, name, outcome.workloads) for name, column in OPERATOR_COLUMNS.items()),
+    ]
+    for column, name, source in rows:
+        values = np.array([getattr(row, name) for row in source], dtype=float)
+        columns[column] = [_mean(values[start : start + width]) for start in starts]
+    return columns
+
+
+def _mean(window: "np.ndarray[Any, np.dtype[np.float64]]") -> float | None:
+    known = window[~np.isnan(window)]
+    return float(known.mean()) if known.size else None
