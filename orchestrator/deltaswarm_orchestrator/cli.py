@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from deltaswarm_orchestrator import cli_sweeps
+from deltaswarm_orchestrator import cli_reports, cli_sweeps
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
@@ -33,6 +33,8 @@ def parser() -> argparse.ArgumentParser:
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
     _add_run(commands.add_parser("run", help="run a scenario with real processes"))
     cli_sweeps.add_sweep(commands.add_parser("sweep", help="many runs that differ in some keys, in one table"))
+    cli_reports.add_report(commands.add_parser("report", help="a sweep's tables, tests and figures as one page"))
+    cli_reports.add_reproduce(commands.add_parser("reproduce", help="the paper's figures and claims, from own runs"))
     _add_bench(commands.add_parser("bench", help="measure this machine: the swarm beside the floors under it"))
     doctor = commands.add_parser("doctor", help="what this machine has and lacks")
     _add_json(doctor)
@@ -82,6 +84,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     command: Callable[[argparse.Namespace], int] = {
         "run": _run,
         "sweep": cli_sweeps.sweep,
+        "report": cli_reports.report,
+        "reproduce": cli_reports.reproduce,
         "bench": _bench,
         "doctor": _doctor,
         "info": _info,

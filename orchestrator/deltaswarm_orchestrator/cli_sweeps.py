@@ -3,7 +3,7 @@
 import argparse
 import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -56,6 +56,9 @@ def sweep(arguments: argparse.Namespace) -> int:
         )
         print("\n".join(variant.label for variant in loaded.variants))
         return OK
+    if arguments.series and not loaded.file.sweep.series_every_s:
+        complain("--series: sweep.series_every_s is 0, which keeps no time series")
+        return USAGE
     folder = arguments.out or Path("sweeps") / loaded.name
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
     if result is None:
@@ -68,7 +71,12 @@ def sweep(arguments: argparse.Namespace) -> int:
 
 
 def conduct_for(
-    arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool
+    arguments: argparse.Namespace,
+    loaded: "Sweep",
+    folder: Path,
+    *,
+    with_series: bool,
+    only: Sequence[str] | None = None,
 ) -> "SweepResult | None":
     """Do a sweep as the command line says, and say what went wrong; None if it could not begin."""
     from deltaswarm_orchestrator.sweeps.conduct import conduct
@@ -83,10 +91,15 @@ def conduct_for(
         return None
     try:
         with SweepDisplay(loaded.name) as display, _interruptible():
-            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
+            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series, only=only)
     except (SweepFolderError, EngineError) as error:
         complain(str(error))
         return None
+    for file in result.spoilt:
+        complain(f"{file} held no result: cut off or edited; its run is done again")
+    if len(result.manifest["code"]) > 1:
+        versions = len(result.manifest["code"])
+        complain(f"{folder} has runs by {versions} versions of the code; another --out would have one")
     for reason in result.failed:
         complain(f"failed: {reason}")
     for name in result.differing:

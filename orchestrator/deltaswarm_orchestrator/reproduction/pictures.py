@@ -10,12 +10,10 @@ from deltaswarm_orchestrator.figures import paper
 from deltaswarm_orchestrator.figures.boxes import boxes
 from deltaswarm_orchestrator.figures.messages import messages
 from deltaswarm_orchestrator.figures.over_time import over_time
-from deltaswarm_orchestrator.figures.snapshot import EARLY_S, snapshot
+from deltaswarm_orchestrator.figures.snapshot import EARLY_S, EARLY_SEED, snapshot
 from deltaswarm_orchestrator.figures.swarm import swarm
 from deltaswarm_orchestrator.reproduction.conditions import DECENTRALISED, FIGURES, HIERARCHICAL, HYBRID, Extent
 from deltaswarm_orchestrator.scenario import load_scenario
-
-SNAPSHOT_SEED = 1
 
 
 def picture(number: int, extent: Extent, table: pd.DataFrame, series: pd.DataFrame) -> Picture:
@@ -32,11 +30,11 @@ def picture(number: int, extent: Extent, table: pd.DataFrame, series: pd.DataFra
 def _swarm(table: pd.DataFrame, series: pd.DataFrame) -> tuple[Figure, str]:
     modes = {DECENTRALISED: "decentralised", HIERARCHICAL: "hierarchical", HYBRID: "hybrid"}
     shots = {
-        label: snapshot(load_scenario("paper-25", [f"control.mode={mode}", "record=off"], SNAPSHOT_SEED))
+        label: snapshot(load_scenario("paper-25", [f"control.mode={mode}", "record=off"], EARLY_SEED))
         for label, mode in modes.items()
     }
     caption = (
-        f"A swarm of 25 agents after {EARLY_S:.0f} s under each kind of control (seed {SNAPSHOT_SEED}). Black dots "
+        f"A swarm of 25 agents after {EARLY_S:.0f} s under each kind of control (seed {EARLY_SEED}). Black dots "
         "are events that are not complete; the shade is the density of events, the dotted line holds 95 % of it."
     )
     return swarm(shots), caption

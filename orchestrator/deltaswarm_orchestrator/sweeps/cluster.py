@@ -3,6 +3,7 @@
 import functools
 import logging
 from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 
 import dask
@@ -31,7 +32,8 @@ class DaskEngine:
         Raises:
             EngineError: there is no scheduler at the address.
         """
-        with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), self._client() as client:
+        with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
+            client = self._client(stack)
             code = provenance.code_digest()
             futures = {
                 client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(task)): task
@@ -47,29 +49,19 @@ class DaskEngine:
                     yield Done(task, *future.result())
                 future.release()
 
-    def _client(self) -> Client:
+    def _client(self, stack: ExitStack) -> Client:
+        """A client that the stack closes, and the local cluster with it if there is one."""
         try:
-            if self._scheduler is not None:
-                return Client(self._scheduler, timeout=CONNECT_WITHIN_S)
-            cluster = LocalCluster(
-                n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+            address = self._scheduler or stack.enter_context(
+                LocalCluster(
+                    n_workers=self._workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+                )
             )
-            return _OwnClient(cluster)
+            client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
         except (OSError, ValueError) as error:
             where = self._scheduler or "this machine"
             raise EngineError(f"no Dask scheduler could be reached at {where}: {error}") from None
-
-
-class _OwnClient(Client):
-    """A client that ends its cluster with itself."""
-
-    def __init__(self, cluster: LocalCluster) -> None:
-        super().__init__(cluster)
-        self._own_cluster = cluster
-
-    def __exit__(self, *error: object) -> None:
-        super().__exit__(*error)
-        self._own_cluster.close()
+        return client
 
 
 def _key(task: Task) -> str:

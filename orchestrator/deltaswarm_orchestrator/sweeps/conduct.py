@@ -13,7 +13,7 @@ import tomli_w
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Engine
-from deltaswarm_orchestrator.sweeps.folder import SweepFolder
+from deltaswarm_orchestrator.sweeps.folder import SweepFolder, write_whole
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Task
@@ -26,20 +26,25 @@ class SweepResult:
 
     folder: Path
     runs: int
-    """Of the plan."""
+    """That were asked for."""
     finished: int
+    """Of these."""
     manifest: dict[str, Any]
     table: pd.DataFrame
+    series: pd.DataFrame
+    """Empty unless it was asked for."""
     failed: list[str] = field(default_factory=list)
     """Runs without a result, with the reason."""
     differing: list[str] = field(default_factory=list)
     """Runs whose digest is another one by real processes than in one process."""
+    spoilt: list[str] = field(default_factory=list)
+    """Files that were there but held no result; their runs were done again."""
     interrupted: bool = False
 
     @property
     def is_well(self) -> bool:
         """Whether every run is there and every proof holds."""
-        return self.finished == self.runs and not self.failed and not self.differing
+        return self.finished == self.runs and not (self.failed or self.differing or self.interrupted)
 
 
 def conduct(
@@ -50,8 +55,9 @@ def conduct(
     *,
     means: str = IN_PROCESS,
     with_series: bool = False,
+    only: Sequence[str] | None = None,
 ) -> SweepResult:
-    """Do what is missing of a sweep, and write its tables.
+    """Do what is missing of a sweep, or of the variants `only`, and write tables of all that is finished.
 
     Raises:
         SweepFolderError: the folder is in use or holds something else.
@@ -60,13 +66,16 @@ def conduct(
     with folder.held(sweep.name):
         began = time.monotonic()
         before = folder.manifest() or {}
-        jobs = sweep.jobs()
-        manifest = _manifest(sweep, means, before)
-        folder.write_manifest(manifest)
-        (path / "sweep.toml").write_text(tomli_w.dumps(checked.plain(sweep.file)))
+        jobs = [job for job in sweep.jobs() if only is None or job.variant.label in only]
         wanted = [(job, means) for job in jobs]
-        wanted += [(job, PROCESSES) for job in sweep.proofs() if means == IN_PROCESS]
+        wanted += [(job, PROCESSES) for job in sweep.sample(jobs) if means == IN_PROCESS]
+        # Variants may be the same under two labels: the run is done once, and stands in both rows.
+        wanted = list({folder.file(job, by): (job, by) for job, by in reversed(wanted)}.values())[::-1]
         tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
+        spoilt = [str(folder.file(job, by)) for job, by in wanted if folder.is_spoilt(job, by)]
+        manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
+        folder.write_manifest(manifest)
+        write_whole(path / "sweep.toml", tomli_w.dumps(checked.plain(sweep.file)).encode())
         failed: list[str] = []
         interrupted = False
         reporter.begin(len(wanted), len(wanted) - len(tasks))
@@ -80,55 +89,58 @@ def conduct(
                     reporter.done(done)
         except KeyboardInterrupt:
             interrupted = True
-        runs = tables.finished_runs(sweep, folder, means)
+        runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
+        with_series |= (path / "series.csv").exists()  # or it would be of fewer runs than the table
+        series = tables.series_of(runs) if with_series else pd.DataFrame()
         differing = tables.differing(table)
         manifest |= {
             "wall_s": manifest["wall_s"] + time.monotonic() - began,
             "finished": len(runs),
-            "digest": tables.digest_of(runs) if len(runs) == len(jobs) else None,
+            "digest": tables.digest_of(runs) if len(runs) == manifest["runs"] else None,
             "failed": failed,
             "proofs": _proofs(table, differing),
         }
-        _write(path, runs, table, with_series)
+        tables.write_table(path / "table", table)
+        tables.write_table(path / "costs", tables.costs_of(runs))
+        if with_series:
+            tables.write_table(path / "series", series)
         folder.write_manifest(manifest)
-    return SweepResult(path, len(jobs), len(runs), manifest, table, failed, differing, interrupted)
+    finished = sum(folder.has(job, means) for job in jobs)
+    return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, spoilt, interrupted)
 
 
-def _manifest(sweep: Sweep, means: str, before: dict[str, Any]) -> dict[str, Any]:
+def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bool) -> dict[str, Any]:
     """Where the sweep's numbers come from, before there are any."""
-    code = provenance.code_digest()
+    code = [*before.get("code", []), *([provenance.code_digest()] if does_runs else [])]
+    runs = len(sweep.jobs())
+    # Should this session end before its tables are written, those of the last one stand.
+    state = before if before.get("runs") == runs else {}
     return {
         "name": sweep.name,
         "base": sweep.file.base,
+        "scenario": sweep.file.scenario,
         **checked.plain(sweep.file.sweep),
         "swept": sweep.swept,
         "labels": [variant.label for variant in sweep.variants],
-        "runs": len(sweep.jobs()),
-        "finished": 0,
+        "runs": runs,
+        "finished": state.get("finished", 0),
         "means": means,
         "started": before.get("started", provenance.now()),
         "wall_s": float(before.get("wall_s", 0.0)),
         "sessions": int(before.get("sessions", 0)) + 1,
         "versions": provenance.versions(),
         "host": provenance.host(),
-        "code": [*(found for found in before.get("code", []) if found != code), code],
-        "digest": None,
-        "failed": [],
-        "proofs": {"checked": 0, "equal": 0},
+        "code": list(dict.fromkeys(code)),
+        "digest": state.get("digest"),
+        "failed": state.get("failed", []),
+        "proofs": state.get("proofs", {"checked": 0, "equal": 0}),
     }
 
 
 def _proofs(table: pd.DataFrame, differing: Sequence[str]) -> dict[str, int]:
     checked_runs = 0 if table.empty else len(table.dropna(subset=list(tables.DIGESTS.values())))
     return {"checked": checked_runs, "equal": checked_runs - len(differing)}
-
-
-def _write(path: Path, runs: tables.Finished, table: pd.DataFrame, with_series: bool) -> None:
-    tables.write_table(path / "table", table)
-    tables.write_table(path / "costs", tables.costs_of(runs))
-    if with_series:
-        tables.write_table(path / "series", tables.series_of(runs))
 
 
 def default_workers(means: str) -> int:

@@ -13,7 +13,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
 from deltaswarm_orchestrator.sweeps.mortal import die_with_parent
-from deltaswarm_orchestrator.sweeps.work import Result, RunError, Task, work
+from deltaswarm_orchestrator.sweeps.work import DisturbedError, Result, RunError, Task, work
 
 ATTEMPTS = 2
 """A run whose worker was killed is tried once more: what killed it may have been meant for another."""
@@ -122,10 +122,15 @@ def _serve(connection: Connection, parent: int) -> None:
 
 
 def attempt(task: Task) -> tuple[Result | None, str]:
-    """A run's result, or the reason why there is none."""
-    try:
-        return work(task), ""
-    except RunError as error:
-        return None, str(error)
-    except Exception:
-        return None, traceback.format_exc()
+    """A run's result, or the reason why there is none; once more if a process of its swarm was killed."""
+    reason = ""
+    for _ in range(ATTEMPTS):
+        try:
+            return work(task), ""
+        except DisturbedError as error:
+            reason = f"{ATTEMPTS} times disturbed; the last time {error}"
+        except RunError as error:
+            return None, str(error)
+        except Exception:
+            return None, traceback.format_exc()
+    return None, reason

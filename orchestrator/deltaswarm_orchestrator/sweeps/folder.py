@@ -1,11 +1,11 @@
 """A sweep's folder: a file for each finished run, so that whatever ends a sweep, it goes on where it was."""
 
-import contextlib
 import fcntl
+import json
 import os
 import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,11 @@ import orjson
 
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
+
+LOCK = ".lock"
+
+RESULT = {"summary": dict, "series": dict, "cost": dict}
+"""What every result has, by which a file is known that somebody cut or edited."""
 
 
 class SweepFolderError(Exception):
@@ -34,27 +39,39 @@ class SweepFolder:
         Raises:
             SweepFolderError: it is in use, or holds something else.
         """
-        try:
-            found = self.manifest()
-            if found is None and self.path.exists() and (not self.path.is_dir() or any(self.path.iterdir())):
-                raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
-            self.runs.mkdir(parents=True, exist_ok=True)
-            lock = os.open(self.path / ".lock", os.O_RDWR | os.O_CREAT, 0o644)
-        except OSError as error:
-            raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
-        try:
+        with ExitStack() as stack:
             try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
+                self._take(name, stack)
+            except BlockingIOError:
                 raise SweepFolderError(f"{self.path} is in use by another sweep") from None
-            if found is not None and found.get("name") != name:
-                raise SweepFolderError(f"{self.path} holds the sweep {found.get('name')!r}, not {name!r}")
-            shutil.rmtree(self.scratch, ignore_errors=True)
-            self.scratch.mkdir()
+            except OSError as error:
+                raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
             yield
-            shutil.rmtree(self.scratch, ignore_errors=True)
-        finally:
-            os.close(lock)
+
+    def _take(self, name: str, stack: ExitStack) -> None:
+        """Lock the folder for as long as the stack is open, and see what is in it."""
+        if self.path.exists() and not self._is_ours():
+            raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
+        self.path.mkdir(parents=True, exist_ok=True)
+        lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
+        stack.callback(os.close, lock)
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        found = self.manifest()
+        if found is not None and found.get("name") != name:
+            raise SweepFolderError(f"{self.path} holds the sweep {found.get('name')!r}, not {name!r}")
+        self.runs.mkdir(exist_ok=True)
+        shutil.rmtree(self.scratch, ignore_errors=True)
+        self.scratch.mkdir(exist_ok=True)  # a run that lost its sweep may be writing its last there
+        stack.callback(shutil.rmtree, self.scratch, ignore_errors=True)
+
+    def _is_ours(self) -> bool:
+        """Whether the folder is a sweep's or empty. A sweep makes its lock first: it may be killed before it has more.
+
+        A single run has a manifest too, but says nothing of what is swept.
+        """
+        if not self.path.is_dir():
+            return False
+        return (self.path / LOCK).exists() or "swept" in (self.manifest() or ()) or not any(self.path.iterdir())
 
     def file(self, job: Job, means: str) -> Path:
         """Where a finished run is kept."""
@@ -62,17 +79,31 @@ class SweepFolder:
 
     def has(self, job: Job, means: str = IN_PROCESS) -> bool:
         """Whether a run is finished."""
-        return self.file(job, means).exists()
+        return self.result(job, means) is not None
+
+    def is_spoilt(self, job: Job, means: str = IN_PROCESS) -> bool:
+        """Whether there is a file for a run that holds no result."""
+        return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
-        """Keep a finished run; on the disk when this returns."""
-        write_whole(self.file(job, means), orjson.dumps(result))
+        """Keep a finished run; on the disk when this returns.
+
+        Raises:
+            SweepFolderError: it cannot be written.
+        """
+        try:
+            write_whole(self.file(job, means), orjson.dumps(result))
+        except OSError as error:
+            raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}") from None
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
-        """A finished run; None if it is not."""
-        with contextlib.suppress(FileNotFoundError):
-            return dict(orjson.loads(self.file(job, means).read_bytes()))
-        return None
+        """A finished run; None if it is not, or if its file is spoilt."""
+        try:
+            found = orjson.loads(self.file(job, means).read_bytes())
+        except (OSError, ValueError):
+            return None
+        is_whole = isinstance(found, dict) and all(isinstance(found.get(name), RESULT[name]) for name in RESULT)
+        return found if is_whole and isinstance(found["summary"].get("digest"), str) else None
 
     def manifest(self) -> dict[str, Any] | None:
         """What the folder says of itself; None before the first sweep in it.
@@ -92,11 +123,8 @@ class SweepFolder:
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write `manifest.json` whole."""
-        write_whole(self.path / "manifest.json", orjson.dumps(manifest, option=orjson.OPT_INDENT_2))
-
-    def finished(self, jobs: Sequence[Job], means: str) -> list[Job]:
-        """Those of the jobs that are finished."""
-        return [job for job in jobs if self.has(job, means)]
+        # Not by orjson, which knows no integer beyond 64 bits.
+        write_whole(self.path / "manifest.json", json.dumps(manifest, indent=2).encode())
 
 
 def write_whole(file: Path, data: bytes) -> None:
@@ -107,3 +135,8 @@ def write_whole(file: Path, data: bytes) -> None:
         stream.flush()
         os.fsync(stream.fileno())
     part.replace(file)
+    folder = os.open(file.parent, os.O_RDONLY)
+    try:
+        os.fsync(folder)  # the name, too
+    finally:
+        os.close(folder)

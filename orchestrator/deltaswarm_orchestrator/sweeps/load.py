@@ -2,9 +2,11 @@
 
 import copy
 import itertools
+import math
 import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,14 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
 BUILT_IN = ("paper", "modes", "smoke")
+
+OWN = ("seed", "record")
+"""Scenario keys that a sweep sets for each run."""
+
+SAME = ("schema", "name")
+"""Scenario keys that make no other run."""
+
+GRID = "events.density.file"
 
 Row = dict[str, Any]
 """Dotted keys with their values, and perhaps a label."""
@@ -39,7 +49,7 @@ def load_sweep(
 
 
 def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence[str] = ()) -> Sweep:
-    """The sweep that a table describes; a base scenario's file is looked for `beside`.
+    """The sweep that a table describes; the files that it names are looked for `beside`.
 
     Raises:
         SettingsError: every mistake at once.
@@ -47,20 +57,29 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     file, problems = checked.check(SweepFile, table)
     if file is None:
         raise SettingsError(problems)
-    base, problems = scenarios.read_table(file.base, beside)
-    for dotted, value in _flat(file.scenario).items():
+    base, problems = _base(file, beside)
+    shared = _flat(file.scenario, "scenario", problems)
+    _make_absolute(shared, beside)
+    for dotted, value in shared.items():
         problems += scenarios.put(base, dotted, value)
     for override in overrides:
         problems += scenarios.apply(base, override)
-    _, found = scenarios.check_table(base)
-    rows, found_in_rows = _rows(file.sweep)
-    problems += found + found_in_rows
-    if len(rows) * file.sweep.repeats > MAX_RUNS:
-        runs = f"{len(rows)} variants x {file.sweep.repeats} repeats"
-        problems.append(Problem("sweep", runs, f"at most {MAX_RUNS} runs are allowed"))
-    if problems:
-        raise SettingsError(problems)
-    return Sweep(file, _variants({**base, "record": "off"}, rows))
+    rows, found = _rows(file.sweep, beside)
+    problems += found
+    set_here = [(f"scenario.{name}", name) for name in shared]
+    set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
+    problems += [Problem(path, name, "the sweep itself sets it") for path, name in set_here if name in OWN]
+    in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
+    problems += [Problem(path, name, "it varies in this sweep") for path, name in set_here if name in in_all]
+    if problems:  # else the variants' own checks say what is wrong in what they share
+        raise SettingsError(problems + scenarios.check_table(base)[1])
+    if ("--set", GRID) in set_here:  # on the command line, relative to where it was given
+        scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
+    variants = _variants({**base, "record": "off"}, rows)
+    # So the sweep's own record says all that its runs had in common, whatever the command line was.
+    shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
+    kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
+    return Sweep(replace(file, base=kept, scenario=shared), variants)
 
 
 def _read(name: str) -> tuple[dict[str, Any], Path]:
@@ -69,9 +88,9 @@ def _read(name: str) -> tuple[dict[str, Any], Path]:
         text = resources.files("deltaswarm_orchestrator").joinpath(f"sweeps/built_in/{name}.toml").read_text()
         return tomllib.loads(text), Path()
     path = Path(name)
-    if not path.is_file():
+    if not _is_file(path):
         allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-        raise SettingsError([Problem("sweep", f"{name!r} is not there", allowed)])
+        raise SettingsError([Problem("sweep", f"{_shown(name)!r} is not there", allowed)])
     try:
         table = tomllib.loads(path.read_text())
     except (ValueError, RecursionError, OSError) as error:
@@ -81,22 +100,73 @@ def _read(name: str) -> tuple[dict[str, Any], Path]:
     return {"name": path.stem, **table}, path.parent
 
 
-def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Dotted keys: TOML reads `control.delta = 3` as a table within a table."""
-    flat: dict[str, Any] = {}
-    for name, value in table.items():
-        flat |= _flat(value, f"{prefix}{name}.") if isinstance(value, dict) else {f"{prefix}{name}": value}
+def _base(file: SweepFile, beside: Path) -> tuple[dict[str, Any], list[Problem]]:
+    """The base scenario's table, unchecked.
+
+    Raises:
+        SettingsError: there is no such scenario, or it is no TOML.
+    """
+    if file.base not in scenarios.BUILT_IN and not _is_file(beside / file.base):
+        allowed = f"a TOML file or one of {', '.join(scenarios.BUILT_IN)} is allowed"
+        raise SettingsError([Problem("base", f"{_shown(file.base)!r} is not there", allowed)])
+    return scenarios.read_table(file.base, beside)
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long, a folder that may not be read
+        return False
+
+
+def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
+    """Dotted keys: TOML reads `control.delta = 3` as a table within a table, `"control.delta" = 3` as a key."""
+    flat: Row = {}
+    waiting = [*reversed(list(table.items()))]
+    while waiting:
+        name, value = waiting.pop()
+        if isinstance(value, dict):
+            waiting += [(f"{name}.{inner}", one) for inner, one in reversed(list(value.items()))]
+            if not value:
+                problems.append(Problem(f"{path}.{name}", "an empty table", "keys are expected in it"))
+        elif name in flat:
+            problems.append(Problem(f"{path}.{name}", "given twice", "a key may be given once"))
+        else:
+            flat[name] = value
     return flat
 
 
-def _rows(settings: SweepSettings) -> tuple[list[Row], list[Problem]]:
+def _make_absolute(row: Row, beside: Path) -> None:
+    """A grid's file, or those of a list, are relative to the file that names them."""
+    named = row.get(GRID)
+    if isinstance(named, list):
+        row[GRID] = [_absolute(one, beside) for one in named]
+    elif named is not None:
+        row[GRID] = _absolute(named, beside)
+
+
+def _absolute(named: Any, beside: Path) -> Any:
+    return str(beside.absolute() / named) if isinstance(named, str) and named else named
+
+
+def _rows(settings: SweepSettings, beside: Path) -> tuple[list[Row], list[Problem]]:
     """Every combination of the axes, the paired tables' rows and the single variants; all mistakes in their form."""
-    columns = [("sweep.axes", {name: values}) for name, values in _flat(settings.axes).items()]
-    columns += [(f"sweep.paired[{index}]", _flat(table)) for index, table in enumerate(settings.paired)]
-    single = [_flat(table) for table in settings.variants]
-    problems = _problems_of_form(columns, single)
+    problems: list[Problem] = []
+    axes = _flat(settings.axes, "sweep.axes", problems)
+    paired = [_flat(table, f"sweep.paired[{index}]", problems) for index, table in enumerate(settings.paired)]
+    single = [_flat(table, f"sweep.variants[{index}]", problems) for index, table in enumerate(settings.variants)]
+    for row in (axes, *paired, *single):
+        _make_absolute(row, beside)
+    columns = [("sweep.axes", {name: values}) for name, values in axes.items()]
+    columns += [(f"sweep.paired[{index}]", table) for index, table in enumerate(paired)]
+    problems += [problem for path, table in columns for problem in _problems_of_lists(path, table)]
+    problems += _problems_of_labels(axes, paired, single) + _problems_of_places(columns, single)
     if problems:
         return [], problems
+    lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
+    if math.prod(lengths) * settings.repeats > MAX_RUNS:  # before they are spread out
+        runs = f"{math.prod(lengths)} variants x {settings.repeats} repeats"
+        return [], [Problem("sweep", runs, f"at most {MAX_RUNS} runs are allowed")]
     choices = [
         [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)] for _, table in columns
     ]
@@ -105,29 +175,57 @@ def _rows(settings: SweepSettings) -> tuple[list[Row], list[Problem]]:
     return [_joined(rows) for rows in itertools.product(*choices)], []
 
 
-def _problems_of_form(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> list[Problem]:
-    """Lists that are none, of different lengths, or for one key in two places."""
-    problems: list[Problem] = []
+def _problems_of_lists(path: str, table: Row) -> list[Problem]:
+    """Lists that are none, are empty, or of different lengths."""
+    lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
+    problems = [
+        Problem(f"{path}.{name}", _shown(table[name]), "a list of at least one value is expected")
+        for name in table
+        if name not in lists
+    ]
+    if not table:
+        problems.append(Problem(path, "no keys", "lists of values are expected"))
+    if len({len(values) for values in lists.values()}) > 1:
+        found = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
+        problems.append(Problem(path, f"lists of different lengths ({found})", "lists of one length are expected"))
+    return problems
+
+
+def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row]) -> list[Problem]:
+    """Labels that are no words, label nothing, or stand where none can."""
+    problems = []
+    if LABEL in axes:
+        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "[[sweep.paired]] may have labels"))
+    given = [(f"sweep.variants[{index}].{LABEL}", row[LABEL]) for index, row in enumerate(single) if LABEL in row]
+    for index, table in enumerate(paired):
+        if list(table) == [LABEL]:
+            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "a key with a list is expected beside"))
+        if isinstance(labels := table.get(LABEL), list):
+            given += [(f"sweep.paired[{index}].{LABEL}", label) for label in labels]
+    allowed = "a string of one line is expected"
+    return problems + [
+        Problem(path, _shown(label), allowed)
+        for path, label in given
+        if not (isinstance(label, str) and label.strip() and label.isprintable())
+    ]
+
+
+def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> list[Problem]:
+    """Keys that stand in two places, that cannot vary, or none at all."""
     places = [(path, name) for path, table in columns for name in table if name != LABEL]
     places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
-    for path, table in columns:
-        lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
-        problems += [
-            Problem(f"{path}.{name}", repr(table[name]), "a list of at least one value is expected")
-            for name in table
-            if name not in lists
-        ]
-        if len({len(values) for values in lists.values()}) > 1:
-            lengths = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
-            problems.append(
-                Problem(path, f"lists of different lengths ({lengths})", "lists of one length are expected")
-            )
     times = Counter(name for _, name in places)
+    problems: list[Problem] = []
     for path, name in places:
         if times[name] > 1:
             problems.append(Problem(f"{path}.{name}", "also given elsewhere", "a key may vary in one place only"))
-        if name in ("seed", "record"):
+        ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
+        if part_of := next((name[:end] for end in ends if name[:end] in times), None):
+            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "a key may vary in one place only"))
+        if name in OWN:
             problems.append(Problem(f"{path}.{name}", "cannot vary", "the sweep itself sets it"))
+        if name in SAME:
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "it makes no other run"))
     if not places:
         allowed = "[sweep.axes], [[sweep.paired]] or [[sweep.variants]] is expected"
         problems.append(Problem("sweep", "nothing varies", allowed))
@@ -140,18 +238,27 @@ def _joined(rows: Iterable[Row]) -> Row:
     labels = []
     for row in rows:
         keys = {name: value for name, value in row.items() if name != LABEL}
-        labels.append(str(row[LABEL]) if LABEL in row else _described(keys))
+        labels.append(row[LABEL] if LABEL in row else _described(keys))
         joined |= keys
     return {LABEL: ", ".join(labels), **joined}
 
 
 def _described(row: Row) -> str:
     """A label for those who gave none: the keys' last parts with their values."""
-    return ", ".join(f"{name.rpartition('.')[2]}={_shown(value)}" for name, value in row.items())
+    return ", ".join(f"{name.rpartition('.')[2]}={_shown(value)}" for name, value in row.items()) or "base"
 
 
 def _shown(value: Any) -> str:
-    return value if isinstance(value, str) else orjson.dumps(value).decode()
+    """A value for people, of bounded length."""
+    if not isinstance(value, str):
+        try:
+            value = orjson.dumps(value).decode()
+        except TypeError:  # an integer or a depth beyond what JSON is good for
+            try:
+                value = repr(value)
+            except (ValueError, RecursionError):
+                value = type(value).__name__
+    return value if len(value) <= 200 else f"{value[:197]}..."
 
 
 def _variants(base: dict[str, Any], rows: Sequence[Row]) -> list[Variant]:
@@ -161,24 +268,31 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> list[Variant]:
         SettingsError: a key is unknown, a value is not allowed, or two variants have one label.
     """
     swept = {name: None for row in rows for name in row if name != LABEL}
-    variants: list[Variant] = []
-    problems: list[Problem] = []
+    made: list[tuple[str, Scenario]] = []
+    problems: dict[Problem, None] = {}  # each once, in order
     for row in rows:
-        table = copy.deepcopy(base)
+        try:
+            table = copy.deepcopy(base)
+        except RecursionError:  # no scenario is as deep as that
+            raise SettingsError(scenarios.check_table(base)[1]) from None
         found = [problem for name in row if name != LABEL for problem in scenarios.put(table, name, row[name])]
         scenario, more = scenarios.check_table(table)
-        problems += [problem for problem in found + more if problem not in problems]
-        if any(variant.label == row[LABEL] for variant in variants):
-            problems.append(Problem("sweep", f"two variants called {row[LABEL]!r}", "different labels are expected"))
-        if scenario is not None and not found:
-            variants.append(Variant(row[LABEL], {name: _value_of(scenario, name) for name in swept}, scenario))
+        problems |= dict.fromkeys(found + more)
+        if scenario is not None:
+            made.append((row[LABEL], scenario))
+    for label, times in Counter(row[LABEL] for row in rows).items():
+        if times > 1:
+            problems[Problem("sweep", f"{times} variants called {label!r}", "different labels are expected")] = None
     if problems:
-        raise SettingsError(problems)
-    return variants
+        raise SettingsError(list(problems))
+    return [
+        Variant(label, {name: checked.plain_value(_at(scenario, name)) for name in swept}, scenario)
+        for label, scenario in made
+    ]
 
 
-def _value_of(scenario: Scenario, dotted: str) -> Any:
-    value: Any = scenario
+def _at(settings: Any, dotted: str) -> Any:
+    """What stands under a dotted key, in a table or in settings."""
     for name in dotted.split("."):
-        value = getattr(value, name)
-    return checked.plain_value(value)
+        settings = settings[name] if isinstance(settings, dict) else getattr(settings, name)
+    return settings

@@ -75,9 +75,13 @@ class Job:
     @cached_property
     def key(self) -> str:
         """Same scenario and same windows, same key: by it a finished run is found again, whatever its name."""
-        density = self.scenario.events.density
-        grid = hashlib.sha256(Path(density.file).read_bytes()).hexdigest() if density.kind == "grid" else ""
-        text = json.dumps([checked.plain(replace(self.scenario, name="")), self.series_every_s, grid], sort_keys=True)
+        grid = ""
+        table = checked.plain(replace(self.scenario, name=""))
+        density = table["events"]["density"]
+        if density["kind"] == "grid":  # known by its weights, wherever the folder was moved
+            grid = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
+            density["file"] = ""
+        text = json.dumps([table, self.series_every_s, grid], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     @property
@@ -113,9 +117,9 @@ class Sweep:
             for variant in self.variants
         ]
 
-    def proofs(self) -> list[Job]:
-        """The runs that real processes do too: a sample that no one chose, the same each time."""
-        return sorted(self.jobs(), key=lambda job: job.key)[: self.file.sweep.prove]
+    def sample(self, jobs: Sequence[Job]) -> list[Job]:
+        """Those that real processes do too: a sample that no one chose, the same each time."""
+        return sorted(jobs, key=lambda job: job.key)[: self.file.sweep.prove]
 
 
 def replicate_seed(sweep_seed: int, replicate: int) -> int:

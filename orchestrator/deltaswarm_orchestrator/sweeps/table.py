@@ -19,11 +19,11 @@ DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
 """The same run by other means must have the same digest: both stand in the table."""
 
 
-def finished_runs(sweep: Sweep, folder: SweepFolder, means: str) -> Finished:
-    """The finished runs by variant, then by replicate."""
+def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
+    """The finished runs by variant, then by replicate, by whichever means they were done."""
     order = {variant.label: index for index, variant in enumerate(sweep.variants)}
     jobs = sorted(sweep.jobs(), key=lambda job: (order[job.variant.label], job.replicate))
-    found = ((job, folder.result(job, means)) for job in jobs)
+    found = ((job, folder.result(job, IN_PROCESS) or folder.result(job, PROCESSES)) for job in jobs)
     return [(job, result) for job, result in found if result is not None]
 
 
@@ -56,12 +56,17 @@ def flattened(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[st
 
 
 def _cell(value: Any) -> Any:
-    return orjson.dumps(value).decode() if isinstance(value, list) else value
+    return orjson.dumps(value).decode() if isinstance(value, list | dict) else value
 
 
 def series_of(runs: Finished) -> pd.DataFrame:
     """A row per run and window: what tells the run apart, `time_s`, and the window's means."""
-    frames = [pd.DataFrame({**_head(job), **result["series"]}) for job, result in runs if result["series"]]
+    # As floats: a column of a run in which nothing is known would else be one of objects.
+    frames = [
+        pd.DataFrame(result["series"], dtype=float).assign(**_head(job))[[*_head(job), *result["series"]]]
+        for job, result in runs
+        if result["series"]
+    ]
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame()
 
 

@@ -17,6 +17,7 @@ import numpy as np
 import orjson
 
 from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.exits import OK, USAGE
 from deltaswarm_orchestrator.in_process import run_in_process
 from deltaswarm_orchestrator.results import OPERATOR_COLUMNS, Outcome
 from deltaswarm_orchestrator.scenario import to_toml
@@ -31,6 +32,10 @@ WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
 
 class RunError(Exception):
     """A run of a sweep that failed, or is not valid."""
+
+
+class DisturbedError(RunError):
+    """A run by processes that lost one of them, or waited for one too long: the machine's doing, not the scenario's."""
 
 
 @dataclass(frozen=True)
@@ -87,11 +92,21 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.mortal", str(os.getpid())]
         command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise RunError(f"deltaswarm run ended with {done.returncode}:\n{done.stderr}")
-        return results.read_outcome(folder / "run"), orjson.loads(done.stdout)
+        if done.returncode != OK:
+            kind = RunError if done.returncode == USAGE else DisturbedError
+            raise kind(f"deltaswarm run {_ended(done.returncode)}:\n{done.stderr}")
+        summary = orjson.loads(done.stdout)
+        lost = summary["agents_lost"]
+        late = summary["agents_late"] if task.job.scenario.run.clock == "lockstep" else 0
+        if lost or late:  # a valid run, but not of this scenario's swarm
+            raise DisturbedError(f"agents lost: {lost or 'none'}, late: {late}\n{done.stderr}")
+        return results.read_outcome(folder / "run"), summary
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _ended(code: int) -> str:
+    return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
 def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list[float | None]]:

@@ -1,0 +1,1 @@
+"""What a sweep's runs say: statistics, reports and the judging of claims."""
