@@ -76,8 +76,9 @@ def leaving(sender: int, at: Place) -> Leaving:
 
 
 def agent_settings(*, width_m: float = 100.0, height_m: float = 100.0, **control: Any) -> AgentSettings:
-    """An agent's settings; keywords are keys of its control."""
-    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "control": control})
+    """An agent's settings, with a radio of 10 m and gamma of 50 in mind; keywords are keys of its control."""
+    own = {"gamma_max": 50, **control}
+    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "range_m": 10.0, "control": own})
 
 
 class Lone:

@@ -67,7 +67,7 @@ def test_an_empty_table_is_the_papers_scenario() -> None:
     assert (scenario.run.duration_s, scenario.run.steps) == (9000.0, 9000)
     assert (scenario.events.work_agent_s, scenario.events.rate_hz) == (200.0, 0.05)
     assert (scenario.control.mode, scenario.control.delta, scenario.control.rho) == ("hybrid", 3, 2)
-    assert (scenario.agents.sensing_range_m, scenario.radio.range_m) == (5.0, 10.0)
+    assert (scenario.agents.sensing_range_m, scenario.radio.range_m) == (5.0, 9.0)
 
 
 @pytest.mark.parametrize("path", LEAVES, ids=of_key)

@@ -15,7 +15,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally, Truth, decode_truth, encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.environment import Happening
-from tests.cores import member, swarm
+from tests.cores import member, play, swarm
 from tests.strategies import ACT, RADIO, complaint, strange
 
 
@@ -101,6 +101,15 @@ def test_work_completes_an_event_and_nobody_senses_it_again() -> None:
         stage.end()
     assert stage.core.events()[0].completed_s == 66.0
     assert not any(frame.events for frame in stage.begin().values())
+
+
+def test_changes_that_nobody_asks_for_are_not_kept() -> None:
+    """Without a recorder they would pile up: at most one step's are held."""
+    crew = swarm("smoke", "events.rate_hz=2")
+    for tally in play(crew, 30):
+        changed = {(event.arrived_s, event.sensed_s, event.completed_s) for event in crew.world.environment.changed}
+        assert all(tally.time_s in times for times in changed)
+    assert len(crew.world.events()) > 30
 
 
 # What agents send

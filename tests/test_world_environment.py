@@ -94,7 +94,7 @@ def test_no_body_is_faster_than_the_limit(vx_mps: float, vy_mps: float, speed_mp
     """Above it the direction is kept; below it the command is."""
     made = environment(agents={"speed_mps": speed_mps})
     made.command(1, vx_mps, vy_mps)
-    got = made.velocities_mps[1]
+    got = np.array(made.velocities_mps[1])
     wanted = math.hypot(vx_mps, vy_mps)
     assert math.hypot(*got) <= speed_mps * (1 + 1e-12)
     if wanted <= speed_mps:
@@ -109,7 +109,7 @@ def test_walls_hold(commands: list[tuple[float, float]]) -> None:
     made = environment(agents={"speed_mps": 60.0})
     for vx_mps, vy_mps in commands:
         made.command(0, vx_mps, vy_mps)
-        before = made.positions_m[0] + made.velocities_mps[0]
+        before = made.positions_m[0] + np.array(made.velocities_mps[0])
         made.move()
         assert np.all(made.positions_m >= 0)
         assert np.all(made.positions_m <= 100)

@@ -12,7 +12,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.radio import RadioFrame
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import IN_TREE, NOBODY, ROLES
-from deltaswarm_world.ledger import COVERAGE_EVERY_S, Coverage, is_in_tree, standing
+from deltaswarm_world.ledger import COVERAGE_EVERY_S, FREE, Coverage, standing
 from tests.cores import attending, leaving, member, relocating
 
 DISC_M2 = math.pi * 25
@@ -79,7 +79,6 @@ def test_coverage_is_measured_each_10_s(step_s: float) -> None:
 @pytest.mark.parametrize(
     ("frame", "expected"),
     [
-        (None, ("free", 0, NOBODY)),
         (attending(4, (1, 2), 3, (1, 2)), ("attending", 0, NOBODY)),
         (leaving(4, (1, 2)), ("leaving", 0, NOBODY)),
         (relocating(4, (1, 2)), ("relocating", 0, NOBODY)),
@@ -90,8 +89,13 @@ def test_coverage_is_measured_each_10_s(step_s: float) -> None:
     ],
     ids=lambda value: value[0] if isinstance(value, tuple) else type(value).__name__,
 )
-def test_a_frame_shows_its_senders_standing(frame: RadioFrame | None, expected: tuple[str, int, int]) -> None:
-    """Role, level and parent; who says nothing is free."""
+def test_a_frame_shows_its_senders_standing(frame: RadioFrame, expected: tuple[str, int, int]) -> None:
+    """Role, level and parent; all but the attending and the leaving are in a tree."""
     assert standing(frame) == expected
     assert expected[0] in ROLES
-    assert is_in_tree(expected[0]) == (expected[0] in IN_TREE) == (expected[0] not in ("free", "attending", "leaving"))
+    assert (expected[0] in IN_TREE) == (expected[0] not in ("attending", "leaving"))
+
+
+def test_who_says_nothing_is_free() -> None:
+    """A role that is known, outside any tree."""
+    assert FREE[0] in set(ROLES) - IN_TREE

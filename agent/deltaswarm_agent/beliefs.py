@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import MAX_EVENTS, MAX_GONE, Gone, Sighting
+from deltaswarm_wire.radio import MAX_EVENTS, MAX_GONE, Gone, Sighting, sighting
 
 MEMORY_STEPS = 12
 """An event is forgotten when nobody of the tree has sensed it for so long; longer memory breeds ghosts."""
@@ -32,34 +32,39 @@ class Beliefs:
 
     def sense(self, events: Sequence[Event], x_m: float, y_m: float, now: int) -> None:
         """Take in what the own sensor shows at a place, and what it fails to show."""
+        word, places = self._word, self._places
         for event, ex_m, ey_m in events:
-            self._word[event] = now
-            self._places[event] = (to_cm(ex_m), to_cm(ey_m))
-        x_cm, y_cm = 100.0 * x_m, 100.0 * y_m
-        for event, place in list(self._places.items()):
-            near = (place[0] - x_cm) ** 2 + (place[1] - y_cm) ** 2 < self._near_cm2
-            if near and self._word[event] != now:
-                self._word[event] = now
-                del self._places[event]
+            word[event] = now
+            places[event] = (to_cm(ex_m), to_cm(ey_m))
+        x_cm, y_cm, near_cm2 = 100.0 * x_m, 100.0 * y_m, self._near_cm2
+        missing = [
+            event
+            for event, place in places.items()
+            if word[event] != now and (place[0] - x_cm) ** 2 + (place[1] - y_cm) ** 2 < near_cm2
+        ]
+        for event in missing:
+            word[event] = now
+            del places[event]
 
     def hear(self, events: Sequence[Sighting], gone: Sequence[Gone], now: int) -> None:
         """Take in what a member of the same tree said one step ago; the fresher word wins."""
         sent = now - 1
-        word = self._word
+        word, known = self._word, self._word.get
         for event, x_cm, y_cm, age in events:
-            if word.get(event, -1) < sent - age:
+            if known(event, -1) < sent - age:
                 word[event] = sent - age
                 self._places[event] = (x_cm, y_cm)
         for event, age in gone:
-            if word.get(event, -1) < sent - age:
+            if known(event, -1) < sent - age:
                 word[event] = sent - age
                 self._places.pop(event, None)
 
     def forget(self, now: int) -> None:
         """Drop what is too old to be believed, or to be told."""
         word, places = self._word, self._places
-        for event, step in list(word.items()):
-            if now - step > MEMORY_STEPS and (event in places or now - step > GONE_STEPS):
+        old = [event for event, step in word.items() if now - step > MEMORY_STEPS]
+        for event in old:
+            if event in places or now - word[event] > GONE_STEPS:
                 del word[event]
                 places.pop(event, None)
 
@@ -73,7 +78,7 @@ class Beliefs:
     def sightings(self, now: int) -> tuple[Sighting, ...]:
         """The freshest events believed to be there, as they go on the air."""
         word = self._word
-        rows = [Sighting(event, x_cm, y_cm, now - word[event]) for event, (x_cm, y_cm) in self._places.items()]
+        rows = [sighting((event, x_cm, y_cm, now - word[event])) for event, (x_cm, y_cm) in self._places.items()]
         if len(rows) > MAX_EVENTS:
             rows.sort(key=lambda row: (row.age, row.event))
             del rows[MAX_EVENTS:]
@@ -81,7 +86,10 @@ class Beliefs:
 
     def departures(self, now: int) -> tuple[Gone, ...]:
         """The events most freshly found missing, as they go on the air."""
-        rows = [Gone(event, now - step) for event, step in self._word.items() if event not in self._places]
+        places = self._places
+        if len(places) == len(self._word):
+            return ()
+        rows = [Gone(event, now - step) for event, step in self._word.items() if event not in places]
         if len(rows) > MAX_GONE:
             rows.sort(key=lambda row: (row.age, row.event))
             del rows[MAX_GONE:]

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 from random import Random
 from typing import NamedTuple
 
-from deltaswarm_agent.beliefs import Beliefs, to_cm
+from deltaswarm_agent.beliefs import GONE_MARGIN_M, Beliefs, to_cm
 from deltaswarm_agent.hearing import Ear, Whereabouts
 from deltaswarm_agent.motion import STAND, Velocity, Walk, towards
-from deltaswarm_agent.recruitment import BLOCKED_S, ORDER_TTL_STEPS, Place, best_place, weakest_leaf
-from deltaswarm_agent.states import FREE, TRANSITIONS, Cause, State
+from deltaswarm_agent.recruitment import Place, Recruiter
+from deltaswarm_agent.states import ATTENDING, GOING, MEMBER, ORPHAN, RELOCATING, ROOT, TRANSITIONS, WALKING, Cause
 from deltaswarm_agent.strategies import strategy_of
 from deltaswarm_agent.tree import (
     ARRIVAL_STEPS,
@@ -20,7 +20,6 @@ from deltaswarm_agent.tree import (
     LEAVING_STEPS,
     ORPHAN_STEPS,
     ORPHAN_STRICT_STEPS,
-    RANGE_MARGIN_M,
     SILENCE_STEPS,
     STALL_STEPS,
     Former,
@@ -44,6 +43,11 @@ class Decision(NamedTuple):
     report: Report | None
 
 
+def agent_rng(seed: int, agent: int) -> Random:
+    """The agent's own generator; the same for the same seed on any machine."""
+    return Random(f"deltaswarm/{seed}/agent/{agent}")
+
+
 class AgentCore:
     """One agent. `step` is its one mutating method; the generator and the decoder are handed in."""
 
@@ -56,16 +60,16 @@ class AgentCore:
     ) -> None:
         self.agent = agent
         self.settings = settings
-        self.state = State.WALKING
+        self.state = WALKING
         self.membership: Membership | None = None
 
         control = settings.control
         self._strategy = strategy_of(control)
-        self._rng = rng
         self._ear = Ear(agent, decode)
         self._here = Whereabouts(settings)
         self._walk = Walk(settings, rng)
         self._beliefs = Beliefs(settings.sensing_range_m)
+        self._recruiter = Recruiter(settings, rng)
         self._recruit_every = max(1, round(control.recruitment_interval_s / settings.step_s))
         self._target: Event | None = None
         self._place: Place = (0.0, 0.0)
@@ -74,8 +78,6 @@ class AgentCore:
         self._former: Former | None = None
         self._order: Order | None = None
         self._last_order = (-1, -1)
-        self._orders_given = 0
-        self._movers: dict[int, tuple[Place, int]] = {}
         self._now = 0
         self._counter = 0
         self._sequence = 0
@@ -90,10 +92,10 @@ class AgentCore:
         self._now = frame.step
         self._here.move_to(frame.x_m, frame.y_m)
         heard = self._ear.newest_of(frame.heard, frame.step) if frame.heard else []
-        if self.state in FREE:
+        if self.membership is None:
             self._step_free(frame.events, heard)
         else:
-            self._step_in_tree(frame.events, heard)
+            self._step_in_tree(self.membership, frame.events, heard)
         decision = self._decision(frame)
         self._here.keep()
         return decision
@@ -101,16 +103,14 @@ class AgentCore:
     # Free agents
 
     def _step_free(self, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
-        members = [frame for frame in heard if type(frame) is Member]
+        members = [frame for frame in heard if type(frame) is Member] if heard else []
         threshold = self._strategy.founds_at
         if threshold is not None and len(sensed) >= threshold and not members:
-            self._enter_tree(None, Cause.THRESHOLD_REACHED)
-            self._step_in_tree(sensed, heard)
+            self._step_in_tree(self._enter_tree(None, Cause.THRESHOLD_REACHED), sensed, heard)
             return
         parent = self._parent_to_join(members) if members else None
         if parent is not None:
-            self._enter_tree(parent, Cause.MEMBER_MET)
-            self._step_in_tree(sensed, heard)
+            self._step_in_tree(self._enter_tree(parent, Cause.MEMBER_MET), sensed, heard)
         elif self._strategy.attends:
             self._seek_event(sensed, heard)
 
@@ -138,20 +138,20 @@ class AgentCore:
     def _seek_event(self, sensed: Sequence[Event], heard: Sequence[RadioFrame]) -> None:
         """Baseline coordination algorithm: go to an event, observe it until it is complete."""
         target = self._target
-        if self.state is State.ATTENDING and target is not None:
+        if self.state is ATTENDING and target is not None:
             if any(event.event == target.event for event in sensed):
                 return
             self._change(Cause.ANOTHER_SENSED if sensed else Cause.EVENT_COMPLETE)
         if sensed:
             self._target = min(sensed, key=self._event_distance)
-            if self.state is State.WALKING:
+            if self.state is WALKING:
                 self._change(Cause.EVENT_SENSED)
-        elif self.state is State.GOING and target is not None:
-            if self._event_distance(target)[0] < (self.settings.sensing_range_m - 0.05) ** 2:
+        elif self.state is GOING and target is not None:
+            if self._event_distance(target)[0] < (self.settings.sensing_range_m - GONE_MARGIN_M) ** 2:
                 self._change(Cause.EVENT_NOT_THERE)
-        elif self.state is State.WALKING:
+        elif heard and self.state is WALKING:
             self._join_attending(heard)
-        if self.state is State.GOING and self._is_at_sensed_event(sensed):
+        if self.state is GOING and self._is_at_sensed_event(sensed):
             self._change(Cause.AT_THE_EVENT)
 
     def _is_at_sensed_event(self, sensed: Sequence[Event]) -> bool:
@@ -177,13 +177,14 @@ class AgentCore:
 
     # Agents in trees
 
-    def _enter_tree(self, parent: Member | None, cause: Cause) -> None:
+    def _enter_tree(self, parent: Member | None, cause: Cause) -> Membership:
         self._change(cause)
         self.membership = Membership(self.agent, parent, self.settings.control.gamma_max, self._now)
         self._target = None
         self._order = None
-        self._movers.clear()
+        self._recruiter.forget_movers()
         self._farewells = 0
+        return self.membership
 
     def _leave_tree(self, cause: Cause) -> None:
         """Become free, and the whole subtree with it: children hear of it and leave too."""
@@ -193,21 +194,20 @@ class AgentCore:
         self._farewells = LEAVING_STEPS
         self._change(cause)
 
-    def _step_in_tree(self, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
-        membership = self.membership
-        assert membership is not None
+    def _step_in_tree(self, membership: Membership, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
+        now, root, beliefs = self._now, membership.root, self._beliefs
         carried, self._order = self._order, None
-        membership.hear_children(heard, self._now)
+        membership.hear_children(heard, now)
         for frame in heard:
-            if type(frame) is Member and frame.path[0] == membership.root:
-                self._beliefs.hear(frame.events, frame.gone, self._now)
-        self._beliefs.sense(sensed, self._here.x_m, self._here.y_m, self._now)
-        self._beliefs.forget(self._now)
-        if self.state is State.ROOT:
+            if type(frame) is Member and frame.path[0] == root:
+                beliefs.hear(frame.events, frame.gone, now)
+        beliefs.sense(sensed, self._here.x_m, self._here.y_m, now)
+        beliefs.forget(now)
+        if self.state is ROOT:
             self._step_root(membership, heard, carried)
-        elif self.state is State.MEMBER:
+        elif self.state is MEMBER:
             self._step_member(membership, sensed, heard)
-        elif self.state is State.ORPHAN:
+        elif self.state is ORPHAN:
             self._find_parent(membership, heard, ORPHAN_STRICT_STEPS, ORPHAN_STEPS)
         elif self._has_arrived():
             self._find_parent(membership, heard, ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS)
@@ -228,37 +228,15 @@ class AgentCore:
             else:
                 self._leave_tree(Cause.SENIOR_TOO_CLOSE)
         elif self.settings.control.recruitment and membership.pulse % self._recruit_every == 0:
-            self._order = self._recruit(membership)
+            here = (self._here.x_m, self._here.y_m)
+            self._order = self._recruiter.order(membership.table(), here, self._beliefs.active(), self._now)
         elif carried is not None and carried.ttl > 1:
             self._order = carried._replace(ttl=carried.ttl - 1)
 
-    def _recruit(self, membership: Membership) -> Order | None:
-        """Active Recruitment: the weakest leaf is to go where most known events are."""
-        table = membership.table()
-        leaf = weakest_leaf(table, self._rng)
-        if leaf is None:
-            return None
-        self._movers = {agent: mover for agent, mover in self._movers.items() if mover[1] > self._now}
-        members = [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent]
-        members += [place for agent, (place, _) in self._movers.items() if agent != leaf.agent]
-        place = best_place(
-            (leaf.x_cm * 0.01, leaf.y_cm * 0.01),
-            [(self._here.x_m, self._here.y_m), *members],
-            self._beliefs.active(),
-            sensing_range_m=self.settings.sensing_range_m,
-            range_m=self.settings.range_m - RANGE_MARGIN_M,
-            d_min_m=self.settings.control.d_min_m,
-            size_m=(self.settings.width_m, self.settings.height_m),
-        )
-        if place is None:
-            return None
-        self._orders_given += 1
-        self._movers[leaf.agent] = (place, self._now + round(BLOCKED_S / self.settings.step_s))
-        return Order(leaf.agent, to_cm(place[0]), to_cm(place[1]), self._orders_given, ORDER_TTL_STEPS)
-
     def _step_member(self, membership: Membership, sensed: Sequence[Event], heard: Sequence[RadioFrame]) -> None:
+        parent = membership.parent
         for frame in heard:
-            if frame.sender == membership.parent and self._hear_parent(membership, frame):
+            if frame.sender == parent and self._hear_parent(membership, frame):
                 return
         if self._now - membership.parent_heard >= SILENCE_STEPS:
             self._become_orphan(Cause.PARENT_LOST)
@@ -326,35 +304,35 @@ class AgentCore:
     def _change(self, cause: Cause) -> None:
         """The one place where the state changes: along the table."""
         self.state = TRANSITIONS[self.state, cause]
-        if self.state is State.WALKING:
+        if self.state is WALKING:
             self._target = None
             self._walk.turn()
 
     def _decision(self, frame: Frame) -> Decision:
-        velocity = self._velocity()
-        observed = self._observed(frame.events)
+        vx_mps, vy_mps = self._velocity()
+        observed = self._observed(frame.events) if frame.events else ()
         radio = self._radio(len(frame.events))
         if radio is not None:
             self._counter += 1
-        report = self._report(frame)
+        report = self._report(frame, radio)
         if report is not None:
             self._sequence += 1
-        return Decision(Act(frame.step, *velocity, observed), radio, report)
+        return Decision(Act(frame.step, vx_mps, vy_mps, observed), radio, report)
 
     def _velocity(self) -> Velocity:
-        if self.state is State.WALKING:
+        if self.state is WALKING:
             return self._walk.velocity(self._here.x_m, self._here.y_m)
-        if self.state is State.GOING and self._target is not None:
+        if self.state is GOING and self._target is not None:
             return towards(self._here.x_m, self._here.y_m, self._target.x_m, self._target.y_m, self.settings)
-        if self.state is State.RELOCATING:
+        if self.state is RELOCATING:
             return towards(self._here.x_m, self._here.y_m, *self._place, self.settings)
         return STAND
 
     def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
         """The events that this agent works on in this step."""
-        if not sensed or self.state in (State.WALKING, State.GOING, State.RELOCATING):
+        if self.state in (WALKING, GOING, RELOCATING):
             return ()
-        if self.state is State.ATTENDING:
+        if self.state is ATTENDING:
             assert self._target is not None
             return (self._target.event,)
         if self.settings.control.member_observes == "all":
@@ -363,13 +341,16 @@ class AgentCore:
 
     def _radio(self, score: int) -> RadioFrame | None:
         """What the neighbours are told; who has nothing to say is silent."""
+        attends = self.state is ATTENDING
+        if self.membership is None and not attends and self._farewells == 0:
+            return None
         head = (self.agent, self._counter, to_cm(self._here.x_m), to_cm(self._here.y_m))
-        if self.state is State.RELOCATING:
+        if self.state is RELOCATING:
             return Relocating(*head)
         if self.membership is not None:
             return Member(
                 *head,
-                self.state is State.ORPHAN,
+                self.state is ORPHAN,
                 self.membership.path,
                 self.membership.pulse,
                 score,
@@ -381,17 +362,17 @@ class AgentCore:
         if self._farewells > 0:
             self._farewells -= 1
             return Leaving(*head)
-        if self.state is State.ATTENDING and self._target is not None:
-            target = self._target
-            return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
-        return None
+        target = self._target
+        assert target is not None
+        return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
 
-    def _report(self, frame: Frame) -> Report | None:
+    def _report(self, frame: Frame, radio: RadioFrame | None) -> Report | None:
         """What the operator is told: by an attending agent its event, by a root what its tree knows."""
-        head = (self.agent, self._sequence, frame.step)
-        if self.state is State.ATTENDING and self._target is not None:
-            return Report(*head, "attending", frame.x_m, frame.y_m, 0, (self._target,))
-        if self.state is State.ROOT and self._beliefs and self.membership is not None:
-            followers = len(self.membership.table())
-            return Report(*head, "root", frame.x_m, frame.y_m, followers, tuple(self._beliefs.active()[:MAX_REPORTED]))
-        return None
+        events: tuple[Event, ...]
+        if self.state is ATTENDING and self._target is not None:
+            role, followers, events = "attending", 0, (self._target,)
+        elif self.state is ROOT and self._beliefs and type(radio) is Member:
+            role, followers, events = "root", len(radio.table), tuple(self._beliefs.active()[:MAX_REPORTED])
+        else:
+            return None
+        return Report(self.agent, self._sequence, frame.step, role, frame.x_m, frame.y_m, followers, events)

@@ -1,5 +1,6 @@
 """What an agent makes of the radio frames that reach it, and of where they came from."""
 
+from collections import deque
 from collections.abc import Callable, Sequence
 
 from deltaswarm_agent.tree import RANGE_MARGIN_M
@@ -27,16 +28,18 @@ class Ear:
     def newest_of(self, heard: Sequence[bytes], now: int) -> list[RadioFrame]:
         """Of each sender its newest frame, in sender order; late and duplicate ones are dropped."""
         newest: dict[int, RadioFrame] = {}
+        decode, known = self._decode, self._newest
         for data in heard:
             try:
-                frame = self._decode(data)
+                frame = decode(data)
             except WireError:
                 self.rejected += 1
                 continue
             sender = frame.sender
-            counter, step = self._newest.get(sender, (-1, now))
-            if sender != self._agent and (frame.counter > counter or now - step > FORGET_SENDER_STEPS):
-                self._newest[sender] = (frame.counter, now)
+            before = known.get(sender)
+            is_new = before is None or frame.counter > before[0] or now - before[1] > FORGET_SENDER_STEPS
+            if is_new and sender != self._agent:
+                known[sender] = (frame.counter, now)
                 newest[sender] = frame
         return [newest[sender] for sender in sorted(newest)]
 
@@ -47,7 +50,7 @@ class Whereabouts:
     def __init__(self, settings: AgentSettings) -> None:
         self.x_m = 0.0
         self.y_m = 0.0
-        self._trail: list[tuple[float, float]] = []
+        self._trail: deque[tuple[float, float]] = deque(maxlen=TRAIL_STEPS)
         self._range_m2 = settings.range_m**2
         self._reach_m2 = (settings.range_m - RANGE_MARGIN_M) ** 2
         self._size_m = (settings.width_m, settings.height_m)
@@ -59,7 +62,7 @@ class Whereabouts:
 
     def keep(self) -> None:
         """This step's place becomes a past one."""
-        self._trail = [*self._trail[1 - TRAIL_STEPS :], (self.x_m, self.y_m)]
+        self._trail.append((self.x_m, self.y_m))
 
     def distance_m2(self, x_m: float, y_m: float) -> float:
         """Squared distance to a place [m2]."""

@@ -2,12 +2,11 @@
 
 import logging
 import os
-import random
 import threading
 from dataclasses import dataclass
 from typing import cast
 
-from deltaswarm_agent.core import AgentCore, Decision
+from deltaswarm_agent.core import AgentCore, Decision, agent_rng
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, WORLD, Keys
 from deltaswarm_wire.messages import decode_frame, encode_act, encode_report
@@ -35,11 +34,6 @@ class AgentConfig:
     settings: AgentSettings
     world_lost_s: float = 5.0
     """An agent that has not heard of a world for so long ends."""
-
-
-def agent_rng(seed: int, agent: int) -> random.Random:
-    """The agent's own generator; the same for the same seed on any machine."""
-    return random.Random(f"deltaswarm/{seed}/agent/{agent}")
 
 
 class WorldWatch:

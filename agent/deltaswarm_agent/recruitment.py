@@ -5,8 +5,11 @@ from collections.abc import Iterable, Sequence
 from functools import cache
 from random import Random
 
+from deltaswarm_agent.beliefs import to_cm
+from deltaswarm_agent.tree import RANGE_MARGIN_M
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import Descendant
+from deltaswarm_wire.radio import Descendant, Order
+from deltaswarm_wire.settings import AgentSettings
 
 ORDER_TTL_STEPS = 12
 """An order is sent, and relayed, for so long."""
@@ -15,6 +18,44 @@ BLOCKED_S = 60.0
 """For so long the place of a mover under way counts as taken."""
 
 Place = tuple[float, float]
+
+
+class Recruiter:
+    """A root's orders, and the places that are taken by movers under way."""
+
+    def __init__(self, settings: AgentSettings, rng: Random) -> None:
+        self._settings = settings
+        self._rng = rng
+        self._blocked_steps = round(BLOCKED_S / settings.step_s)
+        self._orders_given = 0
+        self._movers: dict[int, tuple[Place, int]] = {}
+
+    def forget_movers(self) -> None:
+        """They were another tree's."""
+        self._movers.clear()
+
+    def order(self, table: Sequence[Descendant], here: Place, events: Iterable[Event], now: int) -> Order | None:
+        """The weakest leaf is to go where most known events are; None without a leaf or such a place."""
+        leaf = weakest_leaf(table, self._rng)
+        if leaf is None:
+            return None
+        self._movers = {agent: mover for agent, mover in self._movers.items() if mover[1] > now}
+        members = [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent]
+        members += [place for agent, (place, _) in self._movers.items() if agent != leaf.agent]
+        place = best_place(
+            (leaf.x_cm * 0.01, leaf.y_cm * 0.01),
+            [here, *members],
+            events,
+            sensing_range_m=self._settings.sensing_range_m,
+            range_m=self._settings.range_m - RANGE_MARGIN_M,
+            d_min_m=self._settings.control.d_min_m,
+            size_m=(self._settings.width_m, self._settings.height_m),
+        )
+        if place is None:
+            return None
+        self._orders_given += 1
+        self._movers[leaf.agent] = (place, now + self._blocked_steps)
+        return Order(leaf.agent, to_cm(place[0]), to_cm(place[1]), self._orders_given, ORDER_TTL_STEPS)
 
 
 def weakest_leaf(table: Sequence[Descendant], rng: Random) -> Descendant | None:

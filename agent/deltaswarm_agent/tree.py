@@ -122,20 +122,23 @@ class Membership:
 
     def hear_children(self, heard: Sequence[RadioFrame], now: int) -> None:
         """Keep the table of children: who names this agent as its parent is one."""
-        children = self.children
+        children, agent = self.children, self._agent
         for frame in heard:
             sender = frame.sender
-            if type(frame) is Member and not frame.orphan and len(frame.path) > 1 and frame.path[-2] == self._agent:
-                row = Descendant(sender, self._agent, frame.x_cm, frame.y_cm, frame.score)
+            if type(frame) is Member and frame.path[-2:-1] == (agent,) and not frame.orphan:
+                row = Descendant(sender, agent, frame.x_cm, frame.y_cm, frame.score)
                 children[sender] = Branch(row, frame.table, now)
             elif sender in children and type(frame) is not Attending:
                 del children[sender]
-        silent = [child for child, branch in children.items() if now - branch.heard >= SILENCE_STEPS]
-        for child in silent:
-            del children[child]
+        if children:
+            silent = [child for child, branch in children.items() if now - branch.heard >= SILENCE_STEPS]
+            for child in silent:
+                del children[child]
 
     def table(self) -> tuple[Descendant, ...]:
         """All descendants, as the children tell; a child's own word about itself comes first."""
+        if not self.children:
+            return ()
         rows = {child: branch.row for child, branch in self.children.items()}
         for branch in self.children.values():
             for row in branch.table:

@@ -36,13 +36,17 @@ class WireError(ValueError):
         self.field = field
 
 
+_packer = msgpack.Packer()
+"""One for all, since to make it costs more than to pack; so only one thread of a process may encode."""
+
+
 def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
     """Encode `value`; a sample above `limit_bytes` is refused here, before it can harm a link.
 
     Raises:
         WireError: the encoded sample is too large.
     """
-    data: bytes = msgpack.packb(value)
+    data: bytes = _packer.pack(value)
     if len(data) > limit_bytes:
         raise WireError("sample", f"{len(data)} bytes to send, at most {limit_bytes} are allowed")
     return data

@@ -7,7 +7,7 @@ hash of both parts.
 import hashlib
 import struct
 
-_HEAD = struct.Struct("<IHBI")
+_head = struct.Struct("<IHBI").pack
 ACT, RADIO, REPORT = 0, 1, 2
 
 
@@ -16,10 +16,11 @@ class Digest:
 
     def __init__(self) -> None:
         self._hash = hashlib.blake2b(digest_size=16)
+        self._update = self._hash.update
 
     def add(self, step: int, agent: int, kind: int, data: bytes) -> None:
         """Take in one message."""
-        self._hash.update(_HEAD.pack(step, agent, kind, len(data)) + data)
+        self._update(_head(step, agent, kind, len(data)) + data)
 
     def hex(self) -> str:
         """The digest of all that was added so far."""

@@ -135,9 +135,11 @@ _ONLY_INT = {int}
 _LAYOUTS = 4096
 """Layouts kept: a whole run has about 2,200. A hostile sender could have millions made, of up to 64 kB each."""
 
+_flat = chain.from_iterable
 _new: Any = tuple.__new__  # a NamedTuple's own constructors cost several times as much
 _descendant: Callable[[tuple[int, ...]], Descendant] = partial(_new, Descendant)
-_sighting: Callable[[tuple[int, ...]], Sighting] = partial(_new, Sighting)
+sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(_new, Sighting)
+"""A sighting of its four fields."""
 _gone: Callable[[tuple[int, ...]], Gone] = partial(_new, Gone)
 
 
@@ -145,7 +147,7 @@ def encode_radio(frame: RadioFrame) -> bytes:
     """The frame's bytes on the air: `[version, kind, *fields]`, rows in flat arrays."""
     if type(frame) is Member:
         *head, table, events, gone, order = frame
-        rows = [list(chain.from_iterable(part)) for part in (table, events, gone)]
+        rows = (tuple(_flat(table)), tuple(_flat(events)), tuple(_flat(gone)))
         return pack((PROTOCOL_VERSION, MEMBER, *head, *rows, order), MAX_RADIO_BYTES)
     return pack((PROTOCOL_VERSION, _KIND_OF[type(frame)], *frame), MAX_RADIO_BYTES)
 
@@ -194,7 +196,7 @@ def _decode_member(raw: list[Any]) -> Member:
         pulse,
         score,
         tuple(map(_descendant, zip(*[iter(table)] * 5, strict=False))),
-        tuple(map(_sighting, zip(*[iter(events)] * 4, strict=False))),
+        tuple(map(sighting, zip(*[iter(events)] * 4, strict=False))),
         tuple(map(_gone, zip(*[iter(gone)] * 2, strict=False))),
         None if order is None else _order(order),
     )

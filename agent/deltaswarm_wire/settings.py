@@ -107,7 +107,7 @@ class SwarmSettings:
 class RadioSettings:
     """The air between the agents, emulated by the world."""
 
-    range_m: float = key(10.0, "a frame is heard up to here [m]", source=OURS, above=0)
+    range_m: float = key(9.0, "a frame is heard up to here [m]", source=OURS, above=0)
     loss: float = key(0.0, "share of frames in range that are lost all the same", low=0, high=1)
 
 
@@ -121,7 +121,7 @@ class ControlSettings:
     recruitment: bool = key(True, "active recruitment; off is an ablation", source=PAPER)
     dissolution: bool = key(True, "dissolution; off is an ablation", source=PAPER)
     d_min_m: float = key(6.0, "least distance between members of a tree [m]", source=OURS, low=0)
-    gamma_max: int = key(50, "dissolution parameter when an event is sensed", source=OURS, low=1, high=1_000_000)
+    gamma_max: int = key(40, "dissolution parameter when an event is sensed", source=OURS, low=1, high=1_000_000)
     recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
     leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
     member_observes: str = key(
@@ -149,7 +149,7 @@ class AgentSettings:
     height_m: float = key(100.0, "arena along y [m]", low=1, high=1e5)
     speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
     sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
-    range_m: float = key(10.0, "nominal range of its radio [m]", above=0)
+    range_m: float = key(9.0, "nominal range of its radio [m]", above=0)
     control: ControlSettings = key(ControlSettings, "how it decides")
 
 

@@ -81,6 +81,10 @@ class WorkloadMeter:
             report = decode_report(data)
         except WireError as error:
             return self._reject(agent_of_key, str(error))
+        return self.take(agent_of_key, report, data)
+
+    def take(self, agent_of_key: int, report: Report, data: bytes) -> str | None:
+        """The same for a report and the bytes that it was decoded from, or encoded to."""
         agent, step = report.agent, report.step
         if agent != agent_of_key:
             return self._reject(agent_of_key, f"report.agent: {agent} on the key of agent {agent_of_key}")

@@ -37,7 +37,13 @@ def bench_scenario(agents: int, steps: int) -> Scenario:
 
 
 def measure(agents: int, steps: int) -> dict[str, Any]:
-    """All measurements, in turns; medians of the rounds."""
+    """All measurements, in turns; medians of the rounds.
+
+    Raises:
+        ValueError: less than one agent or one step.
+    """
+    if agents < 1 or steps < 1:
+        raise ValueError(f"at least 1 agent and 1 step are expected, not {agents} and {steps}")
     scenario = bench_scenario(agents, steps)
     sockets, zenoh, swarm, inside, parts = [], [], [], [], []
     started: list[float] = []

@@ -92,7 +92,7 @@ def conduct_for(
     try:
         with SweepDisplay(loaded.name) as display, _interruptible():
             result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series, only=only)
-    except (SweepFolderError, EngineError) as error:
+    except (SweepFolderError, EngineError, OSError) as error:  # OSError: a full disk beneath a table
         complain(str(error))
         return None
     for file in result.spoilt:

@@ -4,11 +4,10 @@ The one file that joins the parts. It makes the same bytes in the same order as 
 the digest is the same.
 """
 
-import random
 import time
 from collections.abc import Callable
 
-from deltaswarm_agent.core import AgentCore
+from deltaswarm_agent.core import AgentCore, agent_rng
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.progress import Quiet, Reporter
 from deltaswarm_orchestrator.results import Outcome
@@ -27,20 +26,17 @@ class InProcess:
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
-        self.world = WorldCore(scenario, self._decode)
+        self.world = WorldCore(scenario)
+        self._frames: dict[bytes, RadioFrame] = {}
+        """What each radio frame of the step before was encoded from; a test holds that decoding gives the same."""
         settings = scenario.for_agent()
         self.agents = [
-            AgentCore(agent, settings, random.Random(f"deltaswarm/{scenario.seed}/agent/{agent}"), self._decode)
+            AgentCore(agent, settings, agent_rng(scenario.seed, agent), self._frames.__getitem__)
             for agent in range(scenario.agents.count)
         ]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.agents_s = 0.0
         """Wall time spent in the agents' cores and their encoding [s]."""
-        self._frames: dict[bytes, RadioFrame] = {}
-
-    def _decode(self, data: bytes) -> RadioFrame:
-        """The frame that was encoded to these bytes; a test holds that decoding gives the same."""
-        return self._frames[data]
 
     def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
         """One step, in agent order."""
@@ -49,28 +45,24 @@ class InProcess:
         clock = time.perf_counter
         began = clock()
         sent = []
-        encoded: dict[bytes, RadioFrame] = {}
         for agent, frame in frames:
             act, radio, report = self.agents[agent].step(frame)
-            radio_bytes = report_bytes = None
-            if radio is not None:
-                radio_bytes = encode_radio(radio)
-                encoded[radio_bytes] = radio
-            if report is not None:
-                report_bytes = encode_report(report)
-            sent.append((agent, radio_bytes, report_bytes, encode_act(act)))
-        self._frames = encoded
+            radio_bytes = None if radio is None else encode_radio(radio)
+            report_bytes = None if report is None else encode_report(report)
+            sent.append((agent, radio, radio_bytes, report, report_bytes, act, encode_act(act)))
         self.agents_s += clock() - began
-        for agent, radio_bytes, report_bytes, act_bytes in sent:
-            if radio_bytes is not None:
-                world.hear_radio(agent, radio_bytes)
+        self._frames.clear()
+        for agent, radio, radio_bytes, report, report_bytes, act, act_bytes in sent:
+            if radio is not None and radio_bytes is not None:
+                self._frames[radio_bytes] = radio
+                world.take_radio(agent, radio, radio_bytes)
                 if sink is not None:
                     sink.radio(step, agent, radio_bytes)
-            if report_bytes is not None:
-                self.operator.receive(agent, report_bytes)
+            if report is not None and report_bytes is not None:
+                self.operator.take(agent, report, report_bytes)
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
-            world.hear_act(agent, act_bytes)
+            world.take_act(agent, act, act_bytes)
         return world.end()
 
 

@@ -4,8 +4,10 @@ Inputs are processed in agent order, never in arrival order. What arrives is che
 bytes are a stranger's.
 """
 
+from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
+from itertools import accumulate
 from typing import Any
 
 from deltaswarm_wire.codec import WireError
@@ -13,17 +15,20 @@ from deltaswarm_wire.digest import ACT, RADIO, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, SENSED_BYTES, Act, Event, Frame, decode_act
 from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, EventState, Tally, Truth
+from deltaswarm_wire.truth import IN_TREE, Body, EventState, Tally, Truth
 from deltaswarm_world.environment import RADIO_STREAM, Environment, Happening, generator
-from deltaswarm_world.ledger import Coverage, is_in_tree, standing
+from deltaswarm_world.ledger import FREE, Coverage, Standing, standing
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.radio import RangeDisc
+
+HEARD_BYTES = 3
+"""What a heard frame takes in an agent's frame besides its own bytes."""
 
 
 class WorldCore:
     """The world of one run, with `scenario.agents.count` agents numbered from 0."""
 
-    def __init__(self, scenario: Scenario, decode: Callable[[bytes], RadioFrame] = decode_radio) -> None:
+    def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.environment = Environment(scenario)
         self.lockstep = LockStep(range(scenario.agents.count))
@@ -35,12 +40,12 @@ class WorldCore:
         """In the last closed step."""
         self.digest = Digest()
 
-        self._decode = decode
         self._radio = RangeDisc(scenario.radio, generator(scenario.seed, RADIO_STREAM))
         self._coverage = Coverage(scenario)
         self._present = [True] * scenario.agents.count
         self._spoken: dict[int, tuple[bytes, RadioFrame]] = {}
         self._acts: dict[int, tuple[bytes, Act]] = {}
+        self._standings: dict[int, Standing] = {}
         self._sensed: list[list[Event]] = []
         self._links: Sequence[tuple[int, int]] = ()
         self._newest_counter: dict[int, int] = {}
@@ -57,10 +62,12 @@ class WorldCore:
         environment = self.environment
         self._step, self._time_s = step, step * self.scenario.run.step_s
         taking_part = self.lockstep.begin(step)
+        alive = self.lockstep.alive
         for agent, there in enumerate(self._present):
-            if there != (agent in self.lockstep.alive):
+            if there != (agent in alive):
                 self._present[agent] = not there
                 environment.command(agent, 0.0, 0.0)
+        environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
             environment.move()
         environment.arrive(self._time_s)
@@ -70,40 +77,52 @@ class WorldCore:
         self._spoken, self._acts = {}, {}
         for agent in taking_part:
             x_m, y_m = positions[agent]
-            yield (
-                agent,
-                Frame(step, self._time_s, last, x_m, y_m, tuple(self._sensed[agent][:MAX_SENSED]), tuple(heard[agent])),
-            )
+            sensed = tuple(self._sensed[agent][:MAX_SENSED])
+            yield agent, Frame(step, self._time_s, last, x_m, y_m, sensed, tuple(heard[agent]))
 
-    def _hear(self, taking_part: Sequence[int]) -> dict[int, list[bytes]]:
-        """Deliver the radio frames of the step before."""
+    def _hear(self, taking_part: Sequence[int]) -> list[list[bytes]]:
+        """Deliver the radio frames of the step before; per agent those that reach it."""
         senders = sorted(self._spoken)
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = True
         reception = self._radio.receive(self.environment.positions_m, senders, listening)
-        heard: dict[int, list[bytes]] = {agent: [] for agent in taking_part}
-        room = {
-            agent: FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(self._sensed[agent])) for agent in taking_part
-        }
-        delivered = []
-        for link in reception.links:
-            data = self._spoken[link[0]][0]
-            room[link[1]] -= len(data) + 3
-            if room[link[1]] >= 0:
-                heard[link[1]].append(data)
-                delivered.append(link)
-        self._links = delivered
-        crowded = len(reception.links) - len(delivered)
+        heard: list[list[bytes]] = [[] for _ in listening]
+        for sender, receiver in reception.links:
+            heard[receiver].append(self._spoken[sender][0])
+        self._links = reception.links
+        crowded = self._cut_crowded(heard)
+        if crowded:
+            kept = [iter(frames) for frames in heard]
+            self._links = [link for link in reception.links if next(kept[link[1]], None) is not None]
         self._frame_counts = (reception.dropped_range, reception.dropped_loss, crowded, reception.dropped_dead)
         return heard
+
+    def _cut_crowded(self, heard: list[list[bytes]]) -> int:
+        """Drop what does not fit into its receiver's frame beside the events sensed; how many frames that is."""
+        largest = max((len(data) for data, _ in self._spoken.values()), default=0) + HEARD_BYTES
+        least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
+        crowded = 0
+        for frames, sensed in zip(heard, self._sensed, strict=True):
+            if len(frames) * largest <= least_room:
+                continue  # they fit, whichever they are
+            room = FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(sensed))
+            ends = list(accumulate(len(data) + HEARD_BYTES for data in frames))
+            fitting = bisect_right(ends, room)
+            crowded += len(frames) - fitting
+            del frames[fitting:]
+        return crowded
 
     def hear_radio(self, agent: int, data: bytes) -> str | None:
         """Take one radio frame from an agent's key; the reason if it is dropped."""
         try:
-            frame = self._decode(data)
+            frame = decode_radio(data)
         except WireError as error:
             return self.reject(agent, str(error))
+        return self.take_radio(agent, frame, data)
+
+    def take_radio(self, agent: int, frame: RadioFrame, data: bytes) -> str | None:
+        """The same for a frame and the bytes that it was decoded from, or encoded to."""
         if frame.sender != agent:
             return self.reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
         expected = self._newest_counter.get(agent, -1) + 1
@@ -123,6 +142,10 @@ class WorldCore:
             act = decode_act(data)
         except WireError as error:
             return self.reject(agent, str(error))
+        return self.take_act(agent, act, data)
+
+    def take_act(self, agent: int, act: Act, data: bytes) -> str | None:
+        """The same for an act and the bytes that it was decoded from, or encoded to."""
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self.lockstep.close(agent, act.step):
@@ -157,8 +180,8 @@ class WorldCore:
         return self._tally(len(late))
 
     def _tally(self, late: int) -> Tally:
-        roles = {agent: standing(frame)[0] for agent, (_, frame) in self._spoken.items()}
-        in_trees = sorted(agent for agent, role in roles.items() if is_in_tree(role))
+        self._standings = {agent: standing(frame) for agent, (_, frame) in self._spoken.items()}
+        in_trees = [agent for agent, (role, _, _) in self._standings.items() if role in IN_TREE]
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
@@ -170,7 +193,7 @@ class WorldCore:
             agents_alive=len(self.lockstep.alive),
             agents_late=late,
             agents_in_trees=len(in_trees),
-            trees=sum(role == "root" for role in roles.values()),
+            trees=sum(role == "root" for role, _, _ in self._standings.values()),
             covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
             events_active=len(self.environment.active),
             frames_sent=len(self._spoken),
@@ -188,8 +211,7 @@ class WorldCore:
         """Everything about the step just ended, for the recorder. Call once a step, or never."""
         bodies = []
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
-            spoken = self._spoken.get(agent)
-            role, level, parent = standing(spoken[1] if spoken else None)
+            role, level, parent = self._standings.get(agent, FREE)
             if agent not in self.lockstep.alive:
                 role = "dead"
             bodies.append(Body(agent, x_m, y_m, role, level, parent))

@@ -7,6 +7,7 @@ import numpy as np
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats, sampler
+from deltaswarm_world.near import near
 
 ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
 """Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
@@ -35,20 +36,20 @@ class Happening:
 
 
 class Environment:
-    """Positions (n, 2) [m; world frame] and velocities (n, 2) [m/s] of the agents, and all events."""
+    """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
 
     def __init__(self, scenario: Scenario) -> None:
         count = scenario.agents.count
         size = np.array([scenario.arena.width_m, scenario.arena.height_m])
         self.positions_m: Floats = generator(scenario.seed, START_STREAM).random((count, 2)) * size
-        self.velocities_mps: Floats = np.zeros((count, 2))
+        self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
         self.happenings: list[Happening] = []
         self.active: list[Happening] = []
         self.changed: list[Happening] = []
         self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
-        self._sensing_m2 = scenario.agents.sensing_range_m**2
+        self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
         self._mean_arrivals = scenario.events.rate_hz * scenario.run.step_s
         self._draw = sampler(scenario.events.density, scenario.arena)
@@ -64,7 +65,7 @@ class Environment:
 
     def move(self) -> None:
         """One step of motion; walls hold."""
-        moved = self.positions_m + self.velocities_mps * self._step_s
+        moved = self.positions_m + np.array(self.velocities_mps) * self._step_s
         self.positions_m = np.clip(moved, 0.0, self._size_m)
 
     def arrive(self, time_s: float) -> None:
@@ -81,9 +82,8 @@ class Environment:
         """Per agent the events within its sensing range, by id; notes when an event is first sensed."""
         sensed: list[list[Event]] = [[] for _ in present]
         if self.active:
-            offsets = self.positions_m[:, None, :] - self._places_m[None, :, :]
-            near = np.einsum("ijk,ijk->ij", offsets, offsets) <= self._sensing_m2
-            for agent, index in zip(*(axis.tolist() for axis in near.nonzero()), strict=True):
+            agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
+            for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
                 if present[agent]:
                     happening = self.active[index]
                     sensed[agent].append(happening.as_sensed)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from deltaswarm_wire.radio import Attending, Leaving, Member, RadioFrame, Relocating
+from deltaswarm_wire.radio import Attending, Member, RadioFrame, Relocating
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import IN_TREE, NOBODY
+from deltaswarm_wire.truth import NOBODY
 from deltaswarm_world.density import Floats
 
 COVERAGE_EVERY_S = 10.0
@@ -14,8 +14,15 @@ COVERAGE_CELL_M = 1.0
 """Resolution of the coverage measure."""
 
 
-def standing(frame: RadioFrame | None) -> tuple[str, int, int]:
-    """Role, level and parent that an agent's frame of this step shows."""
+Standing = tuple[str, int, int]
+"""Role, level and parent of an agent, as its frame of this step shows."""
+
+FREE: Standing = ("free", 0, NOBODY)
+"""Of one that says nothing."""
+
+
+def standing(frame: RadioFrame) -> Standing:
+    """What a frame shows of its sender."""
     if type(frame) is Member:
         level = len(frame.path) - 1
         parent = frame.path[-2] if level else NOBODY
@@ -24,9 +31,7 @@ def standing(frame: RadioFrame | None) -> tuple[str, int, int]:
         return "relocating", 0, NOBODY
     if type(frame) is Attending:
         return "attending", 0, NOBODY
-    if type(frame) is Leaving:
-        return "leaving", 0, NOBODY
-    return "free", 0, NOBODY
+    return "leaving", 0, NOBODY
 
 
 class Coverage:
@@ -41,7 +46,7 @@ class Coverage:
         )
         reach = int(np.ceil(scenario.agents.sensing_range_m / COVERAGE_CELL_M)) + 1
         span = np.arange(-reach, reach + 1)
-        self._around = np.stack(np.meshgrid(span, span), axis=-1).reshape(1, -1, 2)
+        self._around_x, self._around_y = (axis.ravel() for axis in np.meshgrid(span, span))
 
     def is_due(self, step: int) -> bool:
         """Whether this step is one in which coverage is measured."""
@@ -51,14 +56,10 @@ class Coverage:
         """Area of the union of the sensing discs around places (n, 2), within the arena [m2]."""
         if not len(places_m):
             return 0.0
-        cells = np.floor(places_m / COVERAGE_CELL_M).astype(np.int64)[:, None, :] + self._around
-        offsets = (cells + 0.5) * COVERAGE_CELL_M - places_m[:, None, :]
-        inside = np.einsum("ijk,ijk->ij", offsets, offsets) <= self._range_m2
-        inside &= np.all((cells >= 0) & (cells < self._cells), axis=-1)
-        seen = cells[inside]
-        return float(np.unique(seen[:, 0] * self._cells[1] + seen[:, 1]).size) * COVERAGE_CELL_M**2
-
-
-def is_in_tree(role: str) -> bool:
-    """Whether an agent of this role counts as part of a tree."""
-    return role in IN_TREE
+        x_m, y_m = places_m[:, :1], places_m[:, 1:]
+        columns = np.floor(x_m / COVERAGE_CELL_M).astype(np.int64) + self._around_x
+        rows = np.floor(y_m / COVERAGE_CELL_M).astype(np.int64) + self._around_y
+        dx, dy = (columns + 0.5) * COVERAGE_CELL_M - x_m, (rows + 0.5) * COVERAGE_CELL_M - y_m
+        inside = dx * dx + dy * dy <= self._range_m2
+        inside &= (columns >= 0) & (columns < self._cells[0]) & (rows >= 0) & (rows < self._cells[1])
+        return float(np.unique((columns * self._cells[1] + rows)[inside]).size) * COVERAGE_CELL_M**2

@@ -7,6 +7,7 @@ import numpy as np
 
 from deltaswarm_wire.settings import RadioSettings
 from deltaswarm_world.density import Floats
+from deltaswarm_world.near import near
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class RangeDisc:
     """A frame is heard within a range, unless it is lost by chance, independently per receiver."""
 
     def __init__(self, settings: RadioSettings, rng: np.random.Generator) -> None:
-        self._range_m2 = settings.range_m**2
+        self._range_m = settings.range_m
         self._loss = settings.loss
         self._rng = rng
 
@@ -38,18 +39,17 @@ class RangeDisc:
         """Who hears the frames of `senders` (agents, ascending), given positions (n, 2) and who is there."""
         if not senders:
             return SILENCE
-        offsets = positions_m[:, None, :] - positions_m[None, list(senders), :]
-        heard = np.einsum("ijk,ijk->ij", offsets, offsets) <= self._range_m2
-        heard[senders, range(len(senders))] = False
-        absent = len(present) - sum(present)
+        speaking = np.array(senders)
+        receivers, columns = near(positions_m, positions_m[speaking], self._range_m)
+        speakers = speaking[columns]
+        heard = speakers != receivers
+        absent = present.count(False)
         if absent:
-            heard[[agent for agent, there in enumerate(present) if not there]] = False
+            heard &= np.array(present)[receivers]
         in_range = int(np.count_nonzero(heard))
         if self._loss > 0.0:
-            lost = self._rng.random(in_range) < self._loss
-            heard[heard] = ~lost
-        receivers, columns = (axis.tolist() for axis in heard.nonzero())
-        links = [(senders[column], receiver) for receiver, column in zip(receivers, columns, strict=True)]
+            heard[heard] = self._rng.random(in_range) >= self._loss
+        links = list(zip(speakers[heard].tolist(), receivers[heard].tolist(), strict=True))
         pairs = len(senders) * (len(present) - 1)
-        dead = sum(absent - (not present[sender]) for sender in senders)
+        dead = sum(absent - (not present[sender]) for sender in senders) if absent else 0
         return Reception(links, pairs - dead - in_range, in_range - len(links), dead)

@@ -3,6 +3,7 @@
 import functools
 import logging
 from collections.abc import Iterator, Sequence
+from concurrent.futures import CancelledError
 from contextlib import ExitStack
 from dataclasses import replace
 
@@ -10,7 +11,8 @@ import dask
 from distributed import Client, LocalCluster, as_completed
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, attempt
+from deltaswarm_orchestrator.exits import complain
+from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.work import Result, Task
 
 CONNECT_WITHIN_S = 10.0
@@ -31,9 +33,14 @@ class DaskEngine:
 
         Raises:
             EngineError: there is no scheduler at the address.
+            EngineLostError: there is none any more.
         """
+        for name in ("distributed", "distributed.client"):  # their tracebacks say less than our one line
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack)
+            if self._scheduler and not client.nthreads():
+                complain(f"the Dask scheduler at {self._scheduler} has no workers yet; waiting for them")
             code = provenance.code_digest()
             futures = {
                 client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(task)): task
@@ -42,11 +49,12 @@ class DaskEngine:
             waiting = as_completed(list(futures))
             for future in waiting:
                 task = futures.pop(future)
-                error = future.exception()
-                if error is not None:
-                    yield Done(task, None, f"{type(error).__name__}: {error}")
-                else:
-                    yield Done(task, *future.result())
+                try:
+                    error = future.exception()
+                    result, reason = (None, f"{type(error).__name__}: {error}") if error else future.result()
+                except CancelledError:  # by nobody but a client that lost its scheduler
+                    raise EngineLostError(f"the Dask scheduler at {self._scheduler} was lost") from None
+                yield Done(task, result, reason)
                 future.release()
 
     def _client(self, stack: ExitStack) -> Client:

@@ -12,7 +12,7 @@ import tomli_w
 
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.sweeps import table as tables
-from deltaswarm_orchestrator.sweeps.engine import Engine
+from deltaswarm_orchestrator.sweeps.engine import Engine, EngineLostError
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, write_whole
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
@@ -89,6 +89,8 @@ def conduct(
                     reporter.done(done)
         except KeyboardInterrupt:
             interrupted = True
+        except EngineLostError as error:
+            failed.append(f"{error}; the same command goes on from there")
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
         with_series |= (path / "series.csv").exists()  # or it would be of fewer runs than the table

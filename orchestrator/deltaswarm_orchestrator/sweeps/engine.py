@@ -23,6 +23,10 @@ class EngineError(Exception):
     """The engine cannot be had."""
 
 
+class EngineLostError(EngineError):
+    """The engine went away in mid-sweep; what it finished is kept."""
+
+
 @dataclass(frozen=True)
 class Done:
     """A run that ended: with a result, or with the reason why there is none."""

@@ -29,6 +29,9 @@ IN_PROCESS, PROCESSES = "in-process", "processes"
 WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
 """What a summary says of the machine and not of the swarm; it is another one each time."""
 
+PRINTED = ("folder", "exit_reason")
+"""What `deltaswarm run --json` prints beside a summary: of a folder that is gone when it is read."""
+
 
 class RunError(Exception):
     """A run of a sweep that failed, or is not valid."""
@@ -72,7 +75,7 @@ def work(task: Task) -> Result:
         "replicate": task.job.replicate,
         "seed": scenario.seed,
         "means": task.means,
-        "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK},
+        "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK + PRINTED},
         "series": series_of(outcome, scenario.run.step_s, task.job.series_every_s),
         "cost": {
             "wall_s": time.monotonic() - began,

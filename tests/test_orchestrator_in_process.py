@@ -1,0 +1,36 @@
+"""All cores in one process: what they hand to one another is what the bytes would have told them."""
+
+from typing import Any
+
+import pytest
+
+from deltaswarm_wire.messages import decode_act, decode_report
+from deltaswarm_wire.radio import decode_radio
+from tests.cores import play, swarm
+
+
+@pytest.mark.parametrize("mode", ["decentralised", "hierarchical", "hybrid"])
+def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each frame, act and report is what its bytes decode to, down to the types of its numbers."""
+    crew = swarm("smoke", f"control.mode={mode}", "events.rate_hz=0.5", seed=3)
+    handed: dict[str, int] = {}
+
+    def check(owner: Any, name: str, decode: Any) -> None:
+        take = getattr(owner, name)
+
+        def checked(agent: int, message: Any, data: bytes) -> str | None:
+            handed[name] = handed.get(name, 0) + 1
+            assert repr(decode(data)) == repr(message)
+            answer: str | None = take(agent, message, data)
+            return answer
+
+        monkeypatch.setattr(owner, name, checked)
+
+    check(crew.world, "take_radio", decode_radio)
+    check(crew.world, "take_act", decode_act)
+    check(crew.operator, "take", decode_report)
+    for _ in play(crew, 200):
+        pass
+    assert handed["take_act"] == 200 * len(crew.agents)
+    assert min(handed["take_radio"], handed["take"]) > 100
+    assert not crew.world.rejected
