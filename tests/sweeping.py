@@ -114,9 +114,9 @@ def sweeping(file: Path | str, out: Path, *arguments: str) -> Iterator[RunningSw
     finally:
         if process.poll() is None:
             process.kill()
-        process.communicate()
-        for pid in marked(mark):
+        for pid in marked(mark):  # before the pipes are read to their end, which an orphan would hold open
             os.kill(pid, signal.SIGKILL)
+        process.communicate()
 
 
 def sweep(file: Path | str, out: Path, *arguments: str) -> dict[str, Any]:

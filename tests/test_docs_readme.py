@@ -13,7 +13,10 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
+    "sweep": "--set run.duration_s=20 --repeats 1 --prove 0",
+    "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",
+    "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
 }
 
 
@@ -27,8 +30,15 @@ def shortened(command: str) -> str:
     """The `deltaswarm` part of a command, with a short run."""
     own = command[command.index("deltaswarm ") :]
     before, sign, target = own.partition(" > ")
-    verb = before.split()[1]
-    return f"{before} {SHORTER.get(verb, '')}{sign}{target}"
+    verb = " ".join(before.split()[1:3])
+    less = SHORTER.get(verb, SHORTER.get(verb.split()[0], ""))
+    return f"{before} {less}{sign}{target}"
+
+
+def files() -> dict[str, str]:
+    """TOML blocks by the file name in their first line."""
+    blocks = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", README, flags=re.DOTALL)
+    return {name: f"# {text}" for name, text in blocks}
 
 
 @pytest.mark.processes
@@ -36,7 +46,9 @@ def test_the_commands_work(tmp_path: Path) -> None:
     """In the order in which they stand, in one folder, with exit code 0."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     lines = [line for line in commands() if "deltaswarm " in line and "wheel" not in line]
-    assert len(lines) >= 8
+    assert len(lines) >= 14
+    for name, text in files().items():
+        (tmp_path / name).write_text(text)
     for line in lines:
         done = subprocess.run(
             shortened(line), shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False

@@ -31,7 +31,7 @@ def pairs(some: Floats, others: Floats) -> list[tuple[int, int]]:
 
 @pytest.mark.parametrize("few_pairs", [FEW_PAIRS, -1], ids=["each", "tree"])
 @given(some=places, others=places)
-@settings(max_examples=60)
+@settings(max_examples=60, deadline=None)  # the first one imports scipy
 def test_all_pairs_in_range_are_found_in_order(few_pairs: int, some: Floats, others: Floats) -> None:
     """The range included; by index of the one, then of the other; both ways of looking."""
     with pytest.MonkeyPatch.context() as patch:

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable, Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
@@ -27,7 +28,7 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
-        epilog="Exit codes: 0 well, 1 the run failed, 2 usage or scenario.",
+        epilog="Exit codes: 0 well, 1 a run failed, 2 usage or scenario, 3 a claim missed its tolerance.",
     )
     made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -71,7 +72,18 @@ def _add_run(command: argparse.ArgumentParser) -> None:
 def _add_bench(command: argparse.ArgumentParser) -> None:
     command.add_argument("--agents", type=int, default=25, metavar="N", help="size of the swarm (default: 25)")
     command.add_argument("--steps", type=int, default=1000, metavar="N", help="steps per measurement (default: 1000)")
+    command.add_argument("--scale", action="store_true", help="how cost grows with the swarm, in one process, instead")
+    command.add_argument("--sizes", type=_sizes, metavar="N,N,...", help="with --scale (default: 25,50,100,200,400)")
+    command.add_argument("--rounds", type=int, default=3, metavar="N", help="with --scale (default: 3)")
+    command.add_argument("--plot", type=Path, metavar="NAME", help="with --scale: draw NAME.png and NAME.svg")
     _add_json(command)
+
+
+def _sizes(text: str) -> list[int]:
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: numbers with commas between them are expected") from None
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -147,11 +159,32 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
+    try:
+        found, text = _scaled(arguments) if arguments.scale else _benched(arguments)
+    except ValueError as error:
+        complain(str(error))
+        return USAGE
+    print(json.dumps(found) if arguments.json else text)
+    return OK
+
+
+def _benched(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
     from deltaswarm_orchestrator import bench
 
     found = bench.measure(arguments.agents, arguments.steps)
-    print(json.dumps(found) if arguments.json else bench.text(found))
-    return OK
+    return found, bench.text(found)
+
+
+def _scaled(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
+    from deltaswarm_orchestrator import scale
+    from deltaswarm_orchestrator.figures import scale as drawn
+    from deltaswarm_orchestrator.figures.style import save
+
+    found = scale.measure_scale(arguments.sizes or scale.SIZES, arguments.steps, arguments.rounds)
+    if arguments.plot:
+        rows = [{**row, "rss_mb": row["peak_memory_mb"]} for row in found["sizes"]]
+        save(drawn.scale(rows), arguments.plot)
+    return found, scale.text(found)
 
 
 def _doctor(arguments: argparse.Namespace) -> int:

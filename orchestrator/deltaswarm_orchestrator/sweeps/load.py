@@ -19,7 +19,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
-BUILT_IN = ("paper", "modes", "smoke")
+BUILT_IN = ("paper", "modes", "readings", "smoke")
 
 OWN = ("seed", "record")
 """Scenario keys that a sweep sets for each run."""
