@@ -24,7 +24,7 @@ def picture(number: int, extent: Extent, table: pd.DataFrame, series: pd.DataFra
     """
     drawing, caption = DRAWN[number](table, series)
     command = f"deltaswarm reproduce --{extent.name} --figure {number}"
-    return Picture(drawing, f"figure-{number}", caption, command)
+    return Picture(drawing, f"figure-{number}", f"The paper's figure {number}. {caption}", command)
 
 
 def _swarm(table: pd.DataFrame, series: pd.DataFrame) -> tuple[Figure, str]:

@@ -70,9 +70,10 @@ def verdict(
 def _verdict_blocks(judged: Sequence[Judgement], extent: Extent) -> list[Block]:
     if not judged:
         return ["No runs were needed: no claim is judged."]
+    count = counted(judged)
     blocks: list[Block] = [
-        "; ".join(f"{number} {word}" for word, number in counted(judged).items())
-        + f". Of {len(judged)} claims; those that do not hold come first. All p-values are corrected together (Holm)."
+        f"Of {len(judged)} claims {count['holds']} hold, {count['does not hold']} do not, and {count['undecided']} are "
+        "undecided; those that do not hold come first. All p-values are corrected together (Holm)."
     ]
     if not extent.judges_convergence:
         blocks.append(
