@@ -221,7 +221,6 @@ LIKENESSES = (
 )
 
 LARGE_VALUES = (
-    ("agents in trees", IN_TREES, 33.0, "", (29.0, 37.0)),
     ("agents in trees after 6000 s", "agents_in_trees", 33.0, "", (29.0, 37.0)),
     ("area covered", COVERED, 1521.0, "m²", (1369.0, 1673.0)),
 )
@@ -233,7 +232,15 @@ CONVERGENCE = ((HYBRID, 1000.0, (0.0, 1000.0)), (LARGE, 6000.0, (4500.0, 7500.0)
 CONVERGED_S = 6000.0
 """Of the scaled swarm, numbers after this time are given apart."""
 
+_TWICE = (
+    "With 0.2 events per s half of the agents are in trees, and they cover more; the paper's numbers fit 0.1 per s."
+)
+
 REMARKS = {
+    "waiting time, no dissolution": (
+        "Without dissolution 24 of 25 agents end up in one large tree, and how long events wait depends on where it "
+        "happens to stand: from 14 to 97 s over 20 replicates. That dissolution helps holds, by more than in the paper."
+    ),
     "hybrid 3 sends the operator less than hierarchical": (
         "In a hierarchical swarm only roots report, since free agents do not work: 4.2 messages per s, as many as "
         'hybrid 3 sends. If the paper\'s "hierarchical delta = 2" is read as hybrid 2, it holds: 4.6 against 4.3.'
@@ -242,9 +249,17 @@ REMARKS = {
         "Delta 3, 4 and 5 cannot be told apart by 20 replicates: the medians are 25.8, 25.2 and 25.3 s."
     ),
     "time to converge, hybrid 3": (
-        "The number of agents in trees rises quickly until about 1000 s and slowly from there on; the paper does not "
+        "The number of agents in trees rises quickly until about 600 s and slowly from there on; the paper does not "
         "say how it reads convergence off, we take 90 % of the mean of the last third."
     ),
+    f"time to converge, {LARGE}": (
+        "By the same criterion; the number goes on rising slowly and passes 30 at about 6000 s, as in the paper."
+    ),
+    "area covered, 100 agents, 100 I, 0.1 per s": "Where events are closer together, so are the trees: 200 I fits.",
+    "agents in trees after 6000 s, 100 agents, 200 I, 0.2 per s": _TWICE,
+    "area covered, 100 agents, 200 I, 0.2 per s": _TWICE,
+    "agents in trees after 6000 s, 100 agents, 100 I, 0.2 per s": _TWICE,
+    "area covered, 100 agents, 100 I, 0.2 per s": _TWICE,
 }
 """Claims that do not hold in our runs, with the reason as far as we know it."""
 
