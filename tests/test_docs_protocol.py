@@ -257,7 +257,7 @@ def test_keys_and_names_of_the_page_are_the_codes() -> None:
     leaves = (keys.FRAME, keys.RADIO, keys.REPORT, keys.ACT)
     for key in (*(demo.agent(7, leaf) for leaf in leaves), demo.token(keys.AGENT, 7), demo.token(keys.WORLD)):
         assert f"`{key}`" in TEXT
-    for key in (demo.clock, demo.truth, demo.status, demo.workload):
+    for key in (demo.clock, demo.truth, demo.status, demo.workload, demo.orders, demo.done):
         assert f"`{key.removeprefix(demo.root + '/')}`" in TEXT
     assert f"`{session.user_name(keys.AGENT, 7)}`" in TEXT
     for message in ("Frame", "Radio", "Report", "Act"):

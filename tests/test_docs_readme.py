@@ -13,6 +13,7 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
+    "run hard.toml": "--in-process --set run.duration_s=4501",
     "sweep": "--set run.duration_s=20 --repeats 1 --prove 0",
     "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",

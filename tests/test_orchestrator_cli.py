@@ -18,6 +18,8 @@ from tests.swarms import COMMAND
 
 Printed = pytest.CaptureFixture[str]
 
+COMMANDS = ["run", "sweep", "report", "reproduce", "why", "info", "doctor", "bench", "agent", "world", "operator"]
+
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
 
 
@@ -59,6 +61,8 @@ def test_the_version_is_the_packages(capsys: Printed) -> None:
         ["run", "smoke", "smoke"],
         ["info"],
         ["doctor", "me"],
+        ["why", "runs/a", "1", "2"],
+        ["why", "runs/a", "1", "b", "--at", "3"],
     ],
     ids=lambda value: " ".join(value) or "nothing",
 )
@@ -70,10 +74,10 @@ def test_wrong_usage_ends_with_2(arguments: list[str], capsys: Printed) -> None:
     assert "error: " in printed.err
 
 
-@pytest.mark.parametrize("command", [[], ["run"], ["info"], ["doctor"], ["bench"], ["agent"], ["world"], ["operator"]])
-def test_every_command_explains_itself(command: list[str], capsys: Printed) -> None:
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_every_command_explains_itself(command: str, capsys: Printed) -> None:
     """With --help, and exit code 0."""
-    assert refused(*command, "--help") == 0
+    assert refused(*command.split(), "--help") == 0
     assert capsys.readouterr().out.startswith("usage: ")
 
 

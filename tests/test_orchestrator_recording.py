@@ -50,7 +50,7 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
     made = []
     for step in range(draw(st.integers(0, 4))):
         now_s = draw(times)
-        head, tail = [draw(counts) for _ in range(4)], [draw(counts) for _ in range(10)]
+        head, tail = [draw(counts) for _ in range(4)], [draw(counts) for _ in Tally._fields[7:]]
         tally = Tally(step, now_s, *head, draw(st.floats(0, MAX_ABS_M**2) | not_yet), *tail)
         shown = draw(st.lists(events, max_size=4, unique_by=lambda event: event.event))
         rates = [draw(st.floats(0, MAX_ID)) for _ in range(2)]
@@ -97,7 +97,7 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
 
 def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
     """None is written as -1, and is None again."""
-    tally = Tally(0, 0.0, *[0] * 4, None, *[0] * 10)
+    tally = Tally(0, 0.0, *[0] * 4, None, *[0] * (len(Tally._fields) - 7))
     event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
     write(tmp_path, [(Truth(0, 0.0, (), (event,), (), tally), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
     found = read_recording(tmp_path)

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_wire import settings as wire_settings
+from deltaswarm_wire import settings_radio
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -36,8 +37,9 @@ NOT_IN_A_CORE = {
 }
 """Whole modules; of `random` a core may import the class `Random` and be handed an instance."""
 
-ADAPTERS = {"process.py", "__main__.py", "output.py"}
-"""They do the input and output of their parts; output.py writes the world's tables, by the wall clock."""
+ADAPTERS = {"process.py", "__main__.py", "output.py", "waker.py"}
+"""They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
+waker.py is what wakes the world's process."""
 
 
 def modules(*folders: str) -> list[Path]:
@@ -132,8 +134,9 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 
 SETTINGS: list[Any] = [
     found
-    for found in vars(wire_settings).values()
-    if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == wire_settings.__name__
+    for module in (wire_settings, settings_radio)
+    for found in vars(module).values()
+    if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__
 ]
 
 

@@ -12,9 +12,10 @@ from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.messages import Act, Event, Frame, encode_act, encode_frame
 from deltaswarm_wire.radio import Descendant, Member, RadioFrame, Relocating, encode_radio
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Tally, Truth, decode_truth, encode_truth
+from deltaswarm_wire.truth import DROP_REASONS, Tally, Truth, decode_truth, encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.environment import Happening
+from tests.airs import EVERYTHING
 from tests.cores import member, play, swarm
 from tests.strategies import ACT, RADIO, complaint, strange
 
@@ -301,21 +302,26 @@ def test_a_dead_agent_stops_and_hears_nothing() -> None:
 # The books
 
 
-@pytest.mark.parametrize("loss", ["0", "0.4"])
-def test_every_frame_sent_is_heard_or_dropped_in_the_step_after(loss: str) -> None:
-    """Sent in step k times all others = heard and dropped, by reason, in k+1; also with deaths, returns and hangs."""
-    crew = swarm("smoke", "agents.count=10", "events.rate_hz=0.3", "control.delta=2", f"radio.loss={loss}")
+@pytest.mark.parametrize("radio", [[], ["radio.loss=0.4"], list(EVERYTHING)], ids=["disc", "loss", "everything"])
+def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> None:
+    """In every step: sent times all others = heard, dropped by reason, in flight; also with deaths, returns, hangs."""
+    crew = swarm("smoke", "agents.count=10", "events.rate_hz=0.3", "control.delta=2", *radio)
     world = crew.world
     changes = {60: world.lockstep.gone, 90: world.lockstep.gone, 120: world.lockstep.back, 150: world.lockstep.gone}
-    sent = heard = 0
+    in_flight = heard = 0
+    dropped = Counter[str]()
     for step in range(250):
         changes.get(step, lambda agent: None)(step // 30)
         tally = crew.step(step, last=False)
-        drops = tally.dropped_range + tally.dropped_loss + tally.dropped_crowded + tally.dropped_dead
-        assert tally.frames_received + drops == sent * 9
+        drops = {reason: getattr(tally, f"dropped_{reason}") for reason in DROP_REASONS}
+        came = tally.frames_sent * 9 + tally.frames_duplicated
+        assert in_flight + came == tally.frames_received + sum(drops.values()) + tally.frames_in_flight
         assert tally.bytes_sent >= 6 * tally.frames_sent
-        sent, heard = tally.frames_sent, heard + tally.frames_received
+        in_flight, heard = tally.frames_in_flight, heard + tally.frames_received
+        dropped.update(drops)
     assert heard > 1000
+    if radio == list(EVERYTHING):
+        assert {reason for reason in DROP_REASONS if not dropped[reason]} == {"crowded"}
 
 
 def digest_of(heard: bytes, act: Act, agent: int = 0) -> str:

@@ -1,19 +1,18 @@
-"""The air: a disc, seeded loss, and a reason for every frame that is not heard."""
+"""The air as a whole: a reason for every frame that is not heard, and nothing lost from the books."""
+
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.settings import RadioSettings
+from deltaswarm_wire.truth import DROP_REASONS
 from deltaswarm_world.density import Floats
-from deltaswarm_world.radio import SILENCE, RangeDisc, Reception
+from deltaswarm_world.radio import Carried
+from tests.airs import Stage, radios
 
 RANGE_M = 10.0
-
-
-def air(loss: float = 0.0, seed: int = 1) -> RangeDisc:
-    return RangeDisc(RadioSettings(RANGE_M, loss), np.random.default_rng(seed))
 
 
 @st.composite
@@ -27,8 +26,7 @@ def situations(draw: st.DrawFn) -> tuple[Floats, list[int], list[bool]]:
     return np.array(positions), senders, present
 
 
-def dropped(reception: Reception) -> int:
-    return reception.dropped_range + reception.dropped_loss + reception.dropped_dead
+# The disc, and loss
 
 
 @given(situations(), st.sampled_from([0.0, 0.3, 1.0]))
@@ -38,10 +36,10 @@ def test_every_frame_is_heard_or_dropped_for_a_reason(
 ) -> None:
     """Links and drops add up to each frame's pairs with all others, whoever is there."""
     positions, senders, present = situation
-    reception = air(loss).receive(positions, senders, present)
-    assert len(reception.links) + dropped(reception) == len(senders) * (len(present) - 1)
-    assert min(reception.dropped_range, reception.dropped_loss, reception.dropped_dead) >= 0
-    assert reception.dropped_loss == 0 or loss > 0
+    carried = Stage(positions, loss=loss).carry(senders, present)
+    assert len(carried.links) + sum(carried.dropped.values()) == len(senders) * (len(present) - 1)
+    assert set(carried.dropped) <= {"range", "dead"} | ({"loss"} if loss else set())
+    assert all(count > 0 for count in carried.dropped.values())
 
 
 @given(situations())
@@ -50,76 +48,77 @@ def test_a_frame_is_heard_by_all_who_are_in_range_and_there(
 ) -> None:
     """And by nobody else, not by its sender; in order of receiver, then sender."""
     positions, senders, present = situation
-    reception = air().receive(positions, senders, present)
+    carried = Stage(positions).carry(senders, present)
     near = {
         (sender, receiver)
         for sender in senders
         for receiver in range(len(present))
         if receiver != sender and ((positions[sender] - positions[receiver]) ** 2).sum() <= RANGE_M**2
     }
-    assert set(reception.links) == {(sender, receiver) for sender, receiver in near if present[receiver]}
-    assert reception.links == sorted(reception.links, key=lambda link: (link[1], link[0]))
+    assert set(carried.links) == {(sender, receiver) for sender, receiver in near if present[receiver]}
+    assert carried.links == sorted(carried.links, key=lambda link: (link[1], link[0]))
     absent = [agent for agent, there in enumerate(present) if not there]
-    assert reception.dropped_dead == sum(agent != sender for sender in senders for agent in absent)
+    assert carried.dropped.get("dead", 0) == sum(agent != sender for sender in senders for agent in absent)
 
 
 @given(situations())
 def test_hearing_is_mutual(situation: tuple[Floats, list[int], list[bool]]) -> None:
     """Where all speak and all are there, whoever hears is heard."""
-    positions, _, present = situation
-    everybody = list(range(len(present)))
-    links = set(air().receive(positions, everybody, [True] * len(present)).links)
+    links = set(Stage(situation[0]).carry().links)
     assert links == {(receiver, sender) for sender, receiver in links}
 
 
 @pytest.mark.parametrize(("distance_m", "heard"), [(9.999, True), (10.0, True), (10.001, False)])
 def test_the_range_is_a_sharp_edge(distance_m: float, heard: bool) -> None:
     """The range itself is within it."""
-    reception = air().receive(np.array([[0.0, 0.0], [distance_m, 0.0]]), [0], [True, True])
-    assert reception.links == ([(0, 1)] if heard else [])
-    assert reception.dropped_range == (not heard)
+    carried = Stage([[0.0, 0.0], [distance_m, 0.0]]).carry([0])
+    assert carried.links == ([(0, 1)] if heard else [])
+    assert carried.dropped.get("range", 0) == (not heard)
 
 
 def test_silence_is_nothing() -> None:
     """No senders, no links, no drops, and no draw of chance."""
-    disc = air(0.5)
-    assert disc.receive(np.zeros((3, 2)), [], [True] * 3) == SILENCE
-    assert disc.receive(np.zeros((3, 2)), [0], [True] * 3) == air(0.5).receive(np.zeros((3, 2)), [0], [True] * 3)
+    quiet, other = (Stage(np.zeros((9, 2)), loss=0.5) for _ in range(2))
+    silence = quiet.carry([])
+    assert (silence.links, silence.dropped, silence.heard) == ([], {}, [[] for _ in range(9)])
+    assert quiet.carry().links == other.carry().links
 
 
 CROWD = np.zeros((20, 2))
-ALL = list(range(20))
-THERE = [True] * 20
 
 
-def heard_in(steps: int, loss: float, seed: int) -> list[Reception]:
-    disc = air(loss, seed)
-    return [disc.receive(CROWD, ALL, THERE) for _ in range(steps)]
+def heard_in(steps: int, loss: float, seed: int) -> list[Carried]:
+    stage = Stage(CROWD, seed, loss=loss)
+    return [stage.carry() for _ in range(steps)]
+
+
+def links_of(carried: list[Carried]) -> list[list[tuple[int, int]]]:
+    return [one.links for one in carried]
 
 
 def test_loss_is_reproducible() -> None:
-    """The same generator gives the same losses, another other ones."""
-    assert heard_in(5, 0.3, seed=1) == heard_in(5, 0.3, seed=1) != heard_in(5, 0.3, seed=2)
+    """The same seed gives the same losses, another other ones."""
+    one, same, other = (links_of(heard_in(5, 0.3, seed)) for seed in (1, 1, 2))
+    assert one == same != other
 
 
 @pytest.mark.parametrize("loss", [0.05, 0.3, 0.9])
 def test_loss_has_its_share(loss: float) -> None:
     """Of 38,000 pairs in range, within four standard errors."""
     receptions = heard_in(100, loss, seed=3)
-    lost = sum(reception.dropped_loss for reception in receptions)
+    lost = sum(carried.dropped["loss"] for carried in receptions)
     pairs = 100 * 20 * 19
-    assert lost + sum(len(reception.links) for reception in receptions) == pairs
+    assert lost + sum(len(carried.links) for carried in receptions) == pairs
     assert lost / pairs == pytest.approx(loss, abs=4 * (loss * (1 - loss) / pairs) ** 0.5)
 
 
 def test_loss_is_independent_per_receiver() -> None:
     """One frame is lost for some and heard by others; no pair is luckier than another."""
-    receptions = heard_in(400, 0.5, seed=4)
     heard = np.zeros((20, 20))
-    for reception in receptions:
-        per_frame = np.bincount([sender for sender, _ in reception.links], minlength=20)
+    for carried in heard_in(400, 0.5, seed=4):
+        per_frame = np.bincount([sender for sender, _ in carried.links], minlength=20)
         assert per_frame.max() < 19
-        for sender, receiver in reception.links:
+        for sender, receiver in carried.links:
             heard[sender, receiver] += 1
     shares = heard[~np.eye(20, dtype=bool)] / 400
     assert 0.37 < shares.min() < shares.max() < 0.63
@@ -128,5 +127,162 @@ def test_loss_is_independent_per_receiver() -> None:
 def test_no_loss_and_total_loss_are_exact() -> None:
     """At 0 nothing is lost, at 1 everything in range is."""
     (clear,), (noise,) = heard_in(1, 0.0, seed=5), heard_in(1, 1.0, seed=5)
-    assert (len(clear.links), clear.dropped_loss) == (380, 0)
-    assert (len(noise.links), noise.dropped_loss) == (0, 380)
+    assert (len(clear.links), clear.dropped) == (380, {})
+    assert (len(noise.links), noise.dropped) == (0, {"loss": 380})
+
+
+# All models
+
+
+@given(radios, st.integers(1, 7), st.integers(0, 2**32), st.integers(0, 5))
+@settings(max_examples=150)
+def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, seed: int, silent: int) -> None:
+    """Whatever is on, whoever speaks, dies and returns: in every step what was to come came, fell, or is to come."""
+    rng = np.random.default_rng(seed)
+    stage = Stage(rng.random((agents, 2)) * 60, **{"range_m": 30.0, **table})
+    before = 0
+    for step in range(25 + silent):
+        stage.positions_m = np.clip(stage.positions_m + rng.normal(size=(agents, 2)), 0, 100)
+        speaking = [] if step >= 25 else [agent for agent in range(agents) if rng.random() < 0.7]
+        data = {agent: bytes(rng.integers(7, 30)) for agent in speaking}
+        there = [bool(rng.random() < 0.8) for _ in range(agents)]
+        carried = stage.carry(listening=there, data=data)
+        came = len(data) * (agents - 1) + carried.duplicated
+        fell = sum(carried.dropped.values())
+        assert before + came == len(carried.links) + fell + stage.air.under_way
+        assert set(carried.dropped) <= set(DROP_REASONS) - {"crowded"}
+        assert min(carried.dropped.values(), default=1) > 0
+        assert [len(frames) for frames in carried.heard] == [
+            sum(link[1] == agent for link in carried.links) for agent in range(agents)
+        ]
+        assert all(there[receiver] for _, receiver in carried.links)
+        assert carried.largest_bytes >= max((len(one) for frames in carried.heard for one in frames), default=0)
+        before = stage.air.under_way
+
+
+@given(radios)
+@settings(max_examples=60)
+def test_same_seed_same_air(table: dict[str, Any]) -> None:
+    """Every use of chance comes from the seed."""
+    rows = []
+    for _ in range(2):
+        stage = Stage(np.arange(10).reshape(5, 2) * 5.0, 7, **table)
+        rows.append([(carried.links, carried.heard, carried.dropped) for carried in (stage.carry() for _ in range(20))])
+    assert rows[0] == rows[1]
+
+
+ONE_BY_ONE: dict[str, dict[str, Any]] = {
+    "blackout": {"blackouts": [{}]},
+    "partition": {"walls": [{"a_m": [1, 0], "b_m": [1, 50]}]},
+    "jam": {"jammers": [{"center_m": [2, 20], "radius_m": 1}]},
+    "asymmetry": {"asymmetry": {"dead_share": 1.0}},
+    "loss": {"loss": 1.0},
+    "burst": {"burst": {"loss_good": 1.0}},
+    "contention": {"contention_bytes_per_s": 1.0},
+}
+"""What cuts the link from (0, 20) to (2, 20), in the order in which a frame meets it."""
+
+
+@pytest.mark.parametrize("reason", ONE_BY_ONE)
+def test_each_model_has_its_own_reason(reason: str) -> None:
+    """Alone it cuts the link, and its name is given."""
+    stage = Stage([[0, 20], [2, 20]], **ONE_BY_ONE[reason])
+    assert stage.carry([0]).dropped == {reason: 1}
+
+
+@pytest.mark.parametrize("first", range(len(ONE_BY_ONE)))
+def test_the_first_reason_is_the_one_that_counts(first: int) -> None:
+    """Of all that would cut a link, in the documented order; range and a dead receiver come before all."""
+    reasons = list(ONE_BY_ONE)[first:]
+    table: dict[str, Any] = {}
+    for reason in reasons:
+        table |= ONE_BY_ONE[reason]
+    assert Stage([[0, 20], [2, 20]], **table).carry([0]).dropped == {reasons[0]: 1}
+    assert Stage([[0, 20], [12, 20]], **table).carry([0]).dropped == {"range": 1}
+    assert Stage([[0, 20], [12, 20]], **table).carry([0], [True, False]).dropped == {"dead": 1}
+
+
+@pytest.mark.parametrize("other", [name for name in ONE_BY_ONE if name != "loss"])
+def test_switching_a_model_on_changes_nothing_of_another_s_draws(other: str) -> None:
+    """The same frames fall to loss, as far as no other reason comes first."""
+    tables: list[dict[str, Any]] = [{}, {"blackouts": [{"from_s": 3, "until_s": 5}]}]
+    tables[1] |= {} if other == "blackout" else SOME[other]
+    alone, both = (Stage(CROWD, 3, loss=0.4, **table) for table in tables)
+    for step in range(10):
+        clear, busy = alone.carry(), both.carry()
+        assert set(busy.links) <= set(clear.links)
+        if step in (3, 4):
+            assert busy.dropped == {"blackout": 380}
+
+
+SOME: dict[str, dict[str, Any]] = {
+    "partition": {"walls": [{"a_m": [1, 0], "b_m": [1, 50]}]},
+    "jam": {"jammers": [{"center_m": [2, 20], "radius_m": 1}]},
+    "asymmetry": {"asymmetry": {"dead_share": 0.3, "range_factor_low": 0.5}},
+    "burst": {"burst": {"p_good_to_bad": 0.2, "p_bad_to_good": 0.5}},
+    "contention": {"contention_bytes_per_s": 40.0},
+}
+
+
+# Late frames
+
+
+@given(st.floats(0, 5), st.floats(0, 5), st.integers(0, 99))
+def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int) -> None:
+    """Each arrives at least the latency, and at most latency and jitter, after its time, to half a step."""
+    stage = Stage([[0, 0], [1, 0]], seed, latency_s=latency_s, jitter_s=jitter_s)
+    arrived = []
+    for step in range(30):
+        carried = stage.carry([0] if step < 20 else [])
+        arrived += [(int(data.split(b":")[0]), step) for data in carried.heard[1]]
+    assert sorted(sent for sent, _ in arrived) == list(range(20))
+    assert stage.air.under_way == 0
+    for sent, step in arrived:
+        assert latency_s - 0.5 <= step - sent <= latency_s + jitter_s + 0.5
+
+
+def test_jitter_reorders() -> None:
+    """A frame may overtake another of the same sender."""
+    stage = Stage([[0, 0], [1, 0]], jitter_s=6.0)
+    sent = [data for _ in range(40) for data in stage.carry([0]).heard[1]]
+    numbers = [int(data.split(b":")[0]) for data in sent]
+    assert numbers != sorted(numbers)
+
+
+def test_every_frame_comes_twice_where_all_are_doubled() -> None:
+    """A copy is one reception more, and is counted as such."""
+    carried = Stage([[0, 0], [1, 0]], duplication=1.0).carry([0])
+    assert carried.heard[1] == [b"0:0", b"0:0"]
+    assert (carried.duplicated, carried.dropped) == (1, {})
+
+
+def test_a_frame_under_way_to_one_who_dies_is_dropped_as_dead() -> None:
+    """Nothing is kept for when it returns."""
+    stage = Stage([[0, 0], [1, 0]], latency_s=2.0)
+    assert (stage.carry([0]).dropped, stage.air.under_way) == ({}, 1)
+    assert stage.carry([], [True, False]).dropped == {}
+    assert stage.carry([], [True, False]).dropped == {"dead": 1}
+    assert stage.carry([]).links == []
+
+
+@pytest.mark.parametrize("gone", [0, 1])
+def test_what_waits_in_a_queue_dies_with_its_agent(gone: int) -> None:
+    """At either end."""
+    rate = {"sender_bytes_per_s": 1.0} if gone == 0 else {"receiver_bytes_per_s": 1.0}
+    stage = Stage([[0, 0], [1, 0]], bandwidth=rate)
+    stage.carry([0])
+    assert stage.air.under_way == 1
+    assert stage.carry([], [agent != gone for agent in (0, 1)]).dropped == {"dead": 1}
+    assert stage.air.under_way == 0
+
+
+def test_a_narrow_sender_is_late_and_a_full_queue_drops() -> None:
+    """5 bytes a second for a frame of 10 each second: every other one comes, once the queue is full."""
+    stage = Stage([[0, 0], [1, 0]], bandwidth={"sender_bytes_per_s": 5.0, "queue_bytes": 30})
+    heard = dropped = 0
+    for _ in range(100):
+        carried = stage.carry(data={0: bytes(10)})
+        heard += len(carried.links)
+        dropped += carried.dropped.get("bandwidth", 0)
+    assert (heard, heard + dropped + stage.air.under_way) == (50, 100)
+    assert stage.air.under_way == 3

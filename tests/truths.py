@@ -71,7 +71,7 @@ def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
 
 def _tally(rng: random.Random, step: int, time_s: float, events_active: int) -> Tally:
     area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
-    counts = [rng.randrange(30) for _ in range(9)]
+    counts = [rng.randrange(30) for _ in range(len(Tally._fields) - 8)]
     return Tally(step, time_s, 25, rng.randrange(2), 12, 3, area_m2, events_active, *counts)
 
 
@@ -111,7 +111,7 @@ def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
 
 
 def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
-    return Truth(0, 0.0, bodies, events, links, Tally(0, 0.0, *[0] * 4, None, *[0] * 10))
+    return Truth(0, 0.0, bodies, events, links, Tally(0, 0.0, *[0] * 4, None, *[0] * (len(Tally._fields) - 7)))
 
 
 def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:

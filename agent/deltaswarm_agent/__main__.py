@@ -21,6 +21,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
+    made.add_argument("--restart", type=int, default=0, metavar="N", help="how often it was started before in this run")
     made.add_argument("--world-lost-s", type=float, default=5.0, help="end after so long without a world (default: 5)")
     add_link_arguments(made)
     return made
@@ -38,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             agent=arguments.id,
             link=link_of(arguments, AGENT, arguments.id, arguments.low_latency),
             settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text())),
+            restart=arguments.restart,
             world_lost_s=arguments.world_lost_s,
         )
     except (ValueError, OSError) as error:

@@ -43,9 +43,9 @@ class Decision(NamedTuple):
     report: Report | None
 
 
-def agent_rng(seed: int, agent: int) -> Random:
-    """The agent's own generator; the same for the same seed on any machine."""
-    return Random(f"deltaswarm/{seed}/agent/{agent}")
+def agent_rng(seed: int, agent: int, restart: int = 0) -> Random:
+    """The agent's own generator; the same for the same seed and number of its restart on any machine."""
+    return Random(f"deltaswarm/{seed}/agent/{agent}" + (f"/restart/{restart}" if restart else ""))
 
 
 class AgentCore:

@@ -32,6 +32,8 @@ class AgentConfig:
     agent: int
     link: Link
     settings: AgentSettings
+    restart: int = 0
+    """How often an agent of this number was started before in this run."""
     world_lost_s: float = 5.0
     """An agent that has not heard of a world for so long ends."""
 
@@ -116,7 +118,8 @@ def run_agent(config: AgentConfig) -> int:
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
-    core = AgentCore(config.agent, config.settings, agent_rng(config.settings.seed, config.agent))
+    rng = agent_rng(config.settings.seed, config.agent, config.restart)
+    core = AgentCore(config.agent, config.settings, rng)
     with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
         outbox = Outbox(session, keys, config.agent)

@@ -138,8 +138,14 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
     allowed = _allowed(hint, limits)
     fits = type(value) is hint or (hint is float and type(value) is int)
     if not fits or not _within(value, limits):
-        return None, [Problem(path, _shown(value), allowed)]
+        return None, [Problem(path, _shown(value), _suggestion(value, limits) + allowed)]
     return (float(value) if hint is float else value), []
+
+
+def _suggestion(value: Any, limits: Mapping[str, Any]) -> str:
+    """The choice that was meant, if one is near."""
+    near = difflib.get_close_matches(value[:60], limits.get("choices") or (), n=1) if isinstance(value, str) else ()
+    return f"did you mean {near[0]!r}? " if near else ""
 
 
 def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple[Any, list[Problem]]:

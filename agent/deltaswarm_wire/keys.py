@@ -28,6 +28,8 @@ class Keys:
         self.clock = f"{self.root}/clock"
         self.truth = f"{self.root}/world/truth"
         self.status = f"{self.root}/world/status"
+        self.orders = f"{self.root}/world/orders"
+        self.done = f"{self.root}/recorder/done"
         self.workload = f"{self.root}/operator/workload"
         self.from_agents = self.agent("*", "*")
         self.all_radio = self.agent("*", RADIO)

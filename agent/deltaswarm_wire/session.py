@@ -160,9 +160,12 @@ def access_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     )
     book.allow(
         RECORDER,
-        sends=[],
-        receives=[keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload],
-        heard_by=[],
+        sends=[keys.done],
+        receives=[
+            *(keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload),
+            keys.orders,
+        ],
+        heard_by=[keys.done],
         token=keys.token(RECORDER),
         watches=keys.all_tokens,
     )

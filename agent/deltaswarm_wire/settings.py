@@ -8,6 +8,8 @@ from dataclasses import dataclass
 
 from deltaswarm_wire.checked import Problem, key, plain_value
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
+from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 
 MODES = ("decentralised", "hierarchical", "hybrid")
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
@@ -104,14 +106,6 @@ class SwarmSettings:
 
 
 @dataclass(frozen=True)
-class RadioSettings:
-    """The air between the agents, emulated by the world."""
-
-    range_m: float = key(9.0, "a frame is heard up to here [m]", source=OURS, above=0)
-    loss: float = key(0.0, "share of frames in range that are lost all the same", low=0, high=1)
-
-
-@dataclass(frozen=True)
 class ControlSettings:
     """How agents decide (Hybrid coordination)."""
 
@@ -168,6 +162,7 @@ class Scenario:
     radio: RadioSettings = key(RadioSettings, "the air between agents")
     control: ControlSettings = key(ControlSettings, "how agents decide")
     operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
+    fault: tuple[FaultSettings, ...] = key((), "what fails in it: a timeline")
 
     def problems(self) -> list[Problem]:
         """What no single key can show."""
@@ -182,6 +177,9 @@ class Scenario:
             found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
         if self.run.steps > MAX_STEP:
             found.append(Problem("run.duration_s", f"{self.run.steps} steps", f"at most {MAX_STEP} are allowed"))
+        found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
+        size_m = (self.arena.width_m, self.arena.height_m)
+        found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         return found + self._density_problems()
 
     def _density_problems(self) -> list[Problem]:

@@ -30,11 +30,26 @@ IN_TREE = frozenset({"root", "member", "orphan", "relocating"})
 
 NOBODY = -1
 
-DROP_REASONS = ("range", "loss", "crowded", "dead")
-"""Why a frame did not reach a receiver.
+DROP_REASONS = (
+    "range",
+    "blackout",
+    "partition",
+    "jam",
+    "asymmetry",
+    "loss",
+    "burst",
+    "contention",
+    "bandwidth",
+    "crowded",
+    "dead",
+)
+"""Why a frame did not reach a receiver: what it met first, one reason each.
 
-range: too far; loss: the seeded loss of the radio model; crowded: the receiver's own frame over the
-fabric was full; dead: the receiver's process is gone or hangs.
+range: too far, or too little power; blackout, partition, jam: no frame gets through now, across a wall, or to
+within a jammer's circle; asymmetry: this direction of the link is worse; loss: by chance; burst: by chance, on
+a link in its bad state; contention: too many bytes on the air around the receiver; bandwidth: the queue at its
+sender or its receiver was full; crowded: the receiver's own frame over the fabric was full; dead: the
+receiver's process is gone or hangs, or the radio of one of both is dead.
 """
 
 
@@ -62,7 +77,14 @@ class EventState(NamedTuple):
 
 
 class Tally(NamedTuple):
-    """The world's row of `series.csv`: what happened in one step."""
+    """The world's row of `series.csv`: what happened in one step.
+
+    One frame sent is one reception to come for each other agent. Those that are neither received nor dropped
+    are in flight at the end of the step, that is, of n agents, exactly:
+
+        frames_in_flight before + frames_sent (n - 1) + frames_duplicated
+            = frames_received + all that is dropped + frames_in_flight
+    """
 
     step: int
     time_s: float
@@ -75,8 +97,17 @@ class Tally(NamedTuple):
     frames_sent: int
     bytes_sent: int
     frames_received: int
+    frames_duplicated: int
+    frames_in_flight: int
     dropped_range: int
+    dropped_blackout: int
+    dropped_partition: int
+    dropped_jam: int
+    dropped_asymmetry: int
     dropped_loss: int
+    dropped_burst: int
+    dropped_contention: int
+    dropped_bandwidth: int
     dropped_crowded: int
     dropped_dead: int
     rejected: int

@@ -58,6 +58,7 @@ def _follow(lifeline: Connection) -> None:
     try:
         lifeline.recv_bytes()
     except (EOFError, OSError):
+        os.killpg(0, signal.SIGCONT)  # all parts: one that a fault has frozen cannot see that it should end
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(GRACE_S)
         os._exit(1)

@@ -5,6 +5,7 @@ import importlib
 import json
 import sys
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,7 @@ def parser() -> argparse.ArgumentParser:
     info = commands.add_parser("info", help="a finished or interrupted run, from its folder")
     info.add_argument("folder", type=Path, metavar="RUN")
     _add_json(info)
+    _add_why(commands.add_parser("why", help="whether an agent could hear another at a time of a run, and why not"))
     for part in PARTS:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
     return made
@@ -66,6 +68,15 @@ def _add_run(command: argparse.ArgumentParser) -> None:
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
     command.add_argument("--dry-run", action="store_true", help="check and print the effective scenario only")
+    _add_json(command)
+
+
+def _add_why(command: argparse.ArgumentParser) -> None:
+    command.description = "Does the run again in one process up to a time, and says whether B could hear A then."
+    command.add_argument("folder", type=Path, metavar="RUN")
+    command.add_argument("sender", type=int, metavar="A", help="the agent that speaks")
+    command.add_argument("receiver", type=int, metavar="B", help="the agent that hears, or does not")
+    command.add_argument("--at", type=float, required=True, metavar="T", help="when [s]")
     _add_json(command)
 
 
@@ -101,6 +112,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "bench": _bench,
         "doctor": _doctor,
         "info": _info,
+        "why": _why,
     }[arguments.command]
     try:
         return command(arguments)
@@ -207,4 +219,19 @@ def _info(arguments: argparse.Namespace) -> int:
         complain(str(error))
         return USAGE
     print(json.dumps(found) if arguments.json else info.text(found))
+    return OK
+
+
+def _why(arguments: argparse.Namespace) -> int:
+    from deltaswarm_orchestrator import info, why
+
+    try:
+        answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
+    except info.NotARunError as error:
+        complain(str(error))
+        return USAGE
+    print(json.dumps(asdict(answer)) if arguments.json else why.text(answer))
+    if answer.differs_from_step is not None:
+        complain(f"the run was disturbed: from step {answer.differs_from_step} on this is another one than it was")
+        return FAILED
     return OK

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from deltaswarm_wire.messages import Event, Report, Workload
-from deltaswarm_wire.truth import EventState, Tally
+from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
 
 Json = dict[str, Any]
 
@@ -21,10 +21,9 @@ NET_FIELDS = (
     "frames_sent",
     "bytes_sent",
     "frames_received",
-    "dropped_range",
-    "dropped_loss",
-    "dropped_crowded",
-    "dropped_dead",
+    "frames_duplicated",
+    "frames_in_flight",
+    *(f"dropped_{reason}" for reason in DROP_REASONS),
     "rejected",
     "transport_lost",
 )

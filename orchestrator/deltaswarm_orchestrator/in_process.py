@@ -5,20 +5,36 @@ the digest is the same.
 """
 
 import time
+from collections import Counter
 from collections.abc import Callable
+from logging import WARNING
 
 from deltaswarm_agent.core import AgentCore, agent_rng
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.progress import Quiet, Reporter
 from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_orchestrator.sink import Sink
+from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Clock, Status, encode_act, encode_report
-from deltaswarm_wire.radio import RadioFrame, encode_radio
+from deltaswarm_wire.orders import START
+from deltaswarm_wire.radio import RadioFrame, decode_radio, encode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore
 
 STATUS_EVERY_STEPS = 500
+
+
+MOST_DECODED = 10_000
+"""Where frames can be late, so many of the past are kept rather than decoded again."""
+
+
+class _Decoded(dict[bytes, RadioFrame]):
+    """Frames by their bytes; one that comes late is decoded, as an agent's process would."""
+
+    def __missing__(self, data: bytes) -> RadioFrame:
+        frame = self[data] = decode_radio(data)
+        return frame
 
 
 class InProcess:
@@ -27,20 +43,33 @@ class InProcess:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.world = WorldCore(scenario)
-        self._frames: dict[bytes, RadioFrame] = {}
-        """What each radio frame of the step before was encoded from; a test holds that decoding gives the same."""
-        settings = scenario.for_agent()
-        self.agents = [
-            AgentCore(agent, settings, agent_rng(scenario.seed, agent), self._frames.__getitem__)
-            for agent in range(scenario.agents.count)
-        ]
+        self._frames = _Decoded()
+        """What recent radio frames were encoded from; a test holds that decoding gives the same."""
+        self._settings = scenario.for_agent()
+        self._restarts: Counter[int] = Counter()
+        self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.agents_s = 0.0
         """Wall time spent in the agents' cores and their encoding [s]."""
 
+    def _agent(self, agent: int) -> AgentCore:
+        rng = agent_rng(self.scenario.seed, agent, self._restarts[agent])
+        return AgentCore(agent, self._settings, rng, self._frames.__getitem__)
+
+    def _strike(self, step: int, sink: Sink | None) -> None:
+        """What fails or recovers before a step. The dead and the frozen get no frame, which is all it takes."""
+        for order in self.world.strike(step):
+            if order.action == START:
+                self._restarts.update(order.agents)
+                for agent in order.agents:
+                    self.agents[agent] = self._agent(agent)
+            if sink is not None:
+                sink.log(WARNING, WORLD, order.text, order.time_s)
+
     def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
         """One step, in agent order."""
         world = self.world
+        self._strike(step, sink)
         frames = list(world.begin(step, last))
         clock = time.perf_counter
         began = clock()
@@ -51,7 +80,8 @@ class InProcess:
             report_bytes = None if report is None else encode_report(report)
             sent.append((agent, radio, radio_bytes, report, report_bytes, act, encode_act(act)))
         self.agents_s += clock() - began
-        self._frames.clear()
+        if not self.scenario.radio.is_late or len(self._frames) > MOST_DECODED:
+            self._frames.clear()
         for agent, radio, radio_bytes, report, report_bytes, act, act_bytes in sent:
             if radio is not None and radio_bytes is not None:
                 self._frames[radio_bytes] = radio

@@ -48,6 +48,9 @@ def text(found: dict[str, Any]) -> str:
         f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",
         f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
     ]
+    for fault in summary.get("faults", []):
+        whom = ", ".join(map(str, fault["agents"])) or "nobody"
+        lines.append(f"  fault at {fault['at_s']:g} s: {fault['kind']}: {whom}")
     lines += [f"  not valid: {reason}" for reason in summary["invalid_because"]]
     lines += [f"  {name}: {size:,} bytes" for name, size in found["files"].items()]
     return "\n".join(lines)

@@ -4,10 +4,12 @@ import json
 import multiprocessing
 import os
 import shutil
+import signal
 import sys
 import tempfile
 import time
 import types
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
@@ -17,8 +19,10 @@ from typing import Self
 
 from deltaswarm_orchestrator import child
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
+from deltaswarm_wire.orders import KILL, START, STOP, Order
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, user_name
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import FREEZE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 """The other parts are known by module name alone."""
@@ -27,6 +31,7 @@ PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGE
 """Imported once by the fork server and shared by all agents."""
 
 END_WITHIN_S = 5.0
+FROZEN_LEASE_MS = 24 * 3600 * 1000
 LOG_TAIL_LINES = 12
 
 
@@ -43,6 +48,10 @@ class Part:
         self.process = process
         self.log_file = log_file
         self.name = f"{role} {number}" if role == AGENT else role
+        self.is_stopped = False
+        """By SIGSTOP, as a fault of the scenario."""
+        self.ends_as_planned = False
+        """By kill -9, as a fault of the scenario."""
 
     def log_tail(self) -> str:
         """The last lines of its log, for an error message."""
@@ -62,7 +71,8 @@ class Swarm:
         self._scenario = scenario
         self._run = run
         self._folder = folder
-        self._zenoh = tuple(zenoh)
+        self._zenoh = (*_patience(scenario), *zenoh)
+        self._restarts: Counter[int] = Counter()
         self._secrets_folder = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
         self._passwords: dict[str, str] = {}
         self._context = multiprocessing.get_context("forkserver")
@@ -108,6 +118,8 @@ class Swarm:
         settings = str(self._folder / "agent.toml")  # written by the world
         for agent in range(self._scenario.agents.count) if agents is None else agents:
             argv = ["--id", str(agent), "--settings", settings, "--low-latency", *self._joining()]
+            if self._restarts[agent]:
+                argv += ["--restart", str(self._restarts[agent])]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
     def password(self, user: str) -> str:
@@ -147,6 +159,26 @@ class Swarm:
         pids = {part.name: part.process.pid for part in self.parts}
         (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
 
+    def carry_out(self, order: Order) -> None:
+        """Do to agents' processes what the world says; it waits for it."""
+        newest = {part.number: part for part in self.parts if part.role == AGENT}
+        parts = [newest[agent] for agent in order.agents]
+        if order.action == START:
+            self._restarts.update(order.agents)
+            self.start_agents(order.agents)
+            self.write_pids()
+        elif order.action == KILL:
+            for part in parts:
+                part.ends_as_planned |= part.process.is_alive()
+                part.process.kill()
+            for part in parts:
+                part.process.join()
+        else:
+            for part in parts:
+                part.is_stopped = order.action == STOP
+                if part.process.is_alive():
+                    os.kill(part.process.pid or 0, signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
+
     def ended(self) -> list[Part]:
         """The parts whose process has ended."""
         return [part for part in self.parts if part.process.exitcode is not None]
@@ -172,6 +204,10 @@ class Swarm:
 
     def end(self) -> None:
         """End whatever still runs: a request first, then by force."""
+        for part in self.parts:
+            if part.is_stopped:
+                part.ends_as_planned = True
+                part.process.kill()  # it would not hear the request
         for part in self.join(0):
             part.process.terminate()
         for part in self.join(END_WITHIN_S / 2):
@@ -181,6 +217,12 @@ class Swarm:
         self._kept_end.close()
         self._lifeline.close()
         shutil.rmtree(self._secrets_folder, ignore_errors=True)
+
+
+def _patience(scenario: Scenario) -> list[tuple[str, str]]:
+    """An agent that a fault freezes says nothing for long, in wall time too, and is not to be cut off for it."""
+    frozen = any(fault.kind == FREEZE for fault in scenario.fault)
+    return [("transport/link/tx/lease", str(FROZEN_LEASE_MS))] if frozen else []
 
 
 @contextmanager

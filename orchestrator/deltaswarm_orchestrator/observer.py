@@ -4,13 +4,14 @@ The one file of the orchestrator that touches Zenoh.
 """
 
 import queue
-from collections import defaultdict
+from collections import defaultdict, deque
+from logging import WARNING
 from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.sink import Sink
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.keys import RADIO, RECORDER, Keys, parse_agent_key
+from deltaswarm_wire.keys import RADIO, RECORDER, WORLD, Keys, parse_agent_key
 from deltaswarm_wire.messages import (
     Report,
     Status,
@@ -20,6 +21,7 @@ from deltaswarm_wire.messages import (
     decode_status,
     decode_workload,
 )
+from deltaswarm_wire.orders import NOTE, Order, decode_order, encode_done
 from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.truth import Truth, decode_truth
 
@@ -40,6 +42,8 @@ class Observer:
     def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool) -> None:
         self.status: Status | None = None
         self.newest_workload: Workload | None = None
+        self.orders: deque[Order] = deque()
+        """What the world wants done to processes, and waits for; `confirm` each."""
         self._last_step: int | None = None
         self._keys = keys = Keys(run)
         self._sink = sink
@@ -52,7 +56,12 @@ class Observer:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
         except zenoh.ZError as error:
             raise ConnectionError(f"the world at {link.endpoint} does not let the recorder in: {error}") from None
-        wanted = [keys.status, keys.workload]
+        self._done = self._session.declare_publisher(
+            keys.done,
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Done.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        wanted = [keys.status, keys.workload, keys.orders]
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.all_reports]
         if wire:
@@ -91,6 +100,10 @@ class Observer:
         newest = self.newest_workload
         return self._last_step is not None and newest is not None and newest.step >= self._last_step
 
+    def confirm(self, order: Order) -> None:
+        """Tell the world that an order is carried out."""
+        self._done.put(encode_done(order.number))
+
     def leave_when_done(self) -> None:
         """Once nothing more is to come, tell the world that all has been taken."""
         if self.has_all and self._token is not None:
@@ -106,6 +119,12 @@ class Observer:
             self._close(decode_clock(data).step, decode_clock(data).last)
         elif key == keys.status:
             self.status = decode_status(data)
+        elif key == keys.orders:
+            order = decode_order(data)
+            if self._sink is not None:
+                self._sink.log(WARNING, WORLD, order.text, order.time_s)
+            if order.action != NOTE:
+                self.orders.append(order)
         elif key == keys.workload:
             self.newest_workload = decode_workload(data)
             if self._sink is not None:

@@ -139,7 +139,7 @@ def _run_processes(
 
 def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, messages: list[str]) -> str:
     """Until the world has ended: take what is heard, show it, notice who is gone."""
-    noted: set[str] = set()
+    noted: set[Part] = set()
     stopping = False
     deadline = float("inf")
     while True:
@@ -151,11 +151,15 @@ def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, me
             stopping = True
             deadline = time.monotonic() + END_WITHIN_S / 2
             swarm.stop_world()
+        while observer.orders:
+            order = observer.orders.popleft()
+            swarm.carry_out(order)
+            observer.confirm(order)
         observer.leave_when_done()
         for part in swarm.ended():
-            if part.name not in noted:
-                noted.add(part.name)
-                if part.process.exitcode != 0 and not stopping:
+            if part not in noted:
+                noted.add(part)
+                if part.process.exitcode != 0 and not stopping and not part.ends_as_planned:
                     messages.append(_obituary(part))
                 if part.role == OPERATOR and part.process.exitcode != 0:
                     deadline = min(deadline, time.monotonic() + END_WITHIN_S / 2)

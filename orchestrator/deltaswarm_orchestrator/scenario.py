@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import tomllib
+import typing
 from collections.abc import Iterator, Sequence
 from importlib import resources
 from pathlib import Path
@@ -58,11 +59,13 @@ def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[P
     if name in BUILT_IN:
         text = resources.files("deltaswarm_orchestrator").joinpath(f"scenarios/{name}.toml").read_text()
         return tomllib.loads(text), []
-    if not path.is_file():
-        allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-        raise SettingsError([Problem("scenario", f"{name!r} is not there", allowed)])
     try:
+        if not path.is_file():
+            allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
+            raise SettingsError([Problem("scenario", f"{name!r} is not there", allowed)])
         table = tomllib.loads(path.read_text())
+    except SettingsError:
+        raise
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
         raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
     if "schema" not in table:
@@ -126,7 +129,8 @@ def reference() -> str:
         "# Scenario keys",
         "",
         "A scenario is a TOML file with `schema = 1`; every key below can also be set by `--set key=value`. The",
-        "source says whether a default is the paper's or our reading of what the paper leaves open.",
+        "source says whether a default is the paper's or our reading of what the paper leaves open. `name[].key`",
+        "is a key of each table `[[name]]`.",
         "",
         "| key | default | meaning | source |",
         "| --- | --- | --- | --- |",
@@ -136,6 +140,7 @@ def reference() -> str:
 
 
 def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
+    hints = typing.get_type_hints(type(settings))
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
         if dataclasses.is_dataclass(value):
@@ -143,5 +148,8 @@ def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
             continue
         choices = spec.metadata["choices"]
         meaning = spec.metadata["doc"] + (f" ({', '.join(choices)})" if choices else "")
-        shown = json.dumps(checked.plain_value(value))
-        yield f"| `{prefix}{spec.name}` | `{shown}` | {meaning} | {spec.metadata['source']} |"
+        shown = "" if value is None else f"`{json.dumps(checked.plain_value(value))}`"
+        yield f"| `{prefix}{spec.name}` | {shown} | {meaning} | {spec.metadata['source']} |"
+        for item in typing.get_args(hints[spec.name]):
+            if dataclasses.is_dataclass(item):
+                yield from _reference_rows(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")

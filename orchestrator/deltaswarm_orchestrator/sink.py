@@ -19,5 +19,8 @@ class Sink(Protocol):
     def radio(self, step: int, agent: int, data: bytes) -> None:
         """One raw radio frame."""
 
+    def log(self, level: int, name: str, text: str, time_s: float) -> None:
+        """Something worth a line, at a simulated time [s]."""
+
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
         """One raw report."""

@@ -15,6 +15,7 @@ from deltaswarm_wire.arguments import LOG_FORMAT, add_zenoh_argument, run_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import Link, user_name
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.process import WorldConfig, run_world
 
 AGENT_SETTINGS = "agent.toml"
@@ -61,6 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
     try:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
+        if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
+            raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which has the processes in hand")
         if not arguments.credentials.exists():
             write_credentials(arguments.credentials, scenario.agents.count)
         arguments.out.mkdir(parents=True, exist_ok=True)

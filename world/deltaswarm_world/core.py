@@ -13,16 +13,21 @@ from typing import Any
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.digest import ACT, RADIO, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, SENSED_BYTES, Act, Event, Frame, decode_act
+from deltaswarm_wire.orders import KILL, START, Order
 from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import IN_TREE, Body, EventState, Tally, Truth
-from deltaswarm_world.environment import RADIO_STREAM, Environment, Happening, generator
+from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, Body, EventState, Tally, Truth
+from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.environment import Environment, Happening
+from deltaswarm_world.faults import Faults
 from deltaswarm_world.ledger import FREE, Coverage, Standing, standing
 from deltaswarm_world.lockstep import LockStep
-from deltaswarm_world.radio import RangeDisc
+from deltaswarm_world.radio import Air, Carried
 
 HEARD_BYTES = 3
 """What a heard frame takes in an agent's frame besides its own bytes."""
+
+NOBODY_HIT: frozenset[int] = frozenset()
 
 
 class WorldCore:
@@ -40,8 +45,9 @@ class WorldCore:
         """In the last closed step."""
         self.digest = Digest()
 
-        self._radio = RangeDisc(scenario.radio, generator(scenario.seed, RADIO_STREAM))
+        self._air = Air(scenario)
         self._coverage = Coverage(scenario)
+        self._faults = Faults(scenario) if scenario.fault else None
         self._present = [True] * scenario.agents.count
         self._spoken: dict[int, tuple[bytes, RadioFrame]] = {}
         self._acts: dict[int, tuple[bytes, Act]] = {}
@@ -53,9 +59,27 @@ class WorldCore:
         self._lost_in_step = 0
         self._step = -1
         self._time_s = 0.0
-        self._frame_counts = (0, 0, 0, 0)
+        self._carried = Carried(0)
 
-    # A step: begin, then acts and radio frames as they arrive, then end
+    # A step: strike and begin, then acts and radio frames as they arrive, then end
+
+    def strike(self, step: int) -> Sequence[Order]:
+        """What fails or recovers before a step; the orders are for the agents' processes, the rest is done."""
+        if self._faults is None:
+            return ()
+        lockstep = self.lockstep
+        roots = [agent for agent, (role, _, _) in self._standings.items() if role == "root"]
+        orders = self._faults.strike(step, lockstep.alive, roots)
+        for order in orders:
+            for agent in order.agents:
+                if order.action == KILL:
+                    lockstep.take_out(agent)
+                    self.environment.command(agent, 0.0, 0.0)
+                elif order.action == START:
+                    lockstep.back(agent)
+                    self._newest_counter.pop(agent, None)
+        lockstep.frozen = self._faults.frozen
+        return orders
 
     def begin(self, step: int, last: bool) -> Iterable[tuple[int, Frame]]:
         """Move, let events arrive, work out sensing and hearing; yields each agent's frame."""
@@ -69,9 +93,9 @@ class WorldCore:
                 environment.command(agent, 0.0, 0.0)
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
-            environment.move()
+            environment.move(self._faults.speed_factors if self._faults else None)
         environment.arrive(self._time_s)
-        self._sensed = environment.sense(self._time_s, self._present)
+        self._sensed = self._sense()
         heard = self._hear(taking_part)
         positions = environment.positions_m.tolist()
         self._spoken, self._acts = {}, {}
@@ -80,27 +104,37 @@ class WorldCore:
             sensed = tuple(self._sensed[agent][:MAX_SENSED])
             yield agent, Frame(step, self._time_s, last, x_m, y_m, sensed, tuple(heard[agent]))
 
+    def _sense(self) -> list[list[Event]]:
+        """What each agent senses, or believes to."""
+        faults, environment = self._faults, self.environment
+        if faults is None:
+            return environment.sense(self._time_s, self._present)
+        sensed = environment.sense(self._time_s, faults.seeing(self._present), faults.misses)
+        faults.distort(sensed, environment.positions_m)
+        return sensed
+
     def _hear(self, taking_part: Sequence[int]) -> list[list[bytes]]:
         """Deliver the radio frames of the step before; per agent those that reach it."""
-        senders = sorted(self._spoken)
+        deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
+        spoken = {agent: data for agent, (data, _) in self._spoken.items() if agent not in mute}
         listening = [False] * len(self._present)
         for agent in taking_part:
-            listening[agent] = True
-        reception = self._radio.receive(self.environment.positions_m, senders, listening)
-        heard: list[list[bytes]] = [[] for _ in listening]
-        for sender, receiver in reception.links:
-            heard[receiver].append(self._spoken[sender][0])
-        self._links = reception.links
-        crowded = self._cut_crowded(heard)
+            listening[agent] = agent not in deaf
+        carried = self._air.carry(self._step, self._time_s, spoken, self.environment.positions_m, listening)
+        carried.drop("dead", (len(self._spoken) - len(spoken)) * (len(listening) - 1))
+        heard = carried.heard
+        self._links = carried.links
+        crowded = self._cut_crowded(heard, carried.largest_bytes)
         if crowded:
             kept = [iter(frames) for frames in heard]
-            self._links = [link for link in reception.links if next(kept[link[1]], None) is not None]
-        self._frame_counts = (reception.dropped_range, reception.dropped_loss, crowded, reception.dropped_dead)
+            self._links = [link for link in carried.links if next(kept[link[1]], None) is not None]
+            carried.drop("crowded", crowded)
+        self._carried = carried
         return heard
 
-    def _cut_crowded(self, heard: list[list[bytes]]) -> int:
+    def _cut_crowded(self, heard: list[list[bytes]], largest_bytes: int) -> int:
         """Drop what does not fit into its receiver's frame beside the events sensed; how many frames that is."""
-        largest = max((len(data) for data, _ in self._spoken.values()), default=0) + HEARD_BYTES
+        largest = largest_bytes + HEARD_BYTES
         least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
         crowded = 0
         for frames, sensed in zip(heard, self._sensed, strict=True):
@@ -186,26 +220,26 @@ class WorldCore:
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
         lost, self._lost_in_step = self._lost_in_step, 0
-        out_of_range, lost_by_chance, crowded, dead = self._frame_counts
-        return Tally(
-            step=self._step,
-            time_s=self._time_s,
-            agents_alive=len(self.lockstep.alive),
-            agents_late=late,
-            agents_in_trees=len(in_trees),
-            trees=sum(role == "root" for role, _, _ in self._standings.values()),
-            covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
-            events_active=len(self.environment.active),
-            frames_sent=len(self._spoken),
-            bytes_sent=sum(len(data) for data, _ in self._spoken.values()),
-            frames_received=len(self._links),
-            dropped_range=out_of_range,
-            dropped_loss=lost_by_chance,
-            dropped_crowded=crowded,
-            dropped_dead=dead,
-            rejected=rejected,
-            transport_lost=lost,
+        carried, others = self._carried, self.scenario.agents.count - 1
+        figures = (
+            self._step,
+            self._time_s,
+            len(self.lockstep.alive),
+            late,
+            len(in_trees),
+            sum(role == "root" for role, _, _ in self._standings.values()),
+            self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
+            len(self.environment.active),
+            len(self._spoken),
+            sum(len(data) for data, _ in self._spoken.values()),
+            len(self._links),
+            carried.duplicated,
+            len(self._spoken) * others + self._air.under_way,
+            *[carried.dropped.get(reason, 0) for reason in DROP_REASONS],
+            rejected,
+            lost,
         )
+        return Tally._make(figures)  # by name it takes three times as long
 
     def truth(self, tally: Tally) -> Truth:
         """Everything about the step just ended, for the recorder. Call once a step, or never."""
@@ -219,6 +253,18 @@ class WorldCore:
         shown |= {happening.event: happening for happening in self.environment.take_changed()}
         events = tuple(_as_state(shown[event]) for event in sorted(shown))
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
+
+    def watch(self, sender: int, receiver: int) -> None:
+        """From the next step on, `explain` tells of the frames of one agent at another."""
+        self._air.watched = (sender, receiver)
+
+    def explain(self) -> tuple[list[Finding], list[str]]:
+        """What each model of the air says of the watched link in this step, and what became of its frames."""
+        assert self._air.watched is not None
+        fates = list(self._air.fates)
+        for _ in range(fates.count("delivered") - list(self._links).count(self._air.watched)):
+            fates[fates.index("delivered")] = "dropped: crowded"
+        return self._air.explain(*self._air.watched), fates
 
     def mean_waiting_s(self) -> float:
         """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
@@ -235,6 +281,7 @@ class WorldCore:
             "complete": complete,
             "digest": self.digest.hex(),
             "agents_lost": list(self.lockstep.lost),
+            "faults": list(self._faults.log) if self._faults else [],
             "rejected": {str(agent): count for agent, count in sorted(self.rejected.items())},
             "refused_claims": self.refused_claims,
         }

@@ -1,5 +1,6 @@
 """Bodies and events: where they are, who senses what, and how work gets done."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -63,9 +64,12 @@ class Environment:
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
-    def move(self) -> None:
-        """One step of motion; walls hold."""
-        moved = self.positions_m + np.array(self.velocities_mps) * self._step_s
+    def move(self, speed_factors: Floats | None = None) -> None:
+        """One step of motion; walls hold. Factors (n, 1), if given, are what is left of each agent's speed."""
+        velocities_mps = np.array(self.velocities_mps)
+        if speed_factors is not None:
+            velocities_mps *= speed_factors
+        moved = self.positions_m + velocities_mps * self._step_s
         self.positions_m = np.clip(moved, 0.0, self._size_m)
 
     def arrive(self, time_s: float) -> None:
@@ -78,13 +82,18 @@ class Environment:
             self.changed.append(happening)
             self._place_active()
 
-    def sense(self, time_s: float, present: list[bool]) -> list[list[Event]]:
-        """Per agent the events within its sensing range, by id; notes when an event is first sensed."""
+    def sense(
+        self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
+    ) -> list[list[Event]]:
+        """Per agent the events within its sensing range, by id; notes when an event is first sensed.
+
+        `misses`, if given, says of an agent whether it misses the event before it all the same.
+        """
         sensed: list[list[Event]] = [[] for _ in present]
         if self.active:
             agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
             for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
-                if present[agent]:
+                if present[agent] and (misses is None or not misses(agent)):
                     happening = self.active[index]
                     sensed[agent].append(happening.as_sensed)
                     if happening.sensed_s is None:

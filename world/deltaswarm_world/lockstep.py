@@ -14,13 +14,15 @@ class LockStep:
         self.hanging: set[int] = set()
         """Agents that missed a step's end; they get no frame until an act of theirs arrives."""
         self.lost: list[int] = []
-        """Agents whose process went, in that order."""
+        """Agents whose process went unasked, in that order."""
+        self.frozen: frozenset[int] = frozenset()
+        """Agents that are made to stand still; they get no frame, and nobody waits for them."""
         self.step = -1
 
     def begin(self, step: int) -> list[int]:
         """Open a step; the agents that take part in it, ascending."""
         self.step = step
-        self.waiting = self.alive - self.hanging
+        self.waiting = self.alive - self.hanging - self.frozen
         return sorted(self.waiting)
 
     def close(self, agent: int, step: int) -> bool:
@@ -50,6 +52,12 @@ class LockStep:
             self.waiting.discard(agent)
             self.hanging.discard(agent)
             self.lost.append(agent)
+
+    def take_out(self, agent: int) -> None:
+        """An agent dies as planned: its token's end is no news, and it is not among the lost."""
+        self.alive.discard(agent)
+        self.waiting.discard(agent)
+        self.hanging.discard(agent)
 
     def back(self, agent: int) -> None:
         """An agent's token appeared again; it takes part from the next step on."""

@@ -1,11 +1,9 @@
-"""The world's process: router, lock-step, clock. The one file of the world that touches Zenoh."""
+"""The world's process: router, lock-step, clock. With `waker.py` it is all of the world that touches Zenoh."""
 
 import logging
 import signal
 import socket
-import threading
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,14 +19,15 @@ from deltaswarm_wire.keys import (
     REPORT,
     WORLD,
     Keys,
-    parse_token,
 )
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_frame, encode_status
+from deltaswarm_wire.orders import KILL, NOTE, START, Order, encode_order
 from deltaswarm_wire.session import Link, configured, router_pairs, use_one_worker_thread
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
+from deltaswarm_world.waker import Waker
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -37,9 +36,6 @@ log = logging.getLogger("deltaswarm.world")
 
 GOODBYE_S = 3.0
 """How long the world waits, after the last clock, for the others to have taken all and left."""
-
-STOP_WITHIN_S = 1.0
-"""Who has not closed the step by then is not waited for when the run is to end."""
 
 STATUS_EVERY_S = 0.5
 PORT_TRIES = 20
@@ -61,62 +57,6 @@ class WorldConfig:
     publish_truth: bool = False
 
 
-class Waker:
-    """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
-
-    A sample that the world sends itself is the one thing that reaches a thread blocked in the channel.
-    """
-
-    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
-        self.deadline = float("inf")
-        """Wall time (monotonic) at which to wake."""
-        self.stop_requested = False
-        self.tokens: deque[tuple[str, int, bool]] = deque()
-        """(role, number, is there) in order of arrival."""
-        self._session = session
-        self._key = keys.agent(0, "wake")
-        self._nudge = threading.Event()
-        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
-        self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
-        self._closed = False
-        self._watcher = threading.Thread(target=self._watch, daemon=True)
-        self._watcher.start()
-        self._await_signal()
-
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        token = parse_token(str(sample.key_expr))
-        if token is not None:
-            self.tokens.append((*token, sample.kind == zenoh.SampleKind.PUT))
-            self._nudge.set()
-
-    def _await_signal(self) -> None:
-        """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""
-        reader, writer = socket.socketpair()
-        writer.setblocking(False)
-        signal.set_wakeup_fd(writer.fileno())
-        self._signals = reader, writer
-        threading.Thread(target=self._stop_on, args=(reader,), daemon=True).start()
-
-    def _stop_on(self, reader: socket.socket) -> None:
-        reader.recv(1)
-        self.stop_requested = True
-        self.deadline = min(self.deadline, time.monotonic() + STOP_WITHIN_S)
-        self._nudge.set()
-
-    def close(self) -> None:
-        """No more samples: the session is about to be closed."""
-        self._closed = True
-        self._nudge.set()
-        self._watcher.join()
-
-    def _watch(self) -> None:
-        while not self._closed:
-            left_s = self.deadline - time.monotonic()
-            if self._nudge.wait(min(max(left_s, 0.001), 0.1)) or left_s <= 0.0:
-                self._nudge.clear()
-                self._session.put(self._key, b"", allowed_destination=zenoh.Locality.SESSION_LOCAL)
-
-
 class WorldProcess:
     """One run of the world over an open router session."""
 
@@ -132,6 +72,9 @@ class WorldProcess:
         self._clock = self._publisher(session, keys.clock, "Clock")
         self._truth = self._publisher(session, keys.truth, "Truth")
         self._status = self._publisher(session, keys.status, "Status")
+        self._orders = self._publisher(session, keys.orders, "Order")
+        self._in_hand: Order | None = None
+        """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = 0.0
         self._ending = False
         self._there: set[tuple[str, int]] = set()
@@ -173,6 +116,8 @@ class WorldProcess:
         output.started()
         pace = Pace(settings.step_s / settings.real_time_factor) if settings.clock == "realtime" else None
         for step in range(settings.steps):
+            for order in self._core.strike(step):
+                self._give(order, pace)
             last = step == settings.steps - 1 or self._waker.stop_requested
             for agent, frame in self._core.begin(step, last):
                 self._frames[agent].put(encode_frame(frame))
@@ -193,6 +138,33 @@ class WorldProcess:
         output.finish(self._core, complete, overruns=pace.overruns if pace else 0)
         self._send_status(step, "ended")
         return complete
+
+    def _give(self, order: Order, pace: "Pace | None") -> None:
+        """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
+
+        Raises:
+            TimeoutError: it was not done in time.
+        """
+        log.warning("%s", order.text)
+        self._orders.put(encode_order(order))
+        if order.action == NOTE:
+            return
+        began = time.monotonic()
+        self._waker.deadline = began + self._config.scenario.run.start_timeout_s
+        self._in_hand = order
+        while not self._is_done(order):
+            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
+                if self._waker.stop_requested:
+                    break
+                raise TimeoutError(f"not done within {time.monotonic() - began:.0f} s: {order.text}")
+        self._in_hand = None
+        if pace:
+            pace.pause(time.monotonic() - began)
+
+    def _is_done(self, order: Order) -> bool:
+        tokens = [(AGENT, agent) in self._there for agent in order.agents]
+        as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
+        return as_told and order.number in self._waker.done
 
     def _collect(self, pace: "Pace | None") -> None:
         """Wait until every agent has closed the step, or its time is up; while all hang, for the first to return."""
@@ -240,6 +212,8 @@ class WorldProcess:
         while self._waker.tokens:
             role, number, there = self._waker.tokens.popleft()
             (self._there.add if there else self._there.discard)((role, number))
+            if role == AGENT and self._in_hand is not None and number in self._in_hand.agents:
+                continue
             if role == AGENT and number < self._config.scenario.agents.count:
                 (lockstep.back if there else lockstep.gone)(number)
                 if lockstep.step >= 0 and not self._ending:
@@ -298,6 +272,10 @@ class Pace:
             self._next = now
         self._next += self._tick_s
         return self._next
+
+    def pause(self, seconds: float) -> None:
+        """The beat stood still for a while, and nobody is late for it."""
+        self._next += seconds
 
     def wait(self) -> None:
         """Sleep until the step's time is up."""

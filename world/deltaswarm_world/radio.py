@@ -1,55 +1,347 @@
-"""The air between the radios: who hears whom, and if not, why not."""
+"""The air between the radios: who hears whom, when, and if not, why not.
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+Each frame sent is tried at every other agent, once. On its way it meets, in this order: the sender's queue
+(`bandwidth`); then on the air, all in one step, whether the receiver is there (`dead`), reach (`range`),
+blackouts, walls (`partition`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then
+duplication and delay; on arrival once more whether the receiver is there (`dead`); and the receiver's queue
+(`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit into an
+agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
+
+    sent x other agents + duplicated = received + dropped, by reason + under way
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_wire.settings import RadioSettings
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_radio import RadioSettings
+from deltaswarm_world.channel.chance import Bursts, Contention, Loss
+from deltaswarm_world.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.channel.reach import Asymmetry, Reach, reach_of
+from deltaswarm_world.channel.zones import Blackouts, Jammers, Walls
 from deltaswarm_world.density import Floats
-from deltaswarm_world.near import near
+from deltaswarm_world.environment import RADIO_STREAM, generator
+
+SHADOWING_STREAM, ASYMMETRY_STREAM, BURST_STREAM, CONTENTION_STREAM = 31, 32, 33, 34
+JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
+"""Each model has its own chance, so that switching one on changes nothing of another's draws."""
 
 
-@dataclass(frozen=True)
-class Reception:
-    """What became of the frames of one step.
+class _Moment(NamedTuple):
+    """The world as the air finds it in a step."""
 
-    `links` are (sender, receiver) pairs in order of receiver, then sender; the rest are counts of
-    (frame, receiver) pairs by the reason why there was no reception.
-    """
-
-    links: list[tuple[int, int]]
-    dropped_range: int
-    dropped_loss: int
-    dropped_dead: int
+    time_s: float
+    positions_m: Floats
+    listening: Sequence[bool]
 
 
-SILENCE = Reception([], 0, 0, 0)
+class Carried:
+    """What became of frames in one step."""
+
+    def __init__(self, ends: int) -> None:
+        self.heard: list[list[bytes]] = [[] for _ in range(ends)]
+        """Per receiver the frames that reach it, by sender, then age."""
+        self.links: list[tuple[int, int]] = []
+        """(sender, receiver) of each, in order of receiver, then as in `heard`."""
+        self.dropped: dict[str, int] = {}
+        """Receptions that will not be, by reason."""
+        self.duplicated = 0
+        """Receptions that became two."""
+        self.largest_bytes = 0
+        """No frame heard is longer."""
+
+    def hear_all(self, arriving: Iterable[Arrival]) -> None:
+        """Frames arrive; to be called in order of receiver."""
+        links, heard, largest = self.links, self.heard, self.largest_bytes
+        for receiver, (sender, _, data) in arriving:
+            links.append((sender, receiver))
+            heard[receiver].append(data)
+            largest = max(largest, len(data))
+        self.largest_bytes = largest
+
+    def drop(self, reason: str, count: int) -> None:
+        """Count receptions that will not be."""
+        if count:
+            self.dropped[reason] = self.dropped.get(reason, 0) + count
 
 
-class RangeDisc:
-    """A frame is heard within a range, unless it is lost by chance, independently per receiver."""
+def pieces_of(scenario: Scenario, reach: Reach, ends: int) -> list[Piece]:
+    """What a frame meets on the air within reach, in order; what is off is left out."""
+    radio, step_s = scenario.radio, scenario.run.step_s
 
-    def __init__(self, settings: RadioSettings, rng: np.random.Generator) -> None:
-        self._range_m = settings.range_m
-        self._loss = settings.loss
-        self._rng = rng
+    def rng(stream: int) -> np.random.Generator:
+        return generator(scenario.seed, stream)
 
-    def receive(self, positions_m: Floats, senders: Sequence[int], present: list[bool]) -> Reception:
-        """Who hears the frames of `senders` (agents, ascending), given positions (n, 2) and who is there."""
-        if not senders:
-            return SILENCE
+    pieces: list[Piece] = []
+    if radio.blackouts:
+        pieces.append(Blackouts(radio.blackouts))
+    if radio.walls:
+        pieces.append(Walls(radio.walls))
+    if radio.jammers:
+        pieces.append(Jammers(radio.jammers))
+    if radio.asymmetry.dead_share > 0 or radio.asymmetry.range_factor_low < 1:
+        pieces.append(Asymmetry(radio.asymmetry, reach, ends, rng(ASYMMETRY_STREAM)))
+    if radio.loss > 0:
+        pieces.append(Loss(radio.loss, rng(RADIO_STREAM)))
+    if radio.burst.is_on:
+        pieces.append(Bursts(radio.burst, ends, step_s, rng(BURST_STREAM)))
+    if radio.contention_bytes_per_s > 0:
+        pieces.append(Contention(radio.contention_bytes_per_s * step_s, rng(CONTENTION_STREAM)))
+    return pieces
+
+
+def _pipes(bytes_per_s: float, radio: RadioSettings, step_s: float) -> Pipes | None:
+    return Pipes(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
+
+
+class Air:
+    """The air of one run, with all its models; to be called once a step, in order."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
+        self.watched: tuple[int, int] | None = None
+        """A sender and a receiver of whose frames `fates` tells."""
+        self.fates: list[str] = []
+        """What became in the last step of the watched sender's frames at the watched receiver."""
+        self._ids = np.arange(count)
+        self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
+        self._pieces = pieces_of(scenario, self._reach, count)
+        self._sending = _pipes(radio.bandwidth.sender_bytes_per_s, radio, step_s)
+        self._taking_in = _pipes(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
+        self._duplication = radio.duplication
+        self._delays: DelayLine | None = None
+        if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
+            self._delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, JITTER_STREAM))
+        self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
+        self._copy_delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, COPY_STREAM))
+        self._order_rng = generator(scenario.seed, ORDER_STREAM)
+        """Whose frame comes first into the queues of a step: else those with low numbers would always."""
+        self._numbers = 0
+        self._moment = _Moment(0.0, np.zeros((count, 2)), [True] * count)
+
+    @property
+    def under_way(self) -> int:
+        """Receptions that are still to come, or to fail."""
+        found = 0
+        if self._sending is not None:
+            found += self._sending.waiting * (len(self._ids) - 1)
+        if self._delays is not None:
+            found += self._delays.waiting
+        if self._taking_in is not None:
+            found += self._taking_in.waiting
+        return found
+
+    def carry(
+        self,
+        step: int,
+        time_s: float,
+        spoken: Mapping[int, bytes],
+        positions_m: Floats,
+        listening: Sequence[bool],
+    ) -> Carried:
+        """One step: frames by sender, positions (n, 2) [m] and who is there to hear."""
+        carried = Carried(len(listening))
+        self.fates = []
+        senders = sorted(spoken)
+        frames = [spoken[sender] for sender in senders]
+        if self._sending is not None:
+            senders, frames = self._send(self._sending, senders, frames, listening, carried)
+        self._moment = _Moment(time_s, positions_m, listening)
+        is_late = self._delays is not None or self._taking_in is not None
+        if not (is_late or self._pieces or self.watched):
+            self._hear_at_once(senders, frames, carried)
+            return carried
+        links = self._cross(senders, frames, carried) if frames else None
+        if is_late:
+            arriving = [] if links is None else self._set_off(step, links, senders, frames, carried)
+            self._deliver(step, arriving, listening, carried)
+        elif links is not None:
+            _hear_all(links, frames, carried)
+        if self.watched:
+            self._note_end(self.watched, carried)
+        return carried
+
+    def _send(
+        self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried
+    ) -> tuple[list[int], list[bytes]]:
+        """Let frames through the senders' queues; those on the air now, by sender, then age."""
+        if pipes.pass_all([(sender, Packet(sender, 0, data)) for sender, data in zip(senders, frames, strict=True)]):
+            return senders, frames
+        new = dict(zip(senders, frames, strict=True))
+        others = len(listening) - 1
+        on_air: list[Packet] = []
+        for sender in sorted(new.keys() | pipes.ends):
+            arriving = [self._packet(sender, new[sender])] if sender in new else []
+            passed, dropped = pipes.take(sender, arriving)
+            on_air += passed
+            gone = [] if listening[sender] else pipes.clear(sender)
+            carried.drop("bandwidth", len(dropped) * others)
+            carried.drop("dead", len(gone) * others)
+            if self.watched and self.watched[0] == sender:
+                self.fates += ["dropped: bandwidth, the sender's queue is full"] * len(dropped)
+                self.fates += ["dropped: dead, in the sender's queue"] * len(gone)
+        return [packet.sender for packet in on_air], [packet.data for packet in on_air]
+
+    def _packet(self, sender: int, data: bytes) -> Packet:
+        self._numbers += 1
+        return Packet(sender, self._numbers, data)
+
+    def _hear_at_once(self, senders: list[int], frames: list[bytes], carried: Carried) -> None:
+        """Who is in reach hears: the same as `_cross` where there is nothing to meet, in half the time."""
+        if not frames:
+            return
+        positions_m, listening = self._moment.positions_m, self._moment.listening
         speaking = np.array(senders)
-        receivers, columns = near(positions_m, positions_m[speaking], self._range_m)
-        speakers = speaking[columns]
-        heard = speakers != receivers
-        absent = present.count(False)
+        rows, columns, _ = self._reach.find(Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking]))
+        heard: Mask = speaking[columns] != rows
+        dead = 0
+        if absent := listening.count(False):
+            heard &= np.array(listening)[rows]
+            dead = sum(absent - (not listening[sender]) for sender in senders)
+            carried.drop("dead", dead)
+        columns, receivers = columns[heard], rows[heard].tolist()
+        carried.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
+        carried.largest_bytes = max(map(len, frames))
+        carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
+        for column, receiver in zip(columns.tolist(), receivers, strict=True):
+            carried.heard[receiver].append(frames[column])
+
+    def _cross(self, senders: list[int], frames: list[bytes], carried: Carried) -> Links:
+        """Through the air: all links in reach, with those open that are heard."""
+        time_s, positions_m, listening = self._moment
+        speaking = np.array(senders)
+        listeners, speakers = Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking])
+        rows, columns, spare_db = self._reach.find(listeners, speakers)
+        there: Mask = speaking[columns] != rows
+        absent = listening.count(False)
         if absent:
-            heard &= np.array(present)[receivers]
-        in_range = int(np.count_nonzero(heard))
-        if self._loss > 0.0:
-            heard[heard] = self._rng.random(in_range) >= self._loss
-        links = list(zip(speakers[heard].tolist(), receivers[heard].tolist(), strict=True))
-        pairs = len(senders) * (len(present) - 1)
-        dead = sum(absent - (not present[sender]) for sender in senders) if absent else 0
-        return Reception(links, pairs - dead - in_range, in_range - len(links), dead)
+            there &= np.array(listening)[rows]
+        links = Links(speakers, listeners, frames, columns[there], rows[there])
+        if spare_db is not None:
+            links.spare_db = spare_db[there]
+        dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
+        carried.drop("dead", dead)
+        carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
+        watched = self.watched
+        if watched and not _between(links, watched).any():
+            reason = "range" if listening[watched[1]] else "dead"
+            self.fates += [f"dropped: {reason}"] * senders.count(watched[0])
+        for piece in self._pieces:
+            cut = piece.cuts(links, time_s)
+            if cut is None:
+                continue
+            cut &= links.is_open
+            links.is_open &= ~cut
+            carried.drop(piece.reason, int(np.count_nonzero(cut)))
+            if watched:
+                self.fates += [f"dropped: {piece.reason}"] * int(np.count_nonzero(cut & _between(links, watched)))
+        return links
+
+    def _set_off(
+        self, step: int, links: Links, senders: list[int], frames: list[bytes], carried: Carried
+    ) -> list[Arrival]:
+        """Double and delay what crossed the air; what arrives at once."""
+        packets = [self._packet(sender, data) for sender, data in zip(senders, frames, strict=True)]
+        is_open = links.is_open
+        columns, receivers = links.columns[is_open].tolist(), links.receivers[is_open].tolist()
+        crossed = list(zip(receivers, [packets[column] for column in columns], strict=True))
+        delays = self._delays
+        if delays is None:
+            return crossed
+        arriving = delays.send(step, crossed, delays.draw(len(links))[is_open].tolist())
+        if self._duplication > 0:
+            later = self._copy_delays.draw(len(links))[is_open]
+            copied = (self._copies_rng.random(len(links)) < self._duplication)[is_open]
+            copies = [crossed[row] for row in np.flatnonzero(copied).tolist()]
+            carried.duplicated = len(copies)
+            arriving += delays.send(step, copies, later[copied].tolist())
+        return arriving
+
+    def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
+        """What arrives now, and what arrived before and waits, into the receivers' ears."""
+        if self._delays is not None:
+            due = self._delays.take(step)
+            there = [arrival for arrival in due if listening[arrival[0]]]
+            carried.drop("dead", len(due) - len(there))
+            if self.watched and not listening[self.watched[1]]:
+                lost = [packet for receiver, packet in due if (packet.sender, receiver) == self.watched]
+                self.fates += ["dropped: dead, on arrival"] * len(lost)
+            arriving += there
+            arriving.sort()
+        if self._taking_in is None:
+            carried.hear_all(arriving)
+        else:
+            self._take_in(self._taking_in, arriving, listening, carried)
+
+    def _take_in(self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
+        """Through the receivers' queues."""
+        luck = self._order_rng.random(len(listening)).tolist()
+        if pipes.pass_all(arriving):
+            carried.hear_all(arriving)
+            return
+        by_receiver: dict[int, list[Packet]] = {}
+        for receiver, packet in arriving:
+            by_receiver.setdefault(receiver, []).append(packet)
+        for receiver in sorted(by_receiver.keys() | pipes.ends):
+            if not listening[receiver]:
+                carried.drop("dead", len(pipes.clear(receiver)))
+                continue
+            packets = by_receiver.get(receiver, [])
+            if not pipes.is_wide_enough(receiver, packets):
+                packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
+            passed, dropped = pipes.take(receiver, packets)
+            carried.drop("bandwidth", len(dropped))
+            carried.hear_all([(receiver, packet) for packet in sorted(passed)])
+            if self.watched:
+                lost = [packet for packet in dropped if (packet.sender, receiver) == self.watched]
+                self.fates += ["dropped: bandwidth, the receiver's queue is full"] * len(lost)
+
+    # Why
+
+    def _note_end(self, watched: tuple[int, int], carried: Carried) -> None:
+        """What is left to say of the watched frames when all is done."""
+        sender, receiver = watched
+        self.fates += ["delivered"] * carried.links.count(watched)
+        if self._sending is not None:
+            self.fates += ["waits in the sender's queue"] * len(self._sending.holds(sender))
+        if self._delays is not None:
+            self.fates += [f"under way, due in step {due}" for due in self._delays.due_of(sender, receiver)]
+        if self._taking_in is not None:
+            held = [packet for packet in self._taking_in.holds(receiver) if packet.sender == sender]
+            self.fates += ["waits in the receiver's queue"] * len(held)
+
+    def explain(self, sender: int, receiver: int) -> list[Finding]:
+        """What each model has to say of one link in the last step, in the order in which a frame meets them."""
+        time_s, positions_m, listening = self._moment
+        from_end, to_end = (Ends(np.array([agent]), positions_m[[agent]]) for agent in (sender, receiver))
+        links = Links.of_pairs(from_end, to_end)
+        gone = [agent for agent in (sender, receiver) if not listening[agent]]
+        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
+        found = [Finding("dead", bool(gone), says, {"gone": gone})]
+        found.append(self._reach.explain(links, time_s))
+        found += [piece.explain(links, time_s) for piece in self._pieces]
+        if self._delays is not None:
+            found.append(self._delays.explain())
+        for pipes, end, whose in ((self._sending, sender, "sender"), (self._taking_in, receiver, "receiver")):
+            if pipes is not None:
+                found.append(pipes.explain(end, whose))
+        return found
+
+
+def _between(links: Links, watched: tuple[int, int]) -> Mask:
+    between: Mask = (links.senders == watched[0]) & (links.receivers == watched[1])
+    return between
+
+
+def _hear_all(links: Links, frames: Sequence[bytes], carried: Carried) -> None:
+    """All open links at once; the same as `Carried.hear_all`, for frames that are none the later."""
+    is_open = links.is_open
+    receivers = links.receivers[is_open].tolist()
+    carried.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
+    carried.largest_bytes = max(map(len, frames))
+    heard = carried.heard
+    for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
+        heard[receiver].append(frames[column])

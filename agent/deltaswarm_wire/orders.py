@@ -1,0 +1,73 @@
+"""Orders: what the world has the orchestrator do to agents' processes, and the word that it is done.
+
+A fault's time and victims are the world's to decide, and the processes are the orchestrator's to touch.
+Between two steps the world sends its orders, and waits for each that is more than a note.
+"""
+
+from typing import NamedTuple
+
+from deltaswarm_wire.codec import (
+    MAX_AGENT_ID,
+    MAX_ID,
+    MAX_ORDINARY_BYTES,
+    MAX_STEP,
+    PROTOCOL_VERSION,
+    arrays,
+    fields,
+    integer,
+    number,
+    pack,
+    text,
+    unpack,
+)
+from deltaswarm_wire.messages import MAX_TIME_S
+
+NOTE, KILL, START, STOP, GO_ON = "note", "kill", "start", "stop", "go on"
+ACTIONS = (NOTE, KILL, START, STOP, GO_ON)
+"""Nothing to do; SIGKILL; a new process with the same id; SIGSTOP; SIGCONT."""
+
+
+class Order(NamedTuple):
+    """One thing to do, before step `step` begins, to the processes of some agents; `why` is for people."""
+
+    number: int
+    step: int
+    time_s: float
+    action: str
+    agents: tuple[int, ...]
+    why: str
+
+    @property
+    def text(self) -> str:
+        """One line for people."""
+        whom = f"agent {', '.join(map(str, self.agents))}" if self.agents else "nobody"
+        return f"step {self.step}: {self.why}: {whom}" + ("" if self.action == NOTE else f" ({self.action})")
+
+
+def encode_order(order: Order) -> bytes:
+    """A map with the fields of `Order` and the version `v`. Raises WireError."""
+    return pack({"v": PROTOCOL_VERSION, **order._asdict()}, MAX_ORDINARY_BYTES)
+
+
+def decode_order(data: bytes) -> Order:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data, MAX_ORDINARY_BYTES), Order._fields, "order")
+    agents = arrays(raw["agents"], MAX_AGENT_ID + 1, "order.agents")
+    return Order(
+        integer(raw["number"], 0, MAX_ID, "order.number"),
+        integer(raw["step"], 0, MAX_STEP, "order.step"),
+        number(raw["time_s"], 0.0, MAX_TIME_S, "order.time_s"),
+        text(raw["action"], "order.action", allowed=ACTIONS),
+        tuple([integer(agent, 0, MAX_AGENT_ID, "order.agents") for agent in agents]),
+        text(raw["why"], "order.why"),
+    )
+
+
+def encode_done(order: int) -> bytes:
+    """That the order of this number is carried out: a map of `v` and `order`."""
+    return pack({"v": PROTOCOL_VERSION, "order": order})
+
+
+def decode_done(data: bytes) -> int:
+    """Check and decode. Raises WireError."""
+    return integer(fields(unpack(data), ("order",), "done")["order"], 0, MAX_ID, "done.order")

@@ -1,0 +1,116 @@
+"""Whether one agent could hear another at a time in a run, and if not, why not.
+
+The run is done again in one process, up to that time: by the digest that is the same run, to the bit, and
+its rows so far are compared with those in the folder.
+"""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.info import NotARunError
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the world says of one directed link in one step."""
+
+    sender: int
+    receiver: int
+    step: int
+    time_s: float
+    reason: str | None
+    """What cuts the link; None if nothing but chance, queues and delay is in the way."""
+    findings: tuple[dict[str, Any], ...]
+    """What each model says, in the order in which a frame meets them; the first that cuts is the reason."""
+    fates: tuple[str, ...]
+    """What became in this step of the sender's frames for this receiver, those under way included."""
+    differs_from_step: int | None
+    """The first step in which the run in the folder was another; None if it is the same all the way."""
+
+
+def why(folder: Path, sender: int, receiver: int, at_s: float) -> Answer:
+    """Do the run again up to a time, and ask.
+
+    Raises:
+        NotARunError: the folder holds no run that can be read.
+        SettingsError: there is no such agent, or no such time in the run.
+    """
+    try:
+        scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
+        rows = results.read_outcome(folder).tallies
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise NotARunError(f"{folder} is no run folder, or a damaged one: {error!r}") from None
+    _check(scenario, sender, receiver, at_s)
+    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), rows)
+
+
+def _check(scenario: Scenario, sender: int, receiver: int, at_s: float) -> None:
+    count, end_s = scenario.agents.count, scenario.run.steps * scenario.run.step_s
+    allowed = f"0 to {count - 1} is allowed"
+    found = [
+        Problem(name, f"there is no agent {agent}", allowed)
+        for name, agent in (("A", sender), ("B", receiver))
+        if not 0 <= agent < count
+    ]
+    if sender == receiver:
+        found.append(Problem("B", f"{receiver}", "another agent than A is allowed"))
+    if not 0 <= at_s < end_s:
+        found.append(Problem("--at", f"{at_s:g}", f"a time from 0 to below {end_s:g} s is allowed"))
+    if found:
+        raise SettingsError(found)
+
+
+def ask(scenario: Scenario, sender: int, receiver: int, at_step: int, rows: list[Tally]) -> Answer:
+    """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
+    swarm = InProcess(scenario)
+    differs = None
+    for step in range(at_step + 1):
+        if step == at_step:
+            swarm.world.watch(sender, receiver)
+        tally = swarm.step(step, last=False)
+        if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
+            differs = step
+    findings, fates = swarm.world.explain()
+    cut = next((finding.reason for finding in findings if finding.cuts), None)
+    return Answer(
+        sender,
+        receiver,
+        at_step,
+        at_step * scenario.run.step_s,
+        cut,
+        tuple(finding._asdict() for finding in findings),
+        tuple(fates),
+        differs,
+    )
+
+
+def _air_of(tally: Tally) -> tuple[Any, ...]:
+    """What shows that a step was the same; all but measured areas, which are not in every row."""
+    return tuple(value for name, value in tally._asdict().items() if name != "covered_area_m2")
+
+
+def text(answer: Answer) -> str:
+    """The same for people."""
+    can = "could hear" if answer.reason is None else "could not hear"
+    because = "" if answer.reason is None else f": {answer.reason}"
+    lines = [
+        f"At {answer.time_s:g} s (step {answer.step}) agent {answer.receiver} {can} agent {answer.sender}{because}"
+    ]
+    lines += [
+        f"  {'CUT' if finding['cuts'] else 'ok ':3} {finding['reason']}: {finding['says']}"
+        for finding in answer.findings
+    ]
+    if answer.fates:
+        lines += [f"  a frame of agent {answer.sender}: {fate}" for fate in answer.fates]
+    else:
+        lines.append(f"  agent {answer.sender} had sent nothing in the step before")
+    lines.append("  (found by doing the run again in one process, which is the same run to the bit)")
+    return "\n".join(lines)

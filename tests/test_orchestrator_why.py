@@ -1,0 +1,136 @@
+"""`deltaswarm why`: whether B could hear A at T, and if not, why not, with the numbers."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.why import Answer, ask
+from deltaswarm_wire.settings import Scenario
+from tests.airs import EVERYTHING
+
+STEPS = 120
+
+
+def a_scenario(*overrides: str) -> Scenario:
+    own = ["record=off", "agents.count=10", "events.rate_hz=0.3", f"run.duration_s={STEPS}"]
+    return load_scenario("smoke", [*own, *overrides], seed=3)
+
+
+def cuts(answer: Answer) -> list[str]:
+    return [finding["reason"] for finding in answer.findings if finding["cuts"]]
+
+
+def numbers(answer: Answer, reason: str) -> dict[str, Any]:
+    (found,) = (finding["numbers"] for finding in answer.findings if finding["reason"] == reason)
+    return dict(found)
+
+
+@pytest.mark.parametrize(
+    ("radio", "reason"),
+    [
+        ("radio.range_m=100", None),
+        ("radio.range_m=6.01", "range"),
+        ("radio.blackouts=[{from_s=30}]", "blackout"),
+        ("radio.walls=[{a_m=[-1, 20], b_m=[41, 20.1]}, {a_m=[20, -1], b_m=[20.1, 41]}]", "partition"),
+        ("radio.jammers=[{center_m=[20, 20], radius_m=60}]", "jam"),
+        ("radio.asymmetry.dead_share=1.0", "asymmetry"),
+    ],
+)
+def test_what_cuts_a_link_is_named(radio: str, reason: str | None) -> None:
+    """The first model that cuts it is the reason; what comes after is told, too."""
+    scenario = a_scenario("radio.range_m=100", radio)
+    answers = [ask(scenario, sender, receiver, 60, []) for sender, receiver in ((0, 1), (2, 3), (4, 5), (6, 7))]
+    assert reason in {answer.reason for answer in answers}
+    for answer in answers:
+        assert answer.reason == next(iter(cuts(answer)), None)
+        assert answer.time_s == 60.0
+        assert (numbers(answer, "range")["distance_m"] > numbers(answer, "range")["range_m"]) == (
+            answer.reason == "range"
+        )
+
+
+def test_path_loss_shows_its_sum() -> None:
+    """Received power is what was sent, less the loss, with the shadowing."""
+    found = numbers(ask(a_scenario('radio.reception="log-distance"'), 1, 2, 50, []), "range")
+    assert found["received_dbm"] == pytest.approx(-found["path_loss_db"] + found["shadowing_db"])
+    assert found["path_loss_db"] > 40
+
+
+def test_what_it_says_of_frames_is_what_happened() -> None:
+    """With every model at once, over all pairs and some steps: as many delivered as the world counts."""
+    scenario = a_scenario(*EVERYTHING)
+    tallies = run_in_process(scenario).tallies
+    for step in (40, 60):
+        fates = [
+            fate
+            for sender in range(10)
+            for receiver in range(10)
+            if sender != receiver
+            for fate in ask(scenario, sender, receiver, step, tallies).fates
+        ]
+        tally = tallies[step]
+        assert fates.count("delivered") == tally.frames_received > 0
+        for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition"):
+            assert fates.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
+        waiting = sum(fate.startswith(("under way", "waits")) for fate in fates)
+        assert waiting == tally.frames_in_flight - 9 * tally.frames_sent
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("runs") / "run"
+    assert main(["run", "smoke", "--in-process", "--record", "off", "--out", str(out), "--set", "radio.loss=0.2"]) == 0
+    return out
+
+
+def test_a_run_is_asked_by_its_folder(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """In words, and as JSON; the rows of the run are those of the folder."""
+    assert main(["why", str(folder), "1", "2", "--at", "100.5"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("At 100 s (step 100) agent 2 could")
+    assert "distance" in said
+    assert main(["why", str(folder), "1", "2", "--at", "100.5", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["step"], found["sender"], found["receiver"], found["differs_from_step"]) == (100, 1, 2, None)
+
+
+def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What another run than this one knows of itself is told, and the exit code is 1."""
+    for name in ("manifest.json", "scenario.toml", "summary.json", "events.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    rows = (folder / "series.csv").read_text().splitlines()
+    cells = rows[51].split(",")
+    rows[51] = ",".join([*cells[:2], str(int(cells[2]) - 1), *cells[3:]])
+    (tmp_path / "series.csv").write_text("\n".join(rows) + "\n")
+    assert main(["why", str(tmp_path), "1", "2", "--at", "40"]) == 0
+    assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 1
+    assert "from step 50 on" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["1", "6", "--at", "5"], "B: there is no agent 6; 0 to 5 is allowed"),
+        (["-1", "2", "--at", "5"], "A: there is no agent -1; 0 to 5 is allowed"),
+        (["2", "2", "--at", "5"], "B: 2; another agent than A is allowed"),
+        (["1", "2", "--at", "300"], "--at: 300; a time from 0 to below 300 s is allowed"),
+        (["1", "2", "--at", "nan"], "--at: nan; a time from 0 to below 300 s is allowed"),
+    ],
+)
+def test_a_wrong_question_ends_with_2(
+    folder: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One clear message."""
+    assert main(["why", str(folder), *arguments]) == 2
+    assert capsys.readouterr().err.strip() == f"deltaswarm: {said}"
+
+
+def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, and its name."""
+    assert main(["why", str(tmp_path), "1", "2", "--at", "5"]) == 2
+    assert f"{tmp_path} is no run folder" in capsys.readouterr().err

@@ -1,0 +1,53 @@
+"""Orders between world and orchestrator: what is encoded is decoded, and nothing else is."""
+
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError, pack
+from deltaswarm_wire.orders import ACTIONS, Order, decode_done, decode_order, encode_done, encode_order
+
+ORDERS = st.builds(
+    Order,
+    st.integers(0, MAX_ID),
+    st.integers(0, MAX_STEP),
+    st.floats(0, 1e8),
+    st.sampled_from(ACTIONS),
+    st.lists(st.integers(0, MAX_AGENT_ID), max_size=20).map(tuple),
+    st.text(max_size=60),
+)
+GOOD = Order(0, 3, 3.0, "kill", (1, 2), "kill of the roots")
+
+
+@given(ORDERS)
+def test_an_order_survives(order: Order) -> None:
+    """Whatever it says."""
+    assert decode_order(encode_order(order)) == order
+    assert str(order.step) in order.text
+
+
+@given(st.integers(0, MAX_ID))
+def test_the_word_that_it_is_done_survives(number: int) -> None:
+    """It is the order's number."""
+    assert decode_done(encode_done(number)) == number
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("action", "burn"), ("agents", 3), ("agents", [-1]), ("agents", ["1"]), ("step", 1.5), ("number", -1), ("why", 7)],
+)
+def test_a_wrong_field_is_named(field: str, value: Any) -> None:
+    """As in every message."""
+    with pytest.raises(WireError) as caught:
+        decode_order(pack({"v": 1, **GOOD._asdict(), field: value}))
+    assert caught.value.field == f"order.{field}"
+
+
+@given(st.binary(max_size=40))
+def test_rubbish_is_refused(data: bytes) -> None:
+    """With the one error that all decoders raise."""
+    for decode in (decode_order, decode_done):
+        with pytest.raises(WireError):
+            decode(data)

@@ -1,0 +1,127 @@
+"""Frames lost by chance: independently, in bursts, and where too many are on the air."""
+
+import numpy as np
+
+from deltaswarm_wire.settings_radio import BurstSettings
+from deltaswarm_world.channel.links import Finding, Links, Mask
+from deltaswarm_world.density import Floats
+from deltaswarm_world.near import Indices
+
+
+class Loss:
+    """Each frame is lost with the same chance, for each receiver anew."""
+
+    reason = "loss"
+
+    def __init__(self, share: float, rng: np.random.Generator) -> None:
+        self._share = share
+        self._rng = rng
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        lost: Mask = self._rng.random(len(links)) < self._share
+        return lost
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Its share."""
+        return Finding(self.reason, False, f"loses {self._share:.0%} of frames, by chance", {"share": self._share})
+
+
+class Bursts:
+    """Gilbert and Elliott: each directed link is good or bad, and begins as it would be found after a long time.
+
+    A link's state is looked at only when a frame passes; the steps in between are made up for in one draw,
+    by the chain's own law for so many steps. Frames of one link in one step find it in one state.
+    """
+
+    reason = "burst"
+
+    def __init__(self, settings: BurstSettings, ends: int, step_s: float, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._step_s = step_s
+        self._rng = rng
+        change = settings.p_good_to_bad + settings.p_bad_to_good
+        self._stationary = settings.p_good_to_bad / change if change > 0 else 0.0
+        self._memory = 1.0 - change
+        self._is_bad = np.zeros((ends, ends), dtype=np.bool_)
+        self._seen = np.zeros((ends, ends), dtype=np.int32)
+        """In which step, counted from 1, a link's state was looked at last; 0 is never."""
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        settings, ends = self._settings, (links.senders, links.receivers)
+        draws: Floats = self._rng.random((2, len(links)))
+        now = round(time_s / self._step_s) + 1
+        is_bad = draws[0] < self.chances(links, time_s)
+        if links.has_twins:
+            is_bad = is_bad[_first_of_each(*ends)]
+        self._is_bad[ends] = is_bad
+        self._seen[ends] = now
+        lost: Mask = draws[1] < np.where(is_bad, settings.loss_bad, settings.loss_good)
+        return lost
+
+    def chances(self, links: Links, time_s: float) -> Floats:
+        """Of being bad now, given what was seen last."""
+        ends = (links.senders, links.receivers)
+        now = round(time_s / self._step_s) + 1
+        seen = self._seen[ends]
+        if self._memory == 0.0:
+            memory = (seen == now).astype(np.float64)
+        else:
+            memory = np.where(seen > 0, np.power(self._memory, now - seen), 0.0)
+        chances: Floats = self._stationary + (self._is_bad[ends] - self._stationary) * memory
+        return chances
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """The link's state, if it was looked at in this step."""
+        sender, receiver = links.senders[0], links.receivers[0]
+        chance = float(self.chances(links, time_s)[0])
+        if self._seen[sender, receiver] == round(time_s / self._step_s) + 1:
+            is_bad = bool(self._is_bad[sender, receiver])
+            share = self._settings.loss_bad if is_bad else self._settings.loss_good
+            says = f"the link is {'bad' if is_bad else 'good'} and loses {share:.0%} of frames"
+            return Finding(self.reason, False, says, {"bad": is_bad, "share": share})
+        return Finding(self.reason, False, f"the link is bad with a chance of {chance:.0%}", {"p_bad": chance})
+
+
+def _first_of_each(senders: Indices, receivers: Indices) -> Indices:
+    """For each row the first one of the same link; rows of a link stand together."""
+    is_new = np.ones(len(senders), dtype=np.bool_)
+    is_new[1:] = (senders[1:] != senders[:-1]) | (receivers[1:] != receivers[:-1])
+    firsts: Indices = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
+    return firsts
+
+
+class Contention:
+    """A receiver in reach of more bytes in a step than the medium carries hears some of them, which ones is random.
+
+    Frames are taken in random order as long as they fit; the first that does not, and all after it, are lost.
+    """
+
+    reason = "contention"
+
+    def __init__(self, bytes_per_step: float, rng: np.random.Generator) -> None:
+        self._bytes_per_step = bytes_per_step
+        self._rng = rng
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`. What other pieces have cut takes no room."""
+        luck = self._rng.random(len(links))
+        if not len(links):
+            return None
+        sizes = links.sizes * links.is_open
+        loads = np.bincount(links.receivers, weights=sizes)
+        if loads.max() <= self._bytes_per_step:
+            return None
+        order = np.lexsort((luck, links.receivers))
+        ends = np.cumsum(sizes[order])
+        before = np.concatenate(([0.0], np.cumsum(loads)))[links.receivers]  # of receivers before
+        cut: Mask = np.zeros(len(links), dtype=np.bool_)
+        cut[order] = ends - before[order] > self._bytes_per_step
+        return cut
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """How much a receiver can hear."""
+        most = self._bytes_per_step
+        says = f"a receiver hears at most {most:g} bytes in a step"
+        return Finding(self.reason, False, says, {"bytes_per_step": most})

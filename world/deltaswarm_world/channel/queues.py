@@ -1,0 +1,165 @@
+"""Frames under way: what waits for bandwidth, and what is delayed."""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from deltaswarm_world.channel.links import Finding
+
+
+class Packet(NamedTuple):
+    """One frame on its way. Packets sort by sender, then age; a copy has its original's number."""
+
+    sender: int
+    number: int
+    data: bytes
+
+
+Arrival = tuple[int, Packet]
+"""A receiver, and what arrives there."""
+
+
+class Pipes:
+    """One queue per end, which lets through so many bytes in a step, first come, first served.
+
+    What does not pass within the step waits, up to a number of bytes; a frame that would make it more is
+    dropped. A long frame takes several steps. What is not used of a step while nothing waits is gone.
+    """
+
+    def __init__(self, bytes_per_step: float, queue_bytes: int) -> None:
+        self.passed_bytes = 0
+        self.waiting = 0
+        """Packets that wait, at all ends."""
+        self._bytes_per_step = bytes_per_step
+        self._queue_bytes = queue_bytes
+        self._queues: dict[int, deque[Packet]] = {}
+        self._credits: dict[int, float] = {}
+        """Bytes of its first packet that have passed already, per end at which something waits."""
+
+    @property
+    def ends(self) -> list[int]:
+        """Where something waits, ascending."""
+        return sorted(self._queues)
+
+    def take(self, end: int, arriving: list[Packet]) -> tuple[list[Packet], list[Packet]]:
+        """One step of one end, to be called once a step: what passes, and what is dropped, in order."""
+        if self.is_wide_enough(end, arriving):
+            self.passed_bytes += sum([len(packet.data) for packet in arriving])
+            return arriving, []
+        credit = self._credits.pop(end, 0.0) + self._bytes_per_step
+        queue = self._queues.pop(end, deque())
+        before = len(queue)
+        queue.extend(arriving)
+        passed = []
+        while queue and len(queue[0].data) <= credit:
+            packet = queue.popleft()
+            credit -= len(packet.data)
+            self.passed_bytes += len(packet.data)
+            passed.append(packet)
+        if not queue:
+            self.waiting -= before
+            return passed, []
+        kept, room, dropped = deque[Packet](), self._queue_bytes, []
+        for packet in queue:
+            if len(packet.data) <= room:
+                room -= len(packet.data)
+                kept.append(packet)
+            else:
+                dropped.append(packet)
+        self.waiting += len(kept) - before
+        if kept:
+            self._queues[end] = kept
+            if kept[0] is queue[0]:
+                self._credits[end] = credit
+        return passed, dropped
+
+    def pass_all(self, arriving: Iterable[Arrival]) -> bool:
+        """One step of all ends at once, if nothing waits and all passes; else nothing is done, and False."""
+        if self.waiting:
+            return False
+        loads: dict[int, int] = {}
+        for end, packet in arriving:
+            loads[end] = loads.get(end, 0) + len(packet.data)
+        if max(loads.values(), default=0) > self._bytes_per_step:
+            return False
+        self.passed_bytes += sum(loads.values())
+        return True
+
+    def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
+        """Whether all that arrives at an end in this step passes at once, in whatever order."""
+        return end not in self._queues and sum([len(packet.data) for packet in arriving]) <= self._bytes_per_step
+
+    def clear(self, end: int) -> list[Packet]:
+        """Forget what waits at an end; gives it back."""
+        self._credits.pop(end, None)
+        gone = list(self._queues.pop(end, ()))
+        self.waiting -= len(gone)
+        return gone
+
+    def holds(self, end: int) -> list[Packet]:
+        """What waits at an end, in order."""
+        return list(self._queues.get(end, ()))
+
+    def explain(self, end: int, whose: str) -> Finding:
+        """How much waits at an end."""
+        held = sum(len(packet.data) for packet in self.holds(end))
+        says = f"the {whose}'s radio passes {self._bytes_per_step:g} bytes in a step; {held} bytes wait in its queue"
+        numbers = {"end": whose, "bytes_per_step": self._bytes_per_step, "waiting_bytes": held}
+        return Finding("bandwidth", False, says, numbers)
+
+
+class DelayLine:
+    """Frames that arrive later: a least delay and a jitter, uniform, the sum rounded to steps."""
+
+    def __init__(self, latency_s: float, jitter_s: float, step_s: float, rng: np.random.Generator) -> None:
+        self.waiting = 0
+        self._latency = latency_s / step_s
+        self._jitter = jitter_s / step_s
+        self._rng = rng
+        self._due: dict[int, list[Arrival]] = {}
+
+    def draw(self, count: int) -> npt.NDArray[np.int64]:
+        """Delays [steps] for so many frames; drawn only where there is jitter."""
+        if self._jitter > 0.0:
+            return np.rint(self._latency + self._jitter * self._rng.random(count)).astype(np.int64)
+        return np.full(count, round(self._latency))
+
+    def send(self, step: int, arrivals: Iterable[tuple[int, Packet]], delays: Iterable[int]) -> list[Arrival]:
+        """Keep what is late until its step; what is not, as (receiver, packet)."""
+        at_once = []
+        due = self._due
+        for arrival, delay in zip(arrivals, delays, strict=True):
+            if delay <= 0:
+                at_once.append(arrival)
+                continue
+            self.waiting += 1
+            held = due.get(step + delay)
+            if held is None:
+                due[step + delay] = [arrival]
+            else:
+                held.append(arrival)
+        return at_once
+
+    def take(self, step: int) -> list[Arrival]:
+        """What is due in this step, as (receiver, packet); steps are taken in order, none is left out."""
+        due = self._due.pop(step, [])
+        self.waiting -= len(due)
+        return due
+
+    def explain(self) -> Finding:
+        """How late frames are."""
+        least, most = round(self._latency), round(self._latency + self._jitter)
+        says = f"frames arrive {least} to {most} steps later than without delay"
+        return Finding("delay", False, says, {"steps_min": least, "steps_max": most})
+
+    def due_of(self, sender: int, receiver: int) -> list[int]:
+        """The steps in which packets of one to another are due, ascending."""
+        return sorted(
+            step
+            for step, held in self._due.items()
+            for end, packet in held
+            if end == receiver and packet.sender == sender
+        )

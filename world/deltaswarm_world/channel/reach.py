@@ -1,0 +1,226 @@
+"""Who is in reach of a frame at all: a disc, or path loss with shadowing; and links worse than the others."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from deltaswarm_wire.settings_radio import LOG_DISTANCE, AsymmetrySettings, PathLossSettings, RadioSettings
+from deltaswarm_world.channel.links import Ends, Finding, LinkDice, Links, Mask, Numbers
+from deltaswarm_world.density import Floats
+from deltaswarm_world.near import Indices, near
+
+SHADOWING_CUT = 4.0
+"""Shadowing is cut at so many standard deviations: no link in 15,000 is beyond, and reach has a bound."""
+
+
+MOST_IN_TABLE = 1000
+"""Up to so many ends, what is drawn once for each link is kept (8 MB); beyond, it is drawn when needed."""
+
+
+class Found(NamedTuple):
+    """Pairs in reach: rows of listeners and of speakers, in that order, and spare power where that is what counts."""
+
+    rows: Indices
+    columns: Indices
+    spare_db: Floats | None = None
+
+
+class Reach(Protocol):
+    """Which frames could be heard where, were there nothing but distance."""
+
+    def find(self, listeners: Ends, speakers: Ends) -> Found:
+        """All pairs in reach; who speaks hears itself."""
+
+    def shares(self, links: Links) -> Floats:
+        """Which share of its range each link needs: from 0 to 1 it is in reach."""
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Whether the only row is in reach, with the numbers."""
+
+
+def ranges_of(settings: RadioSettings, count: int) -> Floats | None:
+    """Each agent's range [m]; None if all have the same."""
+    if not settings.ranges:
+        return None
+    ranges_m = np.full(count, settings.range_m)
+    for own in settings.ranges:
+        ranges_m[list(own.agents)] = own.range_m
+    return ranges_m
+
+
+class RangeDisc:
+    """In reach up to the sender's range, the range itself included."""
+
+    def __init__(self, range_m: float, ranges_m: Floats | None = None) -> None:
+        self._range_m = range_m if ranges_m is None else float(ranges_m.max())
+        self._ranges_m = ranges_m
+
+    def find(self, listeners: Ends, speakers: Ends) -> Found:
+        """See `Reach`."""
+        rows, columns = near(listeners.places_m, speakers.places_m, self._range_m)
+        if self._ranges_m is None:
+            return Found(rows, columns)
+        offsets = listeners.places_m[rows] - speakers.places_m[columns]
+        within = (offsets * offsets).sum(axis=1) <= self._ranges_m[speakers.ids[columns]] ** 2
+        return Found(rows[within], columns[within])
+
+    def shares(self, links: Links) -> Floats:
+        """Distance by range."""
+        return links.distances_m / self._of(links.senders)
+
+    def _of(self, senders: Indices) -> Floats:
+        return np.full(len(senders), self._range_m) if self._ranges_m is None else self._ranges_m[senders]
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Distance and range."""
+        distance_m, range_m = float(links.distances_m[0]), float(self._of(links.senders)[0])
+        offset = links.to_m[0] - links.from_m[0]
+        cuts = not bool(offset[0] * offset[0] + offset[1] * offset[1] <= range_m**2)
+        numbers = {"distance_m": distance_m, "range_m": range_m}
+        return Finding("range", cuts, f"distance {distance_m:.2f} m, range {range_m:g} m", numbers)
+
+
+class PathLoss:
+    """In reach if enough power arrives: log-distance path loss with shadowing per link.
+
+    A sender's own range is a gain of 10 exponent log10(own range / range_m) dB. Nearer than 1 m is as 1 m.
+    Shadowing has no state: it is drawn from the link and, where it decorrelates, from the squares of the
+    ground that its ends are in, so that a link that comes back to where it was is shadowed as before.
+    """
+
+    def __init__(
+        self, settings: PathLossSettings, gains_db: Floats | None = None, dice: LinkDice | None = None
+    ) -> None:
+        self._settings = settings
+        self._gains_db = gains_db
+        self._dice = dice if settings.shadowing_db > 0 else None
+        spare_db = settings.tx_power_dbm - settings.reference_loss_db - settings.sensitivity_dbm
+        if gains_db is not None:
+            spare_db += max(0.0, float(gains_db.max()))
+        if self._dice is not None:
+            spare_db += SHADOWING_CUT * settings.shadowing_db
+        self._bound_m = 1.000001 * max(1.0, self.distance_at_m(spare_db))
+
+    def distance_at_m(self, spare_db: float) -> float:
+        """How far so many dB more than what is needed at 1 m reach [m]."""
+        return float(10.0 ** min(300.0, spare_db / (10.0 * self._settings.exponent)))
+
+    def find(self, listeners: Ends, speakers: Ends) -> Found:
+        """See `Reach`."""
+        rows, columns = near(listeners.places_m, speakers.places_m, self._bound_m)
+        received_dbm = self.received_dbm(Links(speakers, listeners, (), columns, rows))
+        within = received_dbm >= self._settings.sensitivity_dbm
+        return Found(rows[within], columns[within], received_dbm[within] - self._settings.sensitivity_dbm)
+
+    def loss_db(self, distances_m: Floats) -> Floats:
+        """Path loss without shadowing [dB]."""
+        settings = self._settings
+        decades: Floats = np.log10(np.maximum(distances_m, 1.0))
+        return settings.reference_loss_db + 10.0 * settings.exponent * decades
+
+    def shadowing_db(self, links: Links) -> Floats:
+        """What obstacles add to the received power of each link [dB]."""
+        if self._dice is None:
+            return np.zeros(len(links))
+        settings = self._settings
+        drawn = self._dice.normal(*self._numbers(self._dice, links), settings.shadowing_symmetric)
+        cut = np.minimum(np.maximum(drawn, -SHADOWING_CUT), SHADOWING_CUT)  # much quicker than np.clip
+        return settings.shadowing_db * cut
+
+    def _numbers(self, dice: LinkDice, links: Links) -> tuple[Numbers, Numbers]:
+        """What a link's shadowing depends on: its ends, and the squares that they are in."""
+        side_m = self._settings.decorrelation_m
+        if side_m <= 0:
+            return dice.ends(links.senders), dice.ends(links.receivers)
+        numbers = []
+        for ids, places_m in ((links.senders, links.from_m), (links.receivers, links.to_m)):
+            squares = np.floor(places_m / side_m).astype(np.int64)
+            numbers.append(dice.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1]))
+        return numbers[0], numbers[1]
+
+    def received_dbm(self, links: Links) -> Floats:
+        """Received power of each link [dBm]."""
+        power_dbm = self._settings.tx_power_dbm - self.loss_db(links.distances_m) + self.shadowing_db(links)
+        return power_dbm if self._gains_db is None else power_dbm + self._gains_db[links.senders]
+
+    def shares(self, links: Links) -> Floats:
+        """See `Reach`: the factor by which the range might shrink."""
+        spare_db = links.spare_db
+        if spare_db is None:
+            spare_db = self.received_dbm(links) - self._settings.sensitivity_dbm
+        shares: Floats = 10.0 ** (-spare_db / (10.0 * self._settings.exponent))
+        return shares
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Distance, path loss, shadowing and received power."""
+        distance_m, power_dbm = float(links.distances_m[0]), float(self.received_dbm(links)[0])
+        loss_db, shadowing_db = float(self.loss_db(links.distances_m)[0]), float(self.shadowing_db(links)[0])
+        needed_dbm = self._settings.sensitivity_dbm
+        says = (
+            f"distance {distance_m:.2f} m, path loss {loss_db:.1f} dB, shadowing {shadowing_db:+.1f} dB, received "
+            f"{power_dbm:.1f} dBm, needed {needed_dbm:g} dBm"
+        )
+        numbers = {
+            "distance_m": distance_m,
+            "path_loss_db": loss_db,
+            "shadowing_db": shadowing_db,
+            "received_dbm": power_dbm,
+            "sensitivity_dbm": needed_dbm,
+        }
+        return Finding("range", power_dbm < needed_dbm, says, numbers)
+
+
+def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> Reach:
+    """The reach that a scenario asks for; the generator is for the shadowing."""
+    ranges_m = ranges_of(settings, count)
+    if settings.reception != LOG_DISTANCE:
+        return RangeDisc(settings.range_m, ranges_m)
+    gains_db = None
+    if ranges_m is not None:
+        gains_db = 10.0 * settings.path_loss.exponent * np.log10(ranges_m / settings.range_m)
+    return PathLoss(settings.path_loss, gains_db, LinkDice(rng))
+
+
+class Asymmetry:
+    """Some directed links carry nothing, others less far than the range; the same for a whole run."""
+
+    reason = "asymmetry"
+
+    def __init__(self, settings: AsymmetrySettings, reach: Reach, ends: int, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._reach = reach
+        self._factor_dice, self._death_dice = LinkDice(rng), LinkDice(rng)
+        self._table: Floats | None = None
+        if ends <= MOST_IN_TABLE:
+            ids = np.arange(ends)
+            self._table = self._drawn(np.repeat(ids, ends), np.tile(ids, ends)).reshape(ends, ends)
+
+    def factors(self, links: Links) -> Floats:
+        """By what each link's range is multiplied; below 0 for one that carries nothing."""
+        if self._table is None:
+            return self._drawn(links.senders, links.receivers)
+        factors: Floats = self._table[links.senders, links.receivers]
+        return factors
+
+    def _drawn(self, senders: Indices, receivers: Indices) -> Floats:
+        low, dice, deaths = self._settings.range_factor_low, self._factor_dice, self._death_dice
+        factors: Floats = low + (1.0 - low) * dice.uniform(dice.ends(senders), dice.ends(receivers))
+        is_dead = deaths.uniform(deaths.ends(senders), deaths.ends(receivers)) < self._settings.dead_share
+        factors[is_dead] = -1.0
+        return factors
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        factors = self.factors(links)
+        if self._settings.range_factor_low >= 1.0:
+            return factors < 0.0
+        return self._reach.shares(links) > factors
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """The link's factor."""
+        factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
+        if factor < 0.0:
+            return Finding(self.reason, True, "this direction carries nothing", {"dead": True})
+        cuts = share > factor and self._settings.range_factor_low < 1.0
+        says = f"this direction has {factor:.2f} of its range and needs {share:.2f}"
+        return Finding(self.reason, cuts, says, {"range_factor": factor, "range_share": share})

@@ -1,0 +1,141 @@
+"""What happens at a place or a time: walls, jammers, blackouts."""
+
+import math
+from bisect import bisect_right
+from collections.abc import Sequence
+
+import numpy as np
+
+from deltaswarm_wire.settings_radio import BlackoutSettings, JammerSettings, WallSettings
+from deltaswarm_world.channel.links import Finding, Links, Mask
+from deltaswarm_world.density import Floats
+
+
+def is_on(zone: BlackoutSettings | JammerSettings | WallSettings, time_s: float) -> bool:
+    """From its beginning, included, to its end, not included."""
+    return zone.from_s <= time_s and (zone.until_s is None or time_s < zone.until_s)
+
+
+def _when(zone: BlackoutSettings | JammerSettings | WallSettings) -> str:
+    return f"from {zone.from_s:g} s" + ("" if zone.until_s is None else f" to {zone.until_s:g} s")
+
+
+class Blackouts:
+    """Times in which nobody hears anybody."""
+
+    reason = "blackout"
+
+    def __init__(self, zones: Sequence[BlackoutSettings]) -> None:
+        self._zones = zones
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Which one it is."""
+        for index, zone in enumerate(self._zones):
+            if is_on(zone, time_s):
+                return Finding(self.reason, True, f"blackout {index}, {_when(zone)}", {"blackout": index})
+        return Finding(self.reason, False, "no blackout now", {})
+
+
+class Walls:
+    """No frame crosses them: one whose ends are on opposite sides, and pass between a wall's two ends."""
+
+    reason = "partition"
+
+    def __init__(self, walls: Sequence[WallSettings]) -> None:
+        self._walls = walls
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        cut: Mask | None = None
+        for wall in self._walls:
+            if is_on(wall, time_s):
+                crossed = crosses(links, wall)
+                cut = crossed if cut is None else cut | crossed
+        return cut
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Which wall it crosses."""
+        for index, wall in enumerate(self._walls):
+            if is_on(wall, time_s) and crosses(links, wall)[0]:
+                says = f"crosses wall {index} from {_at(wall.a_m)} to {_at(wall.b_m)}, {_when(wall)}"
+                return Finding(self.reason, True, says, {"wall": index, "a_m": list(wall.a_m), "b_m": list(wall.b_m)})
+        return Finding(self.reason, False, "no wall between them now", {})
+
+
+def crosses(links: Links, wall: WallSettings) -> Mask:
+    """Which links cross a wall; from either end the same."""
+    swapped = (links.senders > links.receivers)[:, None]
+    p, q = np.where(swapped, links.to_m, links.from_m), np.where(swapped, links.from_m, links.to_m)
+    a, b = np.array(wall.a_m), np.array(wall.b_m)
+    p_side, q_side = _cross(b - a, p - a), _cross(b - a, q - a)
+    a_side, b_side = _cross(q - p, a - p), _cross(q - p, b - p)
+    opposite: Mask = np.sign(p_side) * np.sign(q_side) < 0
+    between: Mask = np.sign(a_side) * np.sign(b_side) <= 0
+    return opposite & between
+
+
+def _cross(u: Floats, v: Floats) -> Floats:
+    crossed: Floats = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    return crossed
+
+
+class Jammers:
+    """Circles in which nothing is heard; their edge is within them. Who is within can be heard outside."""
+
+    reason = "jam"
+
+    def __init__(self, zones: Sequence[JammerSettings]) -> None:
+        self._zones = zones
+        self._ways = [
+            ((zone.from_s, *zone.times_s), [(x, y) for x, y in (zone.center_m, *zone.waypoints_m)]) for zone in zones
+        ]
+
+    def center_m(self, index: int, time_s: float) -> tuple[float, float]:
+        """Where a jammer is: before its first time where it begins, after its last where it ends [m]."""
+        times_s, places_m = self._ways[index]
+        after = bisect_right(times_s, time_s)
+        if after in (0, len(times_s)):
+            return places_m[max(0, after - 1)]
+        (x, y), (to_x, to_y) = places_m[after - 1], places_m[after]
+        share = (time_s - times_s[after - 1]) / (times_s[after] - times_s[after - 1])
+        return x + share * (to_x - x), y + share * (to_y - y)
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        cut: Mask | None = None
+        for index, zone in enumerate(self._zones):
+            if is_on(zone, time_s):
+                x_m, y_m = self.center_m(index, time_s)
+                dx, dy = links.to_m[:, 0] - x_m, links.to_m[:, 1] - y_m
+                within: Mask = dx * dx + dy * dy <= zone.radius_m**2
+                cut = within if cut is None else cut | within
+        return cut
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Which jammer the receiver is in, or how far the nearest one's edge is."""
+        nearest_m = np.inf
+        for index, zone in enumerate(self._zones):
+            if not is_on(zone, time_s):
+                continue
+            center_m = self.center_m(index, time_s)
+            dx, dy = (links.to_m[0] - center_m).tolist()
+            distance_m = math.hypot(dx, dy)
+            if dx * dx + dy * dy <= zone.radius_m**2:
+                says = (
+                    f"the receiver is {distance_m:.2f} m from the centre {_at(center_m)} of jammer {index}, radius "
+                    f"{zone.radius_m:g} m, {_when(zone)}"
+                )
+                numbers = {"jammer": index, "center_m": list(center_m), "radius_m": zone.radius_m}
+                return Finding(self.reason, True, says, {**numbers, "from_center_m": distance_m})
+            nearest_m = min(nearest_m, distance_m - zone.radius_m)
+        if nearest_m == np.inf:
+            return Finding(self.reason, False, "no jammer is on now", {})
+        return Finding(self.reason, False, f"{nearest_m:.2f} m outside the nearest jammer", {"outside_m": nearest_m})
+
+
+def _at(place_m: Sequence[float] | Floats) -> str:
+    return f"({place_m[0]:g}, {place_m[1]:g})"

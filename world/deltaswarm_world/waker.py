@@ -1,0 +1,87 @@
+"""What wakes the world's process out of its wait for samples. With `process.py` it is all that touches Zenoh."""
+
+import logging
+import signal
+import socket
+import threading
+import time
+from collections import deque
+
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.keys import Keys, parse_token
+from deltaswarm_wire.orders import decode_done
+from deltaswarm_wire.session import use_one_worker_thread
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.world")
+
+STOP_WITHIN_S = 1.0
+"""Who has not closed the step by then is not waited for when the run is to end."""
+
+
+class Waker:
+    """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
+
+    A sample that the world sends itself is the one thing that reaches a thread blocked in the channel.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self.deadline = float("inf")
+        """Wall time (monotonic) at which to wake."""
+        self.stop_requested = False
+        self.tokens: deque[tuple[str, int, bool]] = deque()
+        """(role, number, is there) in order of arrival."""
+        self.done: deque[int] = deque()
+        """Numbers of the orders that the orchestrator has carried out."""
+        self._session = session
+        self._key = keys.agent(0, "wake")
+        self._nudge = threading.Event()
+        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
+        self._done = session.declare_subscriber(keys.done, zenoh.handlers.Callback(self._on_done, indirect=False))
+        self._closed = False
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+        self._await_signal()
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        token = parse_token(str(sample.key_expr))
+        if token is not None:
+            self.tokens.append((*token, sample.kind == zenoh.SampleKind.PUT))
+            self._nudge.set()
+
+    def _on_done(self, sample: zenoh.Sample) -> None:
+        try:
+            self.done.append(decode_done(sample.payload.to_bytes()))
+        except WireError as error:
+            log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+        self._nudge.set()
+
+    def _await_signal(self) -> None:
+        """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""
+        reader, writer = socket.socketpair()
+        writer.setblocking(False)
+        signal.set_wakeup_fd(writer.fileno())
+        self._signals = reader, writer
+        threading.Thread(target=self._stop_on, args=(reader,), daemon=True).start()
+
+    def _stop_on(self, reader: socket.socket) -> None:
+        reader.recv(1)
+        self.stop_requested = True
+        self.deadline = min(self.deadline, time.monotonic() + STOP_WITHIN_S)
+        self._nudge.set()
+
+    def close(self) -> None:
+        """No more samples: the session is about to be closed."""
+        self._closed = True
+        self._nudge.set()
+        self._watcher.join()
+
+    def _watch(self) -> None:
+        while not self._closed:
+            left_s = self.deadline - time.monotonic()
+            if self._nudge.wait(min(max(left_s, 0.001), 0.1)) or left_s <= 0.0:
+                self._nudge.clear()
+                self._session.put(self._key, b"", allowed_destination=zenoh.Locality.SESSION_LOCAL)
