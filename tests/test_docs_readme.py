@@ -43,6 +43,7 @@ def files() -> dict[str, str]:
 
 
 @pytest.mark.processes
+@pytest.mark.timeout(900)
 def test_the_commands_work(tmp_path: Path) -> None:
     """In the order in which they stand, in one folder, with exit code 0."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
