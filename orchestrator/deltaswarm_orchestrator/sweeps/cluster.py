@@ -1,5 +1,6 @@
 """A sweep on a Dask cluster: a local one, or whichever its deployers made of SLURM, SSH or Kubernetes."""
 
+import atexit
 import functools
 import logging
 from collections.abc import Iterator, Sequence
@@ -9,6 +10,7 @@ from dataclasses import replace
 
 import dask
 from distributed import Client, LocalCluster, as_completed
+from distributed.deploy.spec import close_clusters
 
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.exits import complain
@@ -16,6 +18,10 @@ from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, E
 from deltaswarm_orchestrator.sweeps.work import Result, Task
 
 CONNECT_WITHIN_S = 10.0
+
+
+# The stack closes the cluster. What Dask does at exit would only add a traceback where Ctrl-C came before it was up.
+atexit.unregister(close_clusters)
 
 
 class DaskEngine:
