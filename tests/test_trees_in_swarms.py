@@ -12,6 +12,7 @@ import pytest
 from deltaswarm_agent.core import AgentCore
 from deltaswarm_agent.states import State
 from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_world.channel.chance import Loss
 from tests.cores import swarm
 
 STEPS, KILL_EVERY_STEPS = 600, 60
@@ -183,7 +184,8 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     for agent in trees.rng.sample(followers, 3):
         trees.crew.world.lockstep.gone(agent)
     trees.run(15, kills=False)
-    trees.crew.world._radio._loss = 0.0
+    (loss,) = (piece for piece in trees.crew.world._air._pieces if isinstance(piece, Loss))
+    loss._share = 0.0
     for _ in range(60):
         for core in trees.crew.agents:
             if core.membership is None:
