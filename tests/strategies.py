@@ -6,15 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import msgpack
-from hypothesis import HealthCheck, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire import messages, radio, truth
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
-
-# A loaded machine is no failure; a failing example can be pasted from the log.
-settings.register_profile("deltaswarm", deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True)
-settings.load_profile("deltaswarm")
 
 agents = st.integers(0, MAX_AGENT_ID)
 ids = st.integers(0, MAX_ID)

@@ -195,7 +195,7 @@ overrides = st.fixed_dictionaries(
         "record": st.sampled_from(RECORDS),
         "control.mode": st.sampled_from(MODES),
         "control.dissolution": st.sampled_from(["true", "false"]),
-        "control.d_min_m": st.floats(0, 9.9),
+        "control.d_min_m": st.floats(0, 8.9),
         "radio.loss": st.floats(0, 1),
         "run.duration_s": st.floats(1, 1e8),
         "agents.speed_mps": st.floats(1e-300, 100),
