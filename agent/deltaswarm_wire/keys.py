@@ -29,6 +29,7 @@ class Keys:
         self.truth = f"{self.root}/world/truth"
         self.status = f"{self.root}/world/status"
         self.orders = f"{self.root}/world/orders"
+        self.forwarded = f"{self.root}/world/report"
         self.done = f"{self.root}/recorder/done"
         self.workload = f"{self.root}/operator/workload"
         self.from_agents = self.agent("*", "*")

@@ -1,4 +1,4 @@
-"""What travels over the fabric besides radio frames: frame, act, report, clock, workload, status.
+"""What travels over the fabric besides radio frames: frame, act, report (also forwarded), clock, workload, status.
 
 Frame and act cross the fabric once per agent and step, so they are MessagePack arrays. Report,
 clock, workload and status are few and read by tools and people, so they are maps with named fields.
@@ -208,6 +208,33 @@ def decode_report(data: bytes) -> Report:
         number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
         integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),
         _events(raw["events"], MAX_REPORTED, "report.events"),
+    )
+
+
+class Forwarded(NamedTuple):
+    """A report that came through the uplink in a step, as the world hands it to the operator.
+
+    The sequence is the world's own, so that what the fabric loses is told from what the uplink does.
+    """
+
+    sequence: int
+    step: int
+    report: bytes
+
+
+def encode_forwarded(forwarded: Forwarded) -> bytes:
+    """`[version, sequence, step, report as its agent encoded it]`."""
+    return pack((PROTOCOL_VERSION, *forwarded))
+
+
+def decode_forwarded(data: bytes) -> Forwarded:
+    """Check and decode; the report in it is checked by who decodes that. Raises WireError."""
+    known, sequence, step, report = array(unpack(data), 4, "forwarded")
+    version(known)
+    if type(report) is not bytes:
+        raise WireError("forwarded.report", "bytes are expected")
+    return Forwarded(
+        integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
     )
 
 

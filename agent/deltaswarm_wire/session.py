@@ -104,7 +104,7 @@ def client_pairs(link: Link) -> Pairs:
     return pairs
 
 
-def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[int]) -> Pairs:
+def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[int], *, uplink: bool = False) -> Pairs:
     """The router: listens on the link's endpoint, knows users from a file, enforces the access rules.
 
     It forwards no report above `MAX_SAMPLE_BYTES`: a large sample goes out in pieces, and its one worker
@@ -123,7 +123,7 @@ def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", access_rules(keys, agents)),
+        ("access_control", access_rules(keys, agents, uplink=uplink)),
         ("low_pass_filter", [reports]),
     ]
 
@@ -136,11 +136,12 @@ def quiet_pairs(low_latency: bool) -> Pairs:
     return pairs
 
 
-def access_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
+def access_rules(keys: Keys, agents: Iterable[int], *, uplink: bool = False) -> dict[str, Any]:
     """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
 
     A client's publisher stays silent until the router tells it of a matching subscription, so the
-    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress).
+    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). With an uplink model
+    the operator gets no report from an agent, but those that the world hands on.
     """
     book = _RuleBook()
     world = keys.token(WORLD)
@@ -153,7 +154,7 @@ def access_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     book.allow(
         OPERATOR,
         sends=[keys.workload],
-        receives=[keys.all_reports, keys.clock],
+        receives=[keys.forwarded if uplink else keys.all_reports, keys.clock],
         heard_by=[keys.workload],
         token=keys.token(OPERATOR),
         watches=world,
@@ -163,7 +164,7 @@ def access_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
         sends=[keys.done],
         receives=[
             *(keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload),
-            keys.orders,
+            *(keys.orders, keys.forwarded),
         ],
         heard_by=[keys.done],
         token=keys.token(RECORDER),

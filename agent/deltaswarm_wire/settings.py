@@ -10,6 +10,7 @@ from deltaswarm_wire.checked import Problem, key, plain_value
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
+from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
 MODES = ("decentralised", "hierarchical", "hybrid")
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
@@ -162,6 +163,7 @@ class Scenario:
     radio: RadioSettings = key(RadioSettings, "the air between agents")
     control: ControlSettings = key(ControlSettings, "how agents decide")
     operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
+    uplink: UplinkSettings = key(UplinkSettings, "the way of reports to the operator")
     fault: tuple[FaultSettings, ...] = key((), "what fails in it: a timeline")
 
     def problems(self) -> list[Problem]:
@@ -180,6 +182,7 @@ class Scenario:
         found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
         found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
+        found += uplink_problems(self.uplink, size_m, self.run.step_s)
         return found + self._density_problems()
 
     def _density_problems(self) -> list[Problem]:

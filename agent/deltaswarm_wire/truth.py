@@ -52,6 +52,15 @@ sender or its receiver was full; crowded: the receiver's own frame over the fabr
 receiver's process is gone or hangs, or the radio of one of both is dead.
 """
 
+UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "crowded", "expired", "left", "dead")
+"""Why a report did not reach the operator: what it met first, one reason each.
+
+outage: nothing got through then; range: too far from the base, and no tree to carry it; loss: by chance, at any
+hop; burst: by chance, on a link in its bad state; bandwidth: the queue at its sender or carrier was full;
+crowded: that of the operator's radio was; expired: carried for too long; left: who carried it left the tree;
+dead: who sent or carried it is gone, hangs, or its radio is dead.
+"""
+
 
 class Body(NamedTuple):
     """One agent, as it is. Place in m, world frame; `parent` is NOBODY outside a tree."""
@@ -84,6 +93,10 @@ class Tally(NamedTuple):
 
         frames_in_flight before + frames_sent (n - 1) + frames_duplicated
             = frames_received + all that is dropped + frames_in_flight
+
+    Reports, exactly (without an uplink model each arrives when it is sent):
+
+        reports_in_flight before + reports_sent = reports_arrived + all that is dropped + reports_in_flight
     """
 
     step: int
@@ -110,6 +123,18 @@ class Tally(NamedTuple):
     dropped_bandwidth: int
     dropped_crowded: int
     dropped_dead: int
+    reports_sent: int
+    reports_arrived: int
+    reports_in_flight: int
+    reports_dropped_outage: int
+    reports_dropped_range: int
+    reports_dropped_loss: int
+    reports_dropped_burst: int
+    reports_dropped_bandwidth: int
+    reports_dropped_crowded: int
+    reports_dropped_expired: int
+    reports_dropped_left: int
+    reports_dropped_dead: int
     rejected: int
     transport_lost: int
 

@@ -24,6 +24,11 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
     )
+    made.add_argument(
+        "--uplink",
+        action="store_true",
+        help="for a scenario with [uplink]: hear the reports that its model lets through",
+    )
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -40,6 +45,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             settings=checked.load(OperatorSettings, {"threshold_hz": arguments.threshold_hz}, "operator"),
             step_s=checked.load(RunSettings, {"step_s": arguments.step_s}, "run").step_s,
             out=arguments.out,
+            uplink=arguments.uplink,
             publish_all=arguments.publish_all,
         )
         if (config.out / "operator.csv").exists():

@@ -32,7 +32,7 @@ PUBLISH_EVERY_S = 0.5
 """Unless every workload is asked for, one is published this often [wall s], for those who watch."""
 
 NOBODY = -1
-"""The clock's number among senders, for the log."""
+"""The world's number among senders, for the log."""
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,8 @@ class OperatorConfig:
     step_s: float
     out: Path
     """Folder for its own table and totals."""
+    uplink: bool = False
+    """Whether reports come through the world's uplink model: by its own key, as it lets them arrive."""
     publish_all: bool = False
     """Publish the workload of every step, for a recorder, and be ready only once one listens."""
 
@@ -53,6 +55,7 @@ class Arrival(Enum):
     """What the main thread finds in its inbox."""
 
     REPORT = "report"
+    FORWARDED = "forwarded report"
     CLOCK = "clock"
     LISTENER = "listener"
     WORLD_GONE = "world gone"
@@ -123,8 +126,9 @@ class OperatorProcess:
         self._warned: set[int] = set()
         self._keys = keys = Keys(config.run)
         self._token: zenoh.LivelinessToken | None = None
+        reports = (keys.forwarded, Arrival.FORWARDED) if config.uplink else (keys.all_reports, Arrival.REPORT)
         self._subscribers = [
-            session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
+            session.declare_subscriber(reports[0], self._into_inbox(reports[1])),
             session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
             session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
         ]
@@ -182,6 +186,8 @@ class OperatorProcess:
                 continue
             if arrival is Arrival.REPORT:
                 self._take_report(sample)
+            elif arrival is Arrival.FORWARDED:
+                self._take_forwarded(sample)
             elif arrival is Arrival.CLOCK:
                 if self._take_clock(sample.payload.to_bytes()):
                     return End.LAST_CLOCK
@@ -199,6 +205,11 @@ class OperatorProcess:
         reason = self.meter.receive(agent, sample.payload.to_bytes())
         if reason is not None:
             self._warn(agent, f"report on the key of agent {agent}: {reason}")
+
+    def _take_forwarded(self, sample: zenoh.Sample) -> None:
+        reason = self.meter.receive_forwarded(sample.payload.to_bytes())
+        if reason is not None:
+            self._warn(NOBODY, f"report that the world hands on: {reason}")
 
     def _take_clock(self, data: bytes) -> bool:
         """Close a step; True if it was the last."""

@@ -10,13 +10,17 @@ from typing import Any
 
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import REPORT, Digest
-from deltaswarm_wire.messages import Clock, Report, Workload, decode_report
+from deltaswarm_wire.keys import WORLD
+from deltaswarm_wire.messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 
 MAX_AHEAD_STEPS = 1000
 """A report of a step further ahead than this is forged: no agent is ahead of the clock that it waits for."""
+
+FORWARDER = -1
+"""The world's number among senders, where it hands on what came through the uplink."""
 
 _Held = tuple[int, int, Report, bytes]
 """Agent, sequence, the report, its bytes."""
@@ -49,8 +53,9 @@ class SlidingRate:
 class WorkloadMeter:
     """Takes reports as they arrive and closes steps as the clock says.
 
-    A report is counted in the step that it names. One for a step that is closed already is late: it is
-    counted in the next step to be closed, so that nothing is lost.
+    A report is counted in the step that it names; one that came through an uplink, in the step in which it
+    arrived. One for a step that is closed already is late: it is counted in the next step to be closed, so
+    that nothing is lost.
     """
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
@@ -91,11 +96,37 @@ class WorkloadMeter:
         if step > self.step + MAX_AHEAD_STEPS and self.step >= 0:
             return self._reject(agent, f"report.step: {step}, when {self.step} is the newest closed step")
         self._follow_sequence(agent, report.sequence)
+        self._hold(step, report, data)
+        return None
+
+    def receive_forwarded(self, data: bytes) -> str | None:
+        """Take in one report that the world hands on, in its envelope; the reason if it is dropped."""
+        try:
+            forwarded = decode_forwarded(data)
+        except WireError as error:
+            return self._reject(FORWARDER, str(error))
+        return self.take_forwarded(forwarded)
+
+    def take_forwarded(self, forwarded: Forwarded) -> str | None:
+        """The same for an envelope that is open.
+
+        The world's own sequence tells what the fabric lost; the agents' has gaps where the uplink dropped reports.
+        """
+        self._follow_sequence(FORWARDER, forwarded.sequence)
+        try:
+            report = decode_report(forwarded.report)
+        except WireError as error:
+            return self._reject(FORWARDER, str(error))
+        self._hold(forwarded.step, report, forwarded.report)
+        return None
+
+    def _hold(self, step: int, report: Report, data: bytes) -> None:
+        """Keep a report until its step, or the next one to be closed, is closed."""
+        agent = report.agent
         if step <= self.step:
             self._late[agent] += 1
             step = self.step + 1
         self._held.setdefault(step, []).append((agent, report.sequence, report, data))
-        return None
 
     def _reject(self, agent: int, reason: str) -> str:
         self._rejected[agent] += 1
@@ -186,7 +217,7 @@ class WorkloadMeter:
             "threshold_hz": self._threshold_hz,
             "time_above_s": self._steps_above * self._step_s,
             "per_sender": {
-                str(agent): {
+                WORLD if agent == FORWARDER else str(agent): {
                     "messages": self._messages[agent],
                     "lost": self._lost[agent],
                     "rejected": self._rejected[agent],

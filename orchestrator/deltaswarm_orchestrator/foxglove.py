@@ -10,7 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from deltaswarm_wire.messages import Event, Report, Workload
-from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
+from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
 
 Json = dict[str, Any]
 
@@ -24,6 +24,10 @@ NET_FIELDS = (
     "frames_duplicated",
     "frames_in_flight",
     *(f"dropped_{reason}" for reason in DROP_REASONS),
+    "reports_sent",
+    "reports_arrived",
+    "reports_in_flight",
+    *(f"reports_dropped_{reason}" for reason in UPLINK_REASONS),
     "rejected",
     "transport_lost",
 )

@@ -89,11 +89,18 @@ class InProcess:
                 if sink is not None:
                     sink.radio(step, agent, radio_bytes)
             if report is not None and report_bytes is not None:
-                self.operator.take(agent, report, report_bytes)
+                if world.has_uplink:
+                    world.take_report(agent, report, report_bytes)
+                else:
+                    world.reports_passing += 1
+                    self.operator.take(agent, report, report_bytes)
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
             world.take_act(agent, act, act_bytes)
-        return world.end()
+        tally = world.end()
+        for forwarded in world.forwarded:
+            self.operator.take_forwarded(forwarded)
+        return tally
 
 
 def run_in_process(

@@ -17,6 +17,7 @@ from deltaswarm_wire.messages import (
     Status,
     Workload,
     decode_clock,
+    decode_forwarded,
     decode_report,
     decode_status,
     decode_workload,
@@ -35,11 +36,13 @@ QUEUE_SAMPLES = 20_000
 class Observer:
     """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames.
 
+    With `uplink` the reports are those that the world lets arrive; raw ones are heard for `wire` alone.
+
     Raises:
         ConnectionError: there is no way to the world.
     """
 
-    def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool) -> None:
+    def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool, uplink: bool = False) -> None:
         self.status: Status | None = None
         self.newest_workload: Workload | None = None
         self.orders: deque[Order] = deque()
@@ -48,6 +51,7 @@ class Observer:
         self._keys = keys = Keys(run)
         self._sink = sink
         self._wire = wire
+        self._uplink = uplink
         self._queue: queue.Queue[tuple[str, bytes]] = queue.Queue(QUEUE_SAMPLES)
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
@@ -63,9 +67,9 @@ class Observer:
         )
         wanted = [keys.status, keys.workload, keys.orders]
         if sink is not None:
-            wanted += [keys.clock, keys.truth, keys.all_reports]
+            wanted += [keys.clock, keys.truth, keys.forwarded if uplink else keys.all_reports]
         if wire:
-            wanted.append(keys.all_radio)
+            wanted += [keys.all_radio, keys.all_reports] if uplink else [keys.all_radio]
         # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
@@ -117,6 +121,8 @@ class Observer:
             self._truths[truth.step] = truth
         elif key == keys.clock:
             self._close(decode_clock(data).step, decode_clock(data).last)
+        elif key == keys.forwarded:
+            self._take_report(decode_forwarded(data).report)
         elif key == keys.status:
             self.status = decode_status(data)
         elif key == keys.orders:
@@ -142,11 +148,16 @@ class Observer:
             return
         if self._wire:
             self._sink.report_bytes(self._open_step, agent, data)
+        if not self._uplink:
+            self._take_report(data, agent)
+
+    def _take_report(self, data: bytes, agent: int | None = None) -> None:
+        """A report that reaches the operator; with an agent, that on whose key it came."""
         try:
             report = decode_report(data)
         except WireError:
             return  # the operator counts it as rejected
-        if report.agent == agent:
+        if agent is None or report.agent == agent:
             self._reports[self._open_step].append(report)
 
     def _close(self, step: int, last: bool) -> None:

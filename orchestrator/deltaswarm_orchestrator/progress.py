@@ -88,6 +88,8 @@ ROWS = (
     ("events sensed", "waiting_time_s.n", ""),
     ("events never sensed", "waiting_time_s.never_sensed", ""),
     ("operator messages", "operator_messages_per_s.mean", "per s"),
+    ("reports sent", "reports.sent", ""),
+    ("reports arrived", "reports.arrived", ""),
     ("radio frames sent", "frames_sent_per_s.mean", "per s"),
     ("radio bytes sent", "bytes_sent_per_s.mean", "per s"),
     ("agents in trees", "agents_in_trees.mean", ""),
@@ -112,6 +114,10 @@ def result_table(summary: dict[str, Any]) -> Table:
         for key in path.split("."):
             value = value[key]
         table.add_row(label, _shown(value), unit)
+        if path == "reports.arrived":
+            for reason, count in summary["reports_dropped"].items():
+                if count:
+                    table.add_row(f"reports dropped: {reason}", _shown(count), "")
     return table
 
 

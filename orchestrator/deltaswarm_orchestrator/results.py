@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import digest
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
+from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json")
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
@@ -205,6 +205,14 @@ def figures(outcome: Outcome, step_s: float) -> dict[str, Any]:
             "in_flight": tallies[-1].frames_in_flight if tallies else 0,
         },
         "frames_dropped": {reason: sum(getattr(t, f"dropped_{reason}") for t in tallies) for reason in DROP_REASONS},
+        "reports": {
+            "sent": sum(t.reports_sent for t in tallies),
+            "arrived": sum(t.reports_arrived for t in tallies),
+            "in_flight": tallies[-1].reports_in_flight if tallies else 0,
+        },
+        "reports_dropped": {
+            reason: sum(getattr(t, f"reports_dropped_{reason}") for t in tallies) for reason in UPLINK_REASONS
+        },
         "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
         "trees": {"mean": _mean([t.trees for t in tallies])},
         "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},

@@ -126,7 +126,9 @@ def _run_processes(
     with Swarm(scenario, name, folder, options.zenoh) as swarm:
         try:
             swarm.start_world(folder / "scenario.toml", listen=options.listen, record=recorder is not None)
-            with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
+            with Observer(
+                name, swarm.recorder_link(), recorder, wire=scenario.record == "wire", uplink=scenario.uplink.is_on
+            ) as observer:
                 swarm.start_operator(publish_all=recorder is not None)
                 swarm.start_agents()
                 swarm.write_pids()

@@ -11,23 +11,37 @@ from itertools import accumulate
 from typing import Any
 
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.digest import ACT, RADIO, Digest
-from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, SENSED_BYTES, Act, Event, Frame, decode_act
+from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
+from deltaswarm_wire.messages import (
+    FRAME_ROOM_BYTES,
+    MAX_SENSED,
+    SENSED_BYTES,
+    Act,
+    Event,
+    Forwarded,
+    Frame,
+    Report,
+    decode_act,
+    decode_report,
+)
 from deltaswarm_wire.orders import KILL, START, Order
 from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, Body, EventState, Tally, Truth
+from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, UPLINK_REASONS, Body, EventState, Tally, Truth
 from deltaswarm_world.channel.links import Finding
 from deltaswarm_world.environment import Environment, Happening
 from deltaswarm_world.faults import Faults
 from deltaswarm_world.ledger import FREE, Coverage, Standing, standing
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.radio import Air, Carried
+from deltaswarm_world.uplink import Uplink
 
 HEARD_BYTES = 3
 """What a heard frame takes in an agent's frame besides its own bytes."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
+
+NONE_DROPPED = (0,) * len(UPLINK_REASONS)
 
 
 class WorldCore:
@@ -44,8 +58,18 @@ class WorldCore:
         self.agents_in_trees = 0
         """In the last closed step."""
         self.digest = Digest()
+        self.has_uplink = scenario.uplink.is_on
+        """Whether reports come here, and not straight to the operator."""
+        self.forwarded: list[Forwarded] = []
+        """The reports that reach the operator in the step just ended, if there is an uplink model."""
+        self.reports_passing = 0
+        """Reports of this step that went straight to the operator."""
 
         self._air = Air(scenario)
+        self._uplink = Uplink(scenario) if self.has_uplink else None
+        self._reports: dict[int, bytes] = {}
+        self._newest_report: dict[int, int] = {}
+        self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
         self._present = [True] * scenario.agents.count
@@ -78,6 +102,7 @@ class WorldCore:
                 elif order.action == START:
                     lockstep.back(agent)
                     self._newest_counter.pop(agent, None)
+                    self._newest_report.pop(agent, None)
         lockstep.frozen = self._faults.frozen
         return orders
 
@@ -170,6 +195,27 @@ class WorldCore:
         self._spoken[agent] = (data, frame)
         return None
 
+    def hear_report(self, agent: int, data: bytes) -> str | None:
+        """Take one report from an agent's key, for the uplink; the reason if it is dropped."""
+        try:
+            report = decode_report(data)
+        except WireError as error:
+            return self.reject(agent, str(error))
+        return self.take_report(agent, report, data)
+
+    def take_report(self, agent: int, report: Report, data: bytes) -> str | None:
+        """The same for a report and the bytes that it was decoded from, or encoded to."""
+        if report.agent != agent:
+            return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
+        if report.step > self._step:
+            return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
+        self._lost_in_step += max(0, report.sequence - self._newest_report.get(agent, -1) - 1)
+        self._newest_report[agent] = report.sequence
+        if agent in self._reports:
+            return self.reject(agent, "report: a second one in one step")
+        self._reports[agent] = data
+        return None
+
     def hear_act(self, agent: int, data: bytes) -> str | None:
         """Take one act from an agent's key; the reason if it is dropped."""
         try:
@@ -211,9 +257,27 @@ class WorldCore:
                 self.digest.add(self._step, agent, RADIO, spoken[0])
             self.digest.add(self._step, agent, ACT, data)
         self.environment.work(observers, self._time_s)
-        return self._tally(len(late))
+        passing, self.reports_passing = self.reports_passing, 0
+        reports = (passing, passing, 0, *NONE_DROPPED) if self._uplink is None else self._forward(self._uplink)
+        return self._tally(len(late), reports)
 
-    def _tally(self, late: int) -> Tally:
+    def _forward(self, uplink: Uplink) -> tuple[int, ...]:
+        """Let the reports of this step into the uplink; how many were sent, arrived, are under way, were dropped."""
+        sent, self._reports = self._reports, {}
+        for agent in sorted(sent):
+            self.digest.add(self._step, agent, REPORT, sent[agent])
+        lockstep = self.lockstep
+        absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
+        there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
+        spoken = [(agent, frame) for agent, (_, frame) in self._spoken.items()]
+        arrived = uplink.carry(self._step, self._time_s, self.environment.positions_m, there, spoken, sent)
+        first = self._forwarded_ever
+        self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
+        self._forwarded_ever += len(arrived)
+        dropped = [uplink.dropped.get(reason, 0) for reason in UPLINK_REASONS]
+        return len(sent), len(arrived), uplink.under_way, *dropped
+
+    def _tally(self, late: int, reports: tuple[int, ...]) -> Tally:
         self._standings = {agent: standing(frame) for agent, (_, frame) in self._spoken.items()}
         in_trees = [agent for agent, (role, _, _) in self._standings.items() if role in IN_TREE]
         self.agents_in_trees = len(in_trees)
@@ -236,6 +300,7 @@ class WorldCore:
             carried.duplicated,
             len(self._spoken) * others + self._air.under_way,
             *[carried.dropped.get(reason, 0) for reason in DROP_REASONS],
+            *reports,
             rejected,
             lost,
         )
@@ -265,6 +330,17 @@ class WorldCore:
         for _ in range(fates.count("delivered") - list(self._links).count(self._air.watched)):
             fates[fates.index("delivered")] = "dropped: crowded"
         return self._air.explain(*self._air.watched), fates
+
+    def watch_uplink(self, sender: int) -> None:
+        """From the next step on, `explain_uplink` tells of one agent's reports."""
+        assert self._uplink is not None
+        self._uplink.watched = sender
+
+    def explain_uplink(self) -> tuple[list[Finding], list[str]]:
+        """What each model of the uplink says of the watched agent in this step, and what became of its reports."""
+        assert self._uplink is not None
+        assert self._uplink.watched is not None
+        return self._uplink.explain(self._uplink.watched), list(self._uplink.fates)
 
     def mean_waiting_s(self) -> float:
         """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""

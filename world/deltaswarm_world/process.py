@@ -20,7 +20,7 @@ from deltaswarm_wire.keys import (
     WORLD,
     Keys,
 )
-from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_frame, encode_status
+from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded, encode_frame, encode_status
 from deltaswarm_wire.orders import KILL, NOTE, START, Order, encode_order
 from deltaswarm_wire.session import Link, configured, router_pairs, use_one_worker_thread
 from deltaswarm_wire.settings import Scenario
@@ -71,6 +71,7 @@ class WorldProcess:
         self._frames = [self._publisher(session, keys.agent(agent, FRAME), "Frame") for agent in range(count)]
         self._clock = self._publisher(session, keys.clock, "Clock")
         self._truth = self._publisher(session, keys.truth, "Truth")
+        self._forwarded = self._publisher(session, keys.forwarded, "Forwarded")
         self._status = self._publisher(session, keys.status, "Status")
         self._orders = self._publisher(session, keys.orders, "Order")
         self._in_hand: Order | None = None
@@ -125,6 +126,8 @@ class WorldProcess:
             tally = self._core.end()
             if self._config.publish_truth:
                 self._truth.put(encode_truth(self._core.truth(tally)))
+            for forwarded in self._core.forwarded:
+                self._forwarded.put(encode_forwarded(forwarded))
             self._clock.put(encode_clock(Clock(step, tally.time_s, last)))
             output.write(tally)
             if time.monotonic() >= self._status_due:
@@ -189,18 +192,26 @@ class WorldProcess:
             self._take_tokens()
             return True
         agent, leaf = source
-        if leaf == REPORT and len(sample.payload) <= MAX_SAMPLE_BYTES:
-            return False  # the operator's
-        data = sample.payload.to_bytes()
         reason: str | None
         if leaf == REPORT:
-            reason = self._core.reject(agent, f"report: {len(data)} bytes, at most {MAX_SAMPLE_BYTES} are allowed")
+            reason = self._take_report(agent, sample)
         else:
+            data = sample.payload.to_bytes()
             reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
         return False
+
+    def _take_report(self, agent: int, sample: zenoh.Sample) -> str | None:
+        """A report is the uplink's; without one the operator gets it by itself. The reason if it is dropped."""
+        size_bytes = len(sample.payload)
+        if size_bytes > MAX_SAMPLE_BYTES:
+            return self._core.reject(agent, f"report: {size_bytes} bytes, at most {MAX_SAMPLE_BYTES} are allowed")
+        if self._core.has_uplink:
+            return self._core.hear_report(agent, sample.payload.to_bytes())
+        self._core.reports_passing += 1
+        return None
 
     def _take_tokens(self) -> None:
         """Take note of who came and who went.
@@ -314,9 +325,8 @@ def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None
         endpoint = config.link.endpoint if port != "0" else f"{address}:{_free_port()}"
         link = replace(config.link, endpoint=endpoint)
         try:
-            session = zenoh.open(
-                configured(zenoh.Config, router_pairs(link, str(config.credentials), keys, agents), link)
-            )
+            pairs = router_pairs(link, str(config.credentials), keys, agents, uplink=config.scenario.uplink.is_on)
+            session = zenoh.open(configured(zenoh.Config, pairs, link))
         except zenoh.ZError:
             if port != "0" or attempt == PORT_TRIES - 1:
                 raise

@@ -1,0 +1,274 @@
+"""The operator's uplink: which reports come to the operator, when, and if not, why not.
+
+A report is one try. On its way it meets, in this order: whether its sender is there (`dead`); its sender's queue
+(`bandwidth`); the base's range (`range`, or the relay: `relay.py`, where each carrier's queue is met again, and
+`loss` at each hop); then outages (`outage`), `loss` and bursts (`burst`) on the link to the base; then delay; and
+the queue of the operator's radio (`crowded`). What meets it first is its one reason:
+
+    sent = arrived + dropped, by reason + under way
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+
+import numpy as np
+
+from deltaswarm_wire.radio import RadioFrame
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_radio import BlackoutSettings
+from deltaswarm_world.channel.chance import Bursts, Loss
+from deltaswarm_world.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.channel.reach import RangeDisc
+from deltaswarm_world.channel.zones import is_on
+from deltaswarm_world.density import Floats
+from deltaswarm_world.environment import generator
+from deltaswarm_world.relay import Moment, Relay, roots_of
+
+LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
+"""Each model has its own chance, as on the air; the relay's is 45."""
+
+EAR = 0
+"""The operator's one radio, among the ends of its queue."""
+
+
+class Outages:
+    """Times in which no report gets through."""
+
+    reason = "outage"
+
+    def __init__(self, zones: Sequence[BlackoutSettings]) -> None:
+        self._zones = zones
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """Which one it is."""
+        for index, zone in enumerate(self._zones):
+            if is_on(zone, time_s):
+                until = "" if zone.until_s is None else f" to {zone.until_s:g} s"
+                says = f"outage {index}, from {zone.from_s:g} s{until}"
+                return Finding(self.reason, True, says, {"outage": index})
+        return Finding(self.reason, False, "no outage now", {})
+
+
+class Uplink:
+    """The uplink of one run, with all its models; `carry` is called once a step, in order, at the step's end."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
+        self.watched: int | None = None
+        """An agent of whose reports `fates` tells."""
+        self.fates: list[str] = []
+        """What became in the last step of the watched agent's reports."""
+        self.dropped: dict[str, int] = {}
+        """Reports that will not arrive, by reason, of the last step."""
+        self._count = count
+        self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
+        self._range_m = uplink.range_m
+        self._relay = Relay(scenario) if uplink.relay else None
+        self._pieces: list[Piece] = []
+        if uplink.outages:
+            self._pieces.append(Outages(uplink.outages))
+        if uplink.loss > 0:
+            self._pieces.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
+        if uplink.burst.is_on:
+            self._pieces.append(Bursts(uplink.burst, count + 1, step_s, generator(scenario.seed, BURST_STREAM)))
+        self._delays: DelayLine | None = None
+        if uplink.latency_s > 0 or uplink.jitter_s > 0:
+            rng = generator(scenario.seed, JITTER_STREAM)
+            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, rng)
+        width = uplink.bandwidth
+        self._sending, self._taking_in = (
+            Pipes(rate * step_s, width.queue_bytes) if rate > 0 else None
+            for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
+        )
+        self._order_rng = generator(scenario.seed, ORDER_STREAM)
+        """Whose report comes first into the operator's queue: else those with low numbers would always."""
+        self._numbers = 0
+        self._moment = Moment(-1, 0.0, np.zeros((count, 2)), [True] * count, {}, [True] * count)
+
+    @property
+    def under_way(self) -> int:
+        """Reports that are still to arrive, or to fail."""
+        parts = (self._sending, self._delays, self._taking_in)
+        return sum(part.waiting for part in parts if part is not None) + (len(self._relay) if self._relay else 0)
+
+    def carry(
+        self,
+        step: int,
+        time_s: float,
+        positions_m: Floats,
+        there: Sequence[bool],
+        spoken: Iterable[tuple[int, RadioFrame]],
+        sent: Mapping[int, bytes],
+    ) -> list[bytes]:
+        """One step: places [m] and presence by agent, radio frames and reports by sender; what arrives, by sender."""
+        self.fates, self.dropped = [], {}
+        roots = roots_of(spoken, self._moment.roots) if self._relay else {}
+        self._moment = moment = Moment(step, time_s, positions_m, there, roots, self._within(positions_m))
+        entering = []
+        for sender in sorted(sent):
+            self._numbers += 1
+            packet = Packet(sender, self._numbers, sent[sender])
+            if there[sender]:
+                entering.append((sender, packet))
+            else:
+                self._drop(packet, "dead")
+        near = self._near(moment, entering)
+        arriving = [(EAR, packet) for packet in self._cross(moment, near)]
+        if self._delays is not None:
+            arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
+            arriving += self._delays.take(step)
+        packets = sorted(self._take_in([packet for _, packet in arriving]))
+        if self.watched is not None:
+            self._note_end(self.watched, packets)
+        return [packet.data for packet in packets]
+
+    def _within(self, positions_m: Floats) -> Sequence[bool]:
+        """Who is within the base's range, the range itself included."""
+        if self._range_m is None:
+            return [True] * self._count
+        offsets = positions_m - self._base_m
+        within: list[bool] = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2 <= self._range_m**2).tolist()
+        return within
+
+    def _drop(self, packet: Packet, reason: str, detail: str = "") -> None:
+        """A report will not arrive."""
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        if self._relay:
+            self._relay.forget(packet.number)
+        if packet.sender == self.watched:
+            self.fates.append(f"dropped: {reason}{detail}")
+
+    def _near(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
+        """Through the senders' queues and, where there is one, the relay; whose report is on its way to the base."""
+        relay, within = self._relay, moment.within
+        if relay is None:
+            on_air = self._send(moment, entering)
+            for end, packet in on_air:
+                if not within[end]:
+                    self._drop(packet, "range")
+            return [(end, packet) for end, packet in on_air if within[end]]
+        near, beyond = [], []
+        for end, packet in sorted(self._send(moment, entering + relay.handed) + relay.waiting, key=_by_carrier):
+            if reason := relay.check(moment, (end, packet)):
+                self._drop(packet, reason, f", at agent {end}")
+            elif within[end]:
+                relay.forget(packet.number)
+                near.append((end, packet))
+            else:
+                beyond.append((end, packet))
+        for (end, packet), reason in relay.hand_on(moment, beyond):
+            self._drop(packet, reason, f", at agent {end}")
+        return near
+
+    def _send(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
+        """Through the queues of those who send or carry; what is on the air now, by carrier, then age."""
+        entering.sort(key=_by_carrier)
+        pipes = self._sending
+        if pipes is None or pipes.pass_all(entering):
+            return entering
+        by_end: dict[int, list[Packet]] = {}
+        for end, packet in entering:
+            by_end.setdefault(end, []).append(packet)
+        on_air = []
+        for end in sorted(by_end.keys() | pipes.ends):
+            passed, dropped = pipes.take(end, by_end.get(end, []))
+            on_air += [(end, packet) for packet in passed]
+            for packet in dropped:
+                self._drop(packet, "bandwidth", f", the queue of agent {end} is full")
+            for packet in [] if moment.there[end] else pipes.clear(end):
+                self._drop(packet, "dead", f", in the queue of agent {end}")
+        return on_air
+
+    def _cross(self, moment: Moment, near: list[Arrival]) -> list[Packet]:
+        """To the base: what gets there."""
+        if not near:
+            return []
+        links = self._links(moment, [end for end, _ in near])
+        for piece in self._pieces:
+            cut = piece.cuts(links, moment.time_s)
+            if cut is None:
+                continue
+            cut &= links.is_open
+            links.is_open &= ~cut
+            for row in np.flatnonzero(cut).tolist():
+                self._drop(near[row][1], piece.reason)
+        return [near[row][1] for row in np.flatnonzero(links.is_open).tolist()]
+
+    def _links(self, moment: Moment, senders: Sequence[int]) -> Links:
+        """From agents, ascending, to the base, which is the end after the last of them."""
+        ids = np.array(senders)
+        base = Ends(np.full(len(ids), self._count), np.tile(self._base_m, (len(ids), 1)))
+        return Links.of_pairs(Ends(ids, moment.positions_m[ids]), base)
+
+    def _take_in(self, packets: list[Packet]) -> list[Packet]:
+        """Through the queue of the operator's radio."""
+        pipes = self._taking_in
+        if pipes is None:
+            return packets
+        luck = self._order_rng.random(self._count).tolist()
+        if not pipes.is_wide_enough(EAR, packets):
+            packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
+        passed, dropped = pipes.take(EAR, packets)
+        for packet in dropped:
+            self._drop(packet, "crowded")
+        return passed
+
+    # Why
+
+    def _note_end(self, watched: int, arrived: Sequence[Packet]) -> None:
+        """What is left to say of the watched agent's reports when all is done."""
+        self.fates += ["arrived"] * sum(packet.sender == watched for packet in arrived)
+        if self._sending is not None:
+            for end in self._sending.ends:
+                held = [packet for packet in self._sending.holds(end) if packet.sender == watched]
+                self.fates += [f"waits in the queue of agent {end}"] * len(held)
+        if self._relay is not None:
+            self.fates += [f"handed on to agent {to}" for to, packet in self._relay.handed if packet.sender == watched]
+            waiting = [end for end, packet in self._relay.waiting if packet.sender == watched]
+            self.fates += [f"waits at agent {end} for a way" for end in waiting]
+        if self._delays is not None:
+            self.fates += [f"under way, due in step {due}" for due in self._delays.due_of(watched, EAR)]
+        if self._taking_in is not None:
+            held = [packet for packet in self._taking_in.holds(EAR) if packet.sender == watched]
+            self.fates += ["waits in the operator's queue"] * len(held)
+
+    def explain(self, sender: int) -> list[Finding]:
+        """What each model has to say of an agent's way to the operator in the last step, in a report's order."""
+        moment = self._moment
+        there = moment.there[sender]
+        says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
+        found = [Finding("dead", not there, says, {"gone": [] if there else [sender]})]
+        if self._sending is not None:
+            found.append(self._sending.explain(sender, "sender"))
+        links = self._links(moment, [sender])
+        if self._range_m is not None:
+            found.append(self._explain_range(moment, self._range_m, links, sender))
+        found += [piece.explain(links, moment.time_s) for piece in self._pieces]
+        if self._delays is not None:
+            found.append(self._delays.explain())
+        if self._taking_in is not None:
+            found.append(self._taking_in.explain(EAR, "operator"))
+        return found
+
+    def _explain_range(self, moment: Moment, range_m: float, links: Links, sender: int) -> Finding:
+        """Distance and range, and who carries the reports of one that is beyond it."""
+        direct = RangeDisc(range_m).explain(links, moment.time_s)
+        says = f"{direct.says} from the operator's base"
+        if self._relay is None or not direct.cuts:
+            return direct._replace(says=says)
+        if sender not in moment.roots:
+            return direct._replace(says=f"{says}; in no tree that could carry it")
+        way = self._relay.ways(moment).get(sender)
+        if way is None:
+            return direct._replace(says=f"{says}; the tree of root {moment.roots[sender]} has no way to it now")
+        says = f"{says}; its tree carries it, first to agent {way.to}, over {way.hops} hops to one within range"
+        return direct._replace(cuts=False, says=says, numbers={**direct.numbers, **way._asdict()})
+
+
+def _by_carrier(arrival: Arrival) -> tuple[int, int]:
+    end, packet = arrival
+    return end, packet.number
