@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_wire import settings as wire_settings
-from deltaswarm_wire import settings_radio
+from deltaswarm_wire import settings_radio, settings_uplink
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -134,7 +134,7 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 
 SETTINGS: list[Any] = [
     found
-    for module in (wire_settings, settings_radio)
+    for module in (wire_settings, settings_radio, settings_uplink)
     for found in vars(module).values()
     if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__
 ]

@@ -18,6 +18,7 @@ from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import override
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.settings import RECORDS, Scenario
 
 PARTS = ("agent", "world", "operator")
@@ -75,9 +76,18 @@ def _add_why(command: argparse.ArgumentParser) -> None:
     command.description = "Does the run again in one process up to a time, and says whether B could hear A then."
     command.add_argument("folder", type=Path, metavar="RUN")
     command.add_argument("sender", type=int, metavar="A", help="the agent that speaks")
-    command.add_argument("receiver", type=int, metavar="B", help="the agent that hears, or does not")
+    command.add_argument(
+        "receiver", type=_receiver, metavar="B", help="the agent that hears, or does not; or the operator: 'operator'"
+    )
     command.add_argument("--at", type=float, required=True, metavar="T", help="when [s]")
     _add_json(command)
+
+
+def _receiver(text: str) -> int | str:
+    try:
+        return text if text == OPERATOR else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: an agent's number or {OPERATOR!r} is expected") from None
 
 
 def _add_bench(command: argparse.ArgumentParser) -> None:

@@ -1,4 +1,4 @@
-"""Whether one agent could hear another at a time in a run, and if not, why not.
+"""Whether one agent, or the operator, could hear another at a time in a run, and if not, why not.
 
 The run is done again in one process, up to that time: by the digest that is the same run, to the bit, and
 its rows so far are compared with those in the folder.
@@ -14,6 +14,8 @@ from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_orchestrator.info import NotARunError
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.keys import OPERATOR
+from deltaswarm_wire.messages import Clock
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 
@@ -23,7 +25,8 @@ class Answer:
     """What the world says of one directed link in one step."""
 
     sender: int
-    receiver: int
+    receiver: int | str
+    """An agent, or OPERATOR."""
     step: int
     time_s: float
     reason: str | None
@@ -31,12 +34,12 @@ class Answer:
     findings: tuple[dict[str, Any], ...]
     """What each model says, in the order in which a frame meets them; the first that cuts is the reason."""
     fates: tuple[str, ...]
-    """What became in this step of the sender's frames for this receiver, those under way included."""
+    """What became in this step of the sender's frames, or reports, for this receiver, those under way included."""
     differs_from_step: int | None
     """The first step in which the run in the folder was another; None if it is the same all the way."""
 
 
-def why(folder: Path, sender: int, receiver: int, at_s: float) -> Answer:
+def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
     """Do the run again up to a time, and ask.
 
     Raises:
@@ -52,13 +55,13 @@ def why(folder: Path, sender: int, receiver: int, at_s: float) -> Answer:
     return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), rows)
 
 
-def _check(scenario: Scenario, sender: int, receiver: int, at_s: float) -> None:
+def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:
     count, end_s = scenario.agents.count, scenario.run.steps * scenario.run.step_s
     allowed = f"0 to {count - 1} is allowed"
     found = [
         Problem(name, f"there is no agent {agent}", allowed)
         for name, agent in (("A", sender), ("B", receiver))
-        if not 0 <= agent < count
+        if not isinstance(agent, str) and not 0 <= agent < count
     ]
     if sender == receiver:
         found.append(Problem("B", f"{receiver}", "another agent than A is allowed"))
@@ -68,17 +71,26 @@ def _check(scenario: Scenario, sender: int, receiver: int, at_s: float) -> None:
         raise SettingsError(found)
 
 
-def ask(scenario: Scenario, sender: int, receiver: int, at_step: int, rows: list[Tally]) -> Answer:
+def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[Tally]) -> Answer:
     """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
     swarm = InProcess(scenario)
+    world = swarm.world
     differs = None
     for step in range(at_step + 1):
         if step == at_step:
-            swarm.world.watch(sender, receiver)
+            if isinstance(receiver, int):
+                world.watch(sender, receiver)
+            elif world.has_uplink:
+                world.watch_uplink(sender)
         tally = swarm.step(step, last=False)
         if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
             differs = step
-    findings, fates = swarm.world.explain()
+    if isinstance(receiver, int):
+        findings, fates = world.explain()
+    elif world.has_uplink:
+        findings, fates = world.explain_uplink()
+    else:
+        findings, fates = [], _straight(swarm, sender, at_step)
     cut = next((finding.reason for finding in findings if finding.cuts), None)
     return Answer(
         sender,
@@ -92,6 +104,13 @@ def ask(scenario: Scenario, sender: int, receiver: int, at_step: int, rows: list
     )
 
 
+def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
+    """Without an uplink model: whatever an agent reports is there at once."""
+    swarm.operator.close(Clock(step, 0.0, False), 0)
+    came = [report for report in swarm.operator.reports_of_closed_step if (report.agent, report.step) == (sender, step)]
+    return ["arrived"] * len(came)
+
+
 def _air_of(tally: Tally) -> tuple[Any, ...]:
     """What shows that a step was the same; all but measured areas, which are not in every row."""
     return tuple(value for name, value in tally._asdict().items() if name != "covered_area_m2")
@@ -101,15 +120,21 @@ def text(answer: Answer) -> str:
     """The same for people."""
     can = "could hear" if answer.reason is None else "could not hear"
     because = "" if answer.reason is None else f": {answer.reason}"
-    lines = [
-        f"At {answer.time_s:g} s (step {answer.step}) agent {answer.receiver} {can} agent {answer.sender}{because}"
-    ]
+    is_operator = answer.receiver == OPERATOR
+    who = "the operator" if is_operator else f"agent {answer.receiver}"
+    lines = [f"At {answer.time_s:g} s (step {answer.step}) {who} {can} agent {answer.sender}{because}"]
+    if not answer.findings:
+        lines.append("  this run has no uplink model: every report arrives in the step in which it is sent")
     lines += [
         f"  {'CUT' if finding['cuts'] else 'ok ':3} {finding['reason']}: {finding['says']}"
         for finding in answer.findings
     ]
     if answer.fates:
-        lines += [f"  a frame of agent {answer.sender}: {fate}" for fate in answer.fates]
+        lines += [
+            f"  a {'report' if is_operator else 'frame'} of agent {answer.sender}: {fate}" for fate in answer.fates
+        ]
+    elif is_operator:
+        lines.append(f"  agent {answer.sender} reported nothing in this step")
     else:
         lines.append(f"  agent {answer.sender} had sent nothing in the step before")
     lines.append("  (found by doing the run again in one process, which is the same run to the bit)")

@@ -73,6 +73,7 @@ class WorldCore:
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
         self._present = [True] * scenario.agents.count
+        self._listening = self._speaking = [True] * scenario.agents.count
         self._spoken: dict[int, tuple[bytes, RadioFrame]] = {}
         self._acts: dict[int, tuple[bytes, Act]] = {}
         self._standings: dict[int, Standing] = {}
@@ -145,8 +146,11 @@ class WorldCore:
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = agent not in deaf
+        self._speaking, self._listening = self._listening, listening
         carried = self._air.carry(self._step, self._time_s, spoken, self.environment.positions_m, listening)
         carried.drop("dead", (len(self._spoken) - len(spoken)) * (len(listening) - 1))
+        if self._air.watched and self._air.watched[0] in self._spoken.keys() - spoken.keys():
+            self._air.fates.append("dropped: dead, the sender's radio")
         heard = carried.heard
         self._links = carried.links
         crowded = self._cut_crowded(heard, carried.largest_bytes)
@@ -326,10 +330,16 @@ class WorldCore:
     def explain(self) -> tuple[list[Finding], list[str]]:
         """What each model of the air says of the watched link in this step, and what became of its frames."""
         assert self._air.watched is not None
+        sender, receiver = self._air.watched
+        findings = self._air.explain(sender, receiver)
+        gone = [] if self._speaking[sender] else [sender]  # what is heard now was sent in the step before
+        gone += [] if self._listening[receiver] else [receiver]
+        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
+        findings[0] = Finding("dead", bool(gone), says, {"gone": gone})
         fates = list(self._air.fates)
         for _ in range(fates.count("delivered") - list(self._links).count(self._air.watched)):
             fates[fates.index("delivered")] = "dropped: crowded"
-        return self._air.explain(*self._air.watched), fates
+        return findings, fates
 
     def watch_uplink(self, sender: int) -> None:
         """From the next step on, `explain_uplink` tells of one agent's reports."""
