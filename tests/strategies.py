@@ -138,6 +138,13 @@ WORKLOAD = Codec(
     "workload", workloads, messages.encode_workload, messages.decode_workload, _in_map(messages.Workload._fields)
 )
 STATUS = Codec("status", statuses, messages.encode_status, messages.decode_status, _in_map(messages.Status._fields))
+FORWARDED = Codec(
+    "forwarded",
+    st.builds(messages.Forwarded, ids, steps, st.binary(max_size=60)),
+    messages.encode_forwarded,
+    messages.decode_forwarded,
+    {"sequence": 1, "step": 2},
+)
 RADIO = Codec("radio", radio_frames, radio.encode_radio, radio.decode_radio, {"kind": 1})
 MEMBER = Codec("radio", members(), radio.encode_radio, radio.decode_radio, _in_array(radio.Member._fields, first=2))
 ATTENDING = Codec(
@@ -145,7 +152,7 @@ ATTENDING = Codec(
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 
-MESSAGES = (FRAME, ACT, REPORT, CLOCK, WORKLOAD, STATUS)
+MESSAGES = (FRAME, ACT, REPORT, FORWARDED, CLOCK, WORKLOAD, STATUS)
 CODECS = (*MESSAGES, RADIO, MEMBER, ATTENDING, TRUTH)
 
 NASTY: tuple[Any, ...] = (

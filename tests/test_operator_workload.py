@@ -14,9 +14,11 @@ from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import (
     Clock,
     Event,
+    Forwarded,
     Report,
     Workload,
     decode_workload,
+    encode_forwarded,
     encode_report,
     encode_workload,
 )
@@ -180,6 +182,35 @@ def test_a_step_far_ahead_is_forged() -> None:
     reason = meter.receive(1, encode_report(report(1, 1, MAX_AHEAD_STEPS + 1)))
     assert reason is not None
     assert reason.startswith("report.step: ")
+
+
+# Through an uplink
+
+
+def test_what_comes_through_an_uplink_is_counted_when_it_arrives() -> None:
+    """Not in the step that it names; gaps and disorder of its agent are the uplink's, and no loss."""
+    meter = a_meter()
+    told = [report(1, 5, 0), report(2, 0, 3), report(1, 2, 1)]
+    for number, one in enumerate(told):
+        assert meter.receive_forwarded(encode_forwarded(Forwarded(number, 7 + number // 2, encode_report(one)))) is None
+    assert close(meter, 6).messages == 0
+    assert (close(meter, 7).messages, meter.reports_of_closed_step) == (2, (told[0], told[1]))
+    assert (close(meter, 8).messages, meter.reports_of_closed_step) == (1, (told[2],))
+    assert (meter.totals["lost"], meter.totals["late"], meter.totals["rejected"]) == (0, 0, 0)
+
+
+def test_what_the_fabric_loses_behind_the_uplink_is_found() -> None:
+    """By the world's own sequence; and an envelope that holds no report is the world's fault."""
+    meter = a_meter()
+    data = encode_report(report(1, 0, 0))
+    for sequence in (0, 3):
+        assert meter.receive_forwarded(encode_forwarded(Forwarded(sequence, 0, data))) is None
+    reason = meter.receive_forwarded(encode_forwarded(Forwarded(4, 0, data[:-1])))
+    assert reason is not None
+    assert meter.receive_forwarded(b"") is not None
+    workload = close(meter, 0)
+    assert (workload.messages, workload.lost, workload.rejected) == (2, 2, 2)
+    assert meter.totals["per_sender"]["world"] == {"messages": 0, "lost": 2, "rejected": 2, "late": 0}
 
 
 @given(strange(REPORT), agents)

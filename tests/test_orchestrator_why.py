@@ -81,6 +81,60 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
         assert waiting == tally.frames_in_flight - 9 * tally.frames_sent
 
 
+def test_a_dead_radio_is_the_reason() -> None:
+    """From the step after that in which it dies, since what was sent before is still heard; so for its frames."""
+    scenario = a_scenario("radio.range_m=100", 'fault=[{kind="radio-dead", at_s=60, duration_s=20, agents=[0]}]')
+    found = {}
+    for step in (60, 61, 70, 80, 81):
+        for receiver in range(1, 10):
+            answer = ask(scenario, 0, receiver, step, [])
+            found[step] = answer.reason
+            assert (answer.reason == "dead") == (61 <= step <= 80)
+            assert all(
+                fate == ("dropped: dead, the sender's radio" if answer.reason else "delivered") for fate in answer.fates
+            )
+        assert ask(scenario, 1, 0, step, []).reason == ("dead" if 60 <= step < 80 else None)
+    assert set(found.values()) == {None, "dead"}
+
+
+UPLINK = (
+    "uplink.base_m=[5, 5]",
+    "uplink.range_m=20",
+    "uplink.relay=true",
+    "uplink.loss=0.2",
+    "uplink.latency_s=3",
+    'fault=[{kind="radio-dead", at_s=50, agents=[0]}]',
+)
+
+
+def test_the_operator_is_asked_about_too() -> None:
+    """What is said of all agents' reports is what the world counts; each reason has its numbers."""
+    scenario = a_scenario(*UPLINK)
+    tallies = run_in_process(scenario).tallies
+    for step in (60, 100):
+        answers = [ask(scenario, agent, "operator", step, tallies) for agent in range(10)]
+        fates = [fate for answer in answers for fate in answer.fates]
+        tally = tallies[step]
+        assert fates.count("arrived") == tally.reports_arrived
+        assert fates.count("dropped: loss") == tally.reports_dropped_loss
+        assert sum(fate.startswith("under way") for fate in fates) <= tally.reports_in_flight
+        assert answers[0].reason == "dead"
+        for answer in answers[1:]:
+            shown = numbers(answer, "range")
+            assert answer.reason == (None if shown["distance_m"] <= 20 or "hops" in shown else "range")
+        assert {answer.differs_from_step for answer in answers} == {None}
+
+
+def test_without_an_uplink_model_the_operator_hears_all(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It says so; and what is neither a number nor the operator is a mistake."""
+    assert main(["why", str(folder), "1", "operator", "--at", "100"]) == 0
+    said = capsys.readouterr().out
+    assert said.startswith("At 100 s (step 100) the operator could hear agent 1\n  this run has no uplink model")
+    with pytest.raises(SystemExit) as caught:
+        main(["why", str(folder), "1", "operators", "--at", "100"])
+    assert caught.value.code == 2
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("runs") / "run"

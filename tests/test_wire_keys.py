@@ -21,6 +21,7 @@ def test_keys_are_as_the_protocol_page_says() -> None:
     assert KEYS.clock == "deltaswarm/run-1/clock"
     assert KEYS.truth == "deltaswarm/run-1/world/truth"
     assert KEYS.status == "deltaswarm/run-1/world/status"
+    assert KEYS.forwarded == "deltaswarm/run-1/world/report"
     assert KEYS.workload == "deltaswarm/run-1/operator/workload"
     assert KEYS.all_reports == "deltaswarm/run-1/agent/*/report"
     assert KEYS.token(AGENT, 3) == "deltaswarm/run-1/@lv/agent/3"

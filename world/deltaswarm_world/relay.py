@@ -85,7 +85,9 @@ class Relay:
         self._trips: dict[int, Trip] = {}
         """By the report's number, of those that did not reach the base from their sender."""
 
-    def __len__(self) -> int:
+    @property
+    def under_way(self) -> int:
+        """Reports that are carried."""
         return len(self.handed) + len(self.waiting)
 
     def check(self, moment: Moment, arrival: Arrival) -> str | None:

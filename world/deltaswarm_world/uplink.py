@@ -93,7 +93,7 @@ class Uplink:
     def under_way(self) -> int:
         """Reports that are still to arrive, or to fail."""
         parts = (self._sending, self._delays, self._taking_in)
-        return sum(part.waiting for part in parts if part is not None) + (len(self._relay) if self._relay else 0)
+        return sum(part.waiting for part in parts if part is not None) + (self._relay.under_way if self._relay else 0)
 
     def carry(
         self,

@@ -1,0 +1,90 @@
+"""The uplink's settings: off by default, and a mistaken table is one clear message each, with exit code 2."""
+
+from typing import Any
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_wire.checked import SettingsError, load, plain
+from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.messages import Report, encode_report
+from deltaswarm_wire.session import access_rules
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES, UplinkSettings
+
+
+def problems(**uplink: Any) -> list[str]:
+    with pytest.raises(SettingsError) as caught:
+        load(Scenario, {"uplink": uplink})
+    return [str(problem) for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize(
+    ("uplink", "said"),
+    [
+        ({"loss": -0.1}, "uplink.loss: -0.1; a number at least 0 and at most 1 is allowed"),
+        ({"los": 0.1}, "uplink.los: unknown key; did you mean 'loss'?"),
+        ({"latency_s": -1}, "uplink.latency_s: -1; a number at least 0"),
+        ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, "uplink.burst.p_bad_to_good: 0; above 0 is allowed"),
+        ({"outages": [{"from_s": 9, "until_s": 3}]}, "uplink.outages[0].until_s: 3; above from_s (9) is allowed"),
+        ({"base_m": [5, 5]}, "uplink.range_m: none; a base needs a range"),
+        ({"range_m": 5}, "uplink.range_m: 5; a range is that of a base: base_m is needed"),
+        ({"relay": True}, "uplink.relay: true; a relay goes to a base: base_m and range_m are needed"),
+        ({"base_m": [5], "range_m": 5}, "uplink.base_m: [5]; 2 items expected"),
+        ({"base_m": [5, 5], "range_m": 0}, "uplink.range_m: 0; a number above 0"),
+        (
+            {"base_m": [5, 100.5], "range_m": 5},
+            "uplink.base_m: [5.0, 100.5]; a place within 100 m x 100 m is allowed",
+        ),
+        (
+            {"bandwidth": {"receiver_bytes_per_s": 3, "queue_bytes": 5}},
+            "uplink.bandwidth.receiver_bytes_per_s: 3; 0, or at least 82 bytes in a step or in the queue, is allowed",
+        ),
+    ],
+)
+def test_a_mistake_is_named(uplink: dict[str, Any], said: str) -> None:
+    """Path, value, what is allowed."""
+    (found,) = problems(**uplink)
+    assert found.startswith(said)
+
+
+def test_a_mistake_ends_with_2(capsys: pytest.CaptureFixture[str]) -> None:
+    """Before anything is started."""
+    assert main(["run", "smoke", "--set", "uplink.relay=true", "--set", "uplink.loss=2"]) == 2
+    assert "uplink.loss: 2; a number at least 0 and at most 1 is allowed" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "uplink",
+    [
+        {"loss": 0.1},
+        {"burst": {"p_good_to_bad": 0.1}},
+        {"latency_s": 1},
+        {"jitter_s": 1},
+        {"bandwidth": {"sender_bytes_per_s": 100}},
+        {"bandwidth": {"receiver_bytes_per_s": 100}},
+        {"outages": [{"from_s": 3}]},
+        {"base_m": [0, 0], "range_m": 5, "relay": True},
+    ],
+)
+def test_any_piece_turns_it_on(uplink: dict[str, Any]) -> None:
+    """Without one it is off; and a table survives being written and read."""
+    made = load(UplinkSettings, uplink)
+    assert made.is_on
+    assert load(UplinkSettings, plain(made)) == made
+    assert not UplinkSettings().is_on
+
+
+def test_no_report_is_shorter_than_the_bound() -> None:
+    """The smallest one is as long."""
+    assert len(encode_report(Report(0, 0, 0, "root", 0.0, 0.0, 0, ()))) == LEAST_REPORT_BYTES
+
+
+@pytest.mark.parametrize("uplink", [False, True])
+def test_the_operator_hears_either_the_agents_or_the_world(uplink: bool) -> None:
+    """Never both, and no agent may send as the uplink."""
+    keys = Keys("r")
+    rules = access_rules(keys, range(3), uplink=uplink)["rules"]
+    allowed = {rule["id"]: rule["key_exprs"] for rule in rules}
+    assert allowed["operator-receives"] == [keys.forwarded if uplink else keys.all_reports, keys.clock]
+    assert not any(keys.forwarded in exprs for name, exprs in allowed.items() if name.endswith("-sends"))

@@ -1,0 +1,216 @@
+"""The uplink's models: what each does to reports, exact books, and the relay's hops."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.messages import Act, Report, encode_act, encode_report
+from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
+from deltaswarm_wire.truth import UPLINK_REASONS
+from deltaswarm_world.core import WorldCore
+from deltaswarm_world.relay import TIME_TO_LIVE_S, roots_of
+from deltaswarm_world.uplink import Uplink
+from tests.airs import rates, shares, times
+
+LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]
+"""Each agent hears its neighbours alone, at a radio range of 9 m."""
+
+BASE = {"base_m": [0, 0], "range_m": 5.0}
+
+
+def member(agent: int, root: int) -> Member:
+    path = (root,) if agent == root else (root, agent)
+    return Member(agent, 0, 0, 0, False, path, 0, 0, (), (), (), None)
+
+
+class Stage:
+    """An uplink, driven by hand: everybody is there and reports, unless told otherwise."""
+
+    def __init__(self, places_m: Sequence[Sequence[float]], uplink: dict[str, Any], **radio: Any) -> None:
+        self.count = len(places_m)
+        self.places_m = np.array(places_m, dtype=np.float64)
+        table = {"agents": {"count": self.count}, "uplink": uplink, "radio": {"range_m": 9.0, **radio}}
+        self.uplink = Uplink(load(Scenario, table))
+        self.step = -1
+
+    def carry(
+        self, senders: Sequence[int] = (), trees: Mapping[int, int] | None = None, absent: Sequence[int] = ()
+    ) -> list[str]:
+        """One step; a report says who sent it, and when. `trees` are roots by agent: all in that of 4, by default."""
+        self.step += 1
+        roots = dict.fromkeys(range(self.count), self.count - 1) if trees is None else trees
+        spoken: list[tuple[int, RadioFrame]] = [(agent, member(agent, root)) for agent, root in roots.items()]
+        sent = {sender: f"{sender}@{self.step}".ljust(LEAST_REPORT_BYTES).encode() for sender in senders}
+        there = [agent not in absent for agent in range(self.count)]
+        arrived = self.uplink.carry(self.step, float(self.step), self.places_m, there, spoken, sent)
+        return [data.decode().rstrip() for data in arrived]
+
+
+uplinks: st.SearchStrategy[dict[str, Any]] = st.fixed_dictionaries(
+    {"relay": st.booleans(), "base_m": st.just([0, 0]), "range_m": st.floats(1, 60)},
+    optional={
+        "loss": shares,
+        "burst": st.fixed_dictionaries({"p_good_to_bad": shares, "p_bad_to_good": st.floats(0.01, 1)}),
+        "latency_s": st.floats(0, 4),
+        "jitter_s": st.floats(0, 4),
+        "bandwidth": st.fixed_dictionaries(
+            {"sender_bytes_per_s": rates, "receiver_bytes_per_s": rates, "queue_bytes": st.sampled_from([82, 90])}
+        ),
+        "outages": st.lists(times, max_size=1),
+    },
+)
+agents = st.integers(0, 4)
+step = st.tuples(st.sets(agents), st.dictionaries(agents, st.sampled_from([3, 4])), st.sets(agents, max_size=2))
+
+
+@given(
+    uplinks,
+    st.lists(step, max_size=15),
+    st.lists(st.tuples(st.floats(0, 30), st.floats(0, 30)), min_size=5, max_size=5),
+)
+def test_the_books_are_exact_in_every_step_and_the_same_again(
+    uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]], places_m: list[Sequence[float]]
+) -> None:
+    """Under way before + sent = arrived + dropped + under way; no report comes twice; same seed, same fate."""
+    stages = [Stage(places_m, uplink) for _ in range(2)]
+    before, came = 0, list[str]()
+    for senders, trees, absent in steps:
+        arrived, again = (stage.carry(sorted(senders), trees, sorted(absent)) for stage in stages)
+        made = stages[0].uplink
+        assert (arrived, made.dropped) == (again, stages[1].uplink.dropped)
+        assert set(made.dropped) <= set(UPLINK_REASONS)
+        assert before + len(senders) == len(arrived) + sum(made.dropped.values()) + made.under_way
+        before = made.under_way
+        came += arrived
+    assert len(came) == len(set(came))
+
+
+@given(uplinks, st.lists(step, max_size=12))
+def test_what_it_says_of_reports_is_what_happened(
+    uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]]
+) -> None:
+    """Over all agents, as many fates as reports sent or under way, each what the counts have."""
+    found, tally = list[str](), (0, 0, {})
+    for watched in range(5):
+        stage = Stage(LINE_M, uplink)
+        stage.uplink.watched = watched
+        for senders, trees, absent in steps:
+            tally = (
+                len(stage.carry(sorted(senders), trees, sorted(absent))),
+                stage.uplink.under_way,
+                stage.uplink.dropped,
+            )
+        found += stage.uplink.fates
+    arrived, under_way, dropped = tally
+    assert found.count("arrived") == arrived
+    assert sum(not fate.startswith(("arrived", "dropped")) for fate in found) == under_way
+    for reason, count in dropped.items():
+        assert sum(fate.split(",")[0] == f"dropped: {reason}" for fate in found) == count
+
+
+def test_a_free_agent_beyond_the_range_is_lost() -> None:
+    """With a relay or without: nobody carries for it; the range itself is within."""
+    for relay in (False, True):
+        stage = Stage([[5, 0], [5.01, 0]], {**BASE, "relay": relay})
+        assert stage.carry([0, 1], trees={}) == ["0@0"]
+        assert stage.uplink.dropped == {"range": 1}
+
+
+def test_a_relay_takes_a_hop_a_step() -> None:
+    """From the far end of a line, four hops; who is in range needs none."""
+    stage = Stage(LINE_M, {**BASE, "relay": True})
+    assert stage.carry([0, 4]) == ["0@0"]
+    assert [stage.carry() for _ in range(4)] == [[], [], [], ["4@0"]]
+    assert stage.uplink.under_way == 0
+
+
+def test_a_wall_and_another_tree_are_in_the_way() -> None:
+    """Links are those of the air; a tree carries for its own members only. Who finds no way waits, not for ever."""
+    wall = Stage(LINE_M, {**BASE, "relay": True}, walls=[{"a_m": [20, 0], "b_m": [20, 100], "until_s": 10}])
+    wall.places_m[:, 1] = 1.0
+    came = [wall.carry([4] if step == 0 else []) for step in range(16)]
+    assert [step for step, arrived in enumerate(came) if arrived] == [14]  # four hops, once the wall is gone
+    other = Stage(LINE_M, {**BASE, "relay": True})
+    trees = {0: 0, 1: 0, 2: 4, 3: 4, 4: 4}
+    fates = [(other.carry([4] if step == 0 else [], trees), other.uplink.dropped) for step in range(70)]
+    assert [step for step, (_, dropped) in enumerate(fates) if dropped] == [int(TIME_TO_LIVE_S) + 1]
+    assert fates[61][1] == {"expired": 1}
+    assert not any(arrived for arrived, _ in fates)
+
+
+@pytest.mark.parametrize(("trees", "absent", "reason"), [({4: 4, 3: 3}, [], "left"), (None, [3], "dead")])
+def test_a_carrier_that_leaves_or_dies_drops_what_it_carries(
+    trees: dict[int, int] | None, absent: list[int], reason: str
+) -> None:
+    """And no other is blamed."""
+    stage = Stage(LINE_M, {**BASE, "relay": True})
+    stage.carry([4])
+    stage.carry([], trees, absent)
+    assert (stage.uplink.dropped, stage.uplink.under_way) == ({reason: 1}, 0)
+
+
+def test_each_hop_loses() -> None:
+    """The share that comes over two hops and to the base is that of three tries."""
+    stage = Stage(LINE_M, {**BASE, "relay": True, "loss": 0.2})
+    came = [len(stage.carry([2] if step < 3000 else [])) for step in range(3010)]
+    assert sum(came) / 3000 == pytest.approx(0.8**3, abs=0.04)
+
+
+def test_delay_outage_and_a_narrow_operator() -> None:
+    """Latency is in steps; an outage takes what is sent in it; the operator's full queue drops the rest as crowded."""
+    stage = Stage(LINE_M, {"latency_s": 2.0, "outages": [{"from_s": 1, "until_s": 2}]})
+    assert [stage.carry([0]) for _ in range(5)] == [[], [], ["0@0"], [], ["0@2"]]
+    narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90, "queue_bytes": 170}})
+    assert len(narrow.carry(range(5))) == 1
+    assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"crowded": 2}, 2)
+
+
+def test_trees_are_read_off_frames() -> None:
+    """A member's path begins with its root; who relocates is still where it was; who leaves or is silent is not."""
+    before = {1: 7, 2: 7, 3: 7}
+    frames = [(0, member(0, 7)), (1, Relocating(1, 0, 0, 0)), (2, Leaving(2, 0, 0, 0)), (4, Relocating(4, 0, 0, 0))]
+    assert roots_of(frames, before) == {0: 7, 1: 7}
+
+
+def report(agent: int, sequence: int, step: int = 0) -> bytes:
+    return encode_report(Report(agent, sequence, step, "root", 1.0, 2.0, 0, ()))
+
+
+def test_the_world_checks_reports_as_the_operator_does() -> None:
+    """Damaged, forged, early and second ones are rejected; a gap in a sequence is lost on the fabric, once."""
+    core = WorldCore(load(Scenario, {"agents": {"count": 3}, "uplink": {"latency_s": 1}}))
+    tallies = []
+    for step in range(3):
+        for agent, _ in core.begin(step, last=False):
+            data = report(agent, step + (agent == 2), step)
+            assert core.hear_report(agent, data) is None
+            for bad in (b"", data[:-1], report(agent + 1, 9), report(agent, 9, step + 1), data):
+                assert core.hear_report(agent, bad)
+            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, ())))
+        tallies.append(core.end())
+    assert [tally.rejected for tally in tallies] == [15] * 3
+    assert [tally.transport_lost for tally in tallies] == [1, 0, 0]
+    assert [(tally.reports_sent, tally.reports_arrived) for tally in tallies] == [(3, 0), (3, 3), (3, 3)]
+    assert [(one.sequence, one.step) for one in core.forwarded] == [(3, 2), (4, 2), (5, 2)]
+    assert core.forwarded[0].report == report(0, 1, 1)
+
+
+def test_a_dead_radio_reports_to_nobody() -> None:
+    """As it tells no neighbour anything."""
+    fault = {"kind": "radio-dead", "at_s": 1.0, "agents": [0]}
+    core = WorldCore(load(Scenario, {"agents": {"count": 2}, "uplink": {"loss": 1e-9}, "fault": [fault]}))
+    tallies = []
+    for step in range(2):
+        core.strike(step)
+        for agent, _ in core.begin(step, last=False):
+            core.hear_report(agent, report(agent, step, step))
+            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, ())))
+        tallies.append(core.end())
+    assert [(tally.reports_arrived, tally.reports_dropped_dead) for tally in tallies] == [(2, 0), (1, 1)]
