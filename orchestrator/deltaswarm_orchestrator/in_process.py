@@ -5,7 +5,7 @@ the digest is the same.
 """
 
 import time
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Callable
 from logging import WARNING
 
@@ -24,13 +24,26 @@ from deltaswarm_world.core import WorldCore
 
 STATUS_EVERY_STEPS = 500
 
-
 MOST_DECODED = 10_000
-"""Where frames can be late, so many of the past are kept rather than decoded again."""
+"""Where frames can be late, so many of the past are kept at most rather than decoded again."""
+
+QUEUED_STEPS = 3
+"""For so many steps more than its delay a frame is kept: it may have waited in queues."""
 
 
-class _Decoded(dict[bytes, RadioFrame]):
-    """Frames by their bytes; one that comes late is decoded, as an agent's process would."""
+class _Decoded(OrderedDict[bytes, RadioFrame]):
+    """Frames by their bytes; one that comes later than they are kept is decoded, as an agent's process would."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        super().__init__()
+        radio = scenario.radio
+        steps = QUEUED_STEPS + (radio.latency_s + radio.jitter_s) / scenario.run.step_s
+        self._most = min(MOST_DECODED, int(steps * scenario.agents.count)) if radio.is_late else 0
+
+    def forget(self) -> None:
+        """Drop the oldest: kept longer, they cost more in garbage collections than decoding does."""
+        while len(self) > self._most:
+            self.popitem(last=False)
 
     def __missing__(self, data: bytes) -> RadioFrame:
         frame = self[data] = decode_radio(data)
@@ -43,7 +56,7 @@ class InProcess:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.world = WorldCore(scenario)
-        self._frames = _Decoded()
+        self._frames = _Decoded(scenario)
         """What recent radio frames were encoded from; a test holds that decoding gives the same."""
         self._settings = scenario.for_agent()
         self._restarts: Counter[int] = Counter()
@@ -80,8 +93,7 @@ class InProcess:
             report_bytes = None if report is None else encode_report(report)
             sent.append((agent, radio, radio_bytes, report, report_bytes, act, encode_act(act)))
         self.agents_s += clock() - began
-        if not self.scenario.radio.is_late or len(self._frames) > MOST_DECODED:
-            self._frames.clear()
+        self._frames.forget()
         for agent, radio, radio_bytes, report, report_bytes, act, act_bytes in sent:
             if radio is not None and radio_bytes is not None:
                 self._frames[radio_bytes] = radio

@@ -16,18 +16,29 @@ def near(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, I
 
     Two arrays of indices, into `places_m` and into `others_m`, in order of the first and then the second.
     """
+    first, second, _ = near_with_squares(places_m, others_m, range_m)
+    return first, second
+
+
+def near_with_squares(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices, Floats]:
+    """The same, with the square of each pair's distance [m2]."""
     if len(places_m) * len(others_m) <= FEW_PAIRS:
         # Coordinate by coordinate: along an axis of two numpy is several times slower.
-        dx = places_m[:, 0, None] - others_m[:, 0]
-        dy = places_m[:, 1, None] - others_m[:, 1]
-        first, second = (dx * dx + dy * dy <= range_m**2).nonzero()
-        return first, second
+        squares_m2 = _squares_m2(places_m[:, 0, None] - others_m[:, 0], places_m[:, 1, None] - others_m[:, 1])
+        pairs = (squares_m2.ravel() <= range_m**2).nonzero()[0]
+        first, second = np.divmod(pairs, len(others_m))
+        return first, second, squares_m2.ravel()[pairs]
     first, second = _candidates(places_m, others_m, range_m)
-    offsets = places_m[first] - others_m[second]
-    within = offsets[:, 0] * offsets[:, 0] + offsets[:, 1] * offsets[:, 1] <= range_m**2
-    first, second = first[within], second[within]
-    order = np.lexsort((second, first))
-    return first[order], second[order]
+    first, second = np.divmod(np.sort(first * np.intp(len(others_m)) + second), len(others_m))
+    offsets_m = places_m[first] - others_m[second]
+    squares_m2 = _squares_m2(offsets_m[:, 0], offsets_m[:, 1])
+    within = squares_m2 <= range_m**2
+    return first[within], second[within], squares_m2[within]
+
+
+def _squares_m2(dx_m: Floats, dy_m: Floats) -> Floats:
+    squares_m2: Floats = dx_m * dx_m + dy_m * dy_m
+    return squares_m2
 
 
 def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:

@@ -11,6 +11,7 @@ agent's own frame is `crowded`; the core cuts that.) A duplicate is one receptio
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -168,26 +169,28 @@ class Air:
         self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried
     ) -> tuple[list[int], list[bytes]]:
         """Let frames through the senders' queues; those on the air now, by sender, then age."""
-        if pipes.pass_all([(sender, Packet(sender, 0, data)) for sender, data in zip(senders, frames, strict=True)]):
-            return senders, frames
         new = dict(zip(senders, frames, strict=True))
+        narrow = pipes.pass_wide({sender: len(data) for sender, data in new.items()})
+        if not narrow:
+            return senders, frames
         others = len(listening) - 1
-        on_air: list[Packet] = []
-        for sender in sorted(new.keys() | pipes.ends):
-            arriving = [self._packet(sender, new[sender])] if sender in new else []
+        on_air: list[tuple[int, bytes]] = []
+        for sender in narrow:
+            arriving = self._packets([sender], [new.pop(sender)]) if sender in new else []
             passed, dropped = pipes.take(sender, arriving)
-            on_air += passed
+            on_air += [(sender, packet.data) for packet in passed]
             gone = [] if listening[sender] else pipes.clear(sender)
             carried.drop("bandwidth", len(dropped) * others)
             carried.drop("dead", len(gone) * others)
             if self.watched and self.watched[0] == sender:
                 self.fates += ["dropped: bandwidth, the sender's queue is full"] * len(dropped)
                 self.fates += ["dropped: dead, in the sender's queue"] * len(gone)
-        return [packet.sender for packet in on_air], [packet.data for packet in on_air]
+        on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
+        return [sender for sender, _ in on_air], [data for _, data in on_air]
 
-    def _packet(self, sender: int, data: bytes) -> Packet:
-        self._numbers += 1
-        return Packet(sender, self._numbers, data)
+    def _packets(self, senders: list[int], frames: list[bytes]) -> list[Packet]:
+        first, self._numbers = self._numbers, self._numbers + len(frames)
+        return list(map(Packet._make, zip(senders, range(first, self._numbers), frames, strict=True)))
 
     def _hear_at_once(self, senders: list[int], frames: list[bytes], carried: Carried) -> None:
         """Who is in reach hears: the same as `_cross` where there is nothing to meet, in half the time."""
@@ -215,10 +218,11 @@ class Air:
         speaking = np.array(senders)
         listeners, speakers = Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking])
         rows, columns, spare_db = self._reach.find(listeners, speakers)
-        there: Mask = speaking[columns] != rows
+        is_there: Mask = speaking[columns] != rows
         absent = listening.count(False)
         if absent:
-            there &= np.array(listening)[rows]
+            is_there &= np.array(listening)[rows]
+        there = is_there.nonzero()[0]
         links = Links(speakers, listeners, frames, columns[there], rows[there])
         if spare_db is not None:
             links.spare_db = spare_db[there]
@@ -234,7 +238,7 @@ class Air:
             if cut is None:
                 continue
             cut &= links.is_open
-            links.is_open &= ~cut
+            links.is_open ^= cut
             carried.drop(piece.reason, int(np.count_nonzero(cut)))
             if watched:
                 self.fates += [f"dropped: {piece.reason}"] * int(np.count_nonzero(cut & _between(links, watched)))
@@ -244,8 +248,8 @@ class Air:
         self, step: int, links: Links, senders: list[int], frames: list[bytes], carried: Carried
     ) -> list[Arrival]:
         """Double and delay what crossed the air; what arrives at once."""
-        packets = [self._packet(sender, data) for sender, data in zip(senders, frames, strict=True)]
-        is_open = links.is_open
+        packets = self._packets(senders, frames)
+        is_open = links.is_open.nonzero()[0]
         columns, receivers = links.columns[is_open].tolist(), links.receivers[is_open].tolist()
         crossed = list(zip(receivers, [packets[column] for column in columns], strict=True))
         delays = self._delays
@@ -255,7 +259,7 @@ class Air:
         if self._duplication > 0:
             later = self._copy_delays.draw(len(links))[is_open]
             copied = (self._copies_rng.random(len(links)) < self._duplication)[is_open]
-            copies = [crossed[row] for row in np.flatnonzero(copied).tolist()]
+            copies = [crossed[row] for row in copied.nonzero()[0].tolist()]
             carried.duplicated = len(copies)
             arriving += delays.send(step, copies, later[copied].tolist())
         return arriving
@@ -278,26 +282,30 @@ class Air:
 
     def _take_in(self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
         """Through the receivers' queues."""
-        luck = self._order_rng.random(len(listening)).tolist()
-        if pipes.pass_all(arriving):
-            carried.hear_all(arriving)
-            return
-        by_receiver: dict[int, list[Packet]] = {}
+        luck = self._order_rng.random(len(listening))
+        loads: dict[int, int] = {}
         for receiver, packet in arriving:
-            by_receiver.setdefault(receiver, []).append(packet)
-        for receiver in sorted(by_receiver.keys() | pipes.ends):
+            loads[receiver] = loads.get(receiver, 0) + len(packet.data)
+        by_receiver: dict[int, list[Packet]] = {receiver: [] for receiver in pipes.pass_wide(loads)}
+        passing = []
+        for arrival in arriving:
+            if arrival[0] in by_receiver:
+                by_receiver[arrival[0]].append(arrival[1])
+            else:
+                passing.append(arrival)
+        for receiver, packets in by_receiver.items():
             if not listening[receiver]:
                 carried.drop("dead", len(pipes.clear(receiver)))
                 continue
-            packets = by_receiver.get(receiver, [])
-            if not pipes.is_wide_enough(receiver, packets):
-                packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
+            packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
             passed, dropped = pipes.take(receiver, packets)
             carried.drop("bandwidth", len(dropped))
-            carried.hear_all([(receiver, packet) for packet in sorted(passed)])
+            passing += [(receiver, packet) for packet in passed]
             if self.watched:
                 lost = [packet for packet in dropped if (packet.sender, receiver) == self.watched]
                 self.fates += ["dropped: bandwidth, the receiver's queue is full"] * len(lost)
+        passing.sort()
+        carried.hear_all(passing)
 
     # Why
 

@@ -43,51 +43,57 @@ class Bursts:
         change = settings.p_good_to_bad + settings.p_bad_to_good
         self._stationary = settings.p_good_to_bad / change if change > 0 else 0.0
         self._memory = 1.0 - change
-        self._is_bad = np.zeros((ends, ends), dtype=np.bool_)
-        self._seen = np.zeros((ends, ends), dtype=np.int32)
-        """In which step, counted from 1, a link's state was looked at last; 0 is never."""
+        self._ends = ends
+        self._badness = np.full(ends * ends, self._stationary)
+        """1 where a link was bad when it was looked at last, 0 where good; between them where it never was."""
+        self._seen = np.zeros(ends * ends, dtype=np.int32)
+        """In which step, counted from 1, that was; 0 is never."""
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
-        settings, ends = self._settings, (links.senders, links.receivers)
+        settings, places = self._settings, self._places(links)
         draws: Floats = self._rng.random((2, len(links)))
-        now = round(time_s / self._step_s) + 1
-        is_bad = draws[0] < self.chances(links, time_s)
+        now = self._now(time_s)
+        is_bad = draws[0] < self._chances(places, now)
         if links.has_twins:
-            is_bad = is_bad[_first_of_each(*ends)]
-        self._is_bad[ends] = is_bad
-        self._seen[ends] = now
+            is_bad = is_bad[_first_of_each(places)]
+        self._badness[places] = is_bad
+        self._seen[places] = now
         lost: Mask = draws[1] < np.where(is_bad, settings.loss_bad, settings.loss_good)
         return lost
 
     def chances(self, links: Links, time_s: float) -> Floats:
         """Of being bad now, given what was seen last."""
-        ends = (links.senders, links.receivers)
-        now = round(time_s / self._step_s) + 1
-        seen = self._seen[ends]
-        if self._memory == 0.0:
-            memory = (seen == now).astype(np.float64)
-        else:
-            memory = np.where(seen > 0, np.power(self._memory, now - seen), 0.0)
-        chances: Floats = self._stationary + (self._is_bad[ends] - self._stationary) * memory
+        return self._chances(self._places(links), self._now(time_s))
+
+    def _chances(self, places: Indices, now: int) -> Floats:
+        memory = np.power(self._memory, now - self._seen[places])
+        chances: Floats = self._stationary + (self._badness[places] - self._stationary) * memory
         return chances
+
+    def _places(self, links: Links) -> Indices:
+        places: Indices = links.senders * self._ends + links.receivers
+        return places
+
+    def _now(self, time_s: float) -> int:
+        return round(time_s / self._step_s) + 1
 
     def explain(self, links: Links, time_s: float) -> Finding:
         """The link's state, if it was looked at in this step."""
-        sender, receiver = links.senders[0], links.receivers[0]
+        place = self._places(links)[0]
         chance = float(self.chances(links, time_s)[0])
-        if self._seen[sender, receiver] == round(time_s / self._step_s) + 1:
-            is_bad = bool(self._is_bad[sender, receiver])
+        if self._seen[place] == self._now(time_s):
+            is_bad = bool(self._badness[place])
             share = self._settings.loss_bad if is_bad else self._settings.loss_good
             says = f"the link is {'bad' if is_bad else 'good'} and loses {share:.0%} of frames"
             return Finding(self.reason, False, says, {"bad": is_bad, "share": share})
         return Finding(self.reason, False, f"the link is bad with a chance of {chance:.0%}", {"p_bad": chance})
 
 
-def _first_of_each(senders: Indices, receivers: Indices) -> Indices:
+def _first_of_each(places: Indices) -> Indices:
     """For each row the first one of the same link; rows of a link stand together."""
-    is_new = np.ones(len(senders), dtype=np.bool_)
-    is_new[1:] = (senders[1:] != senders[:-1]) | (receivers[1:] != receivers[:-1])
+    is_new = np.ones(len(places), dtype=np.bool_)
+    is_new[1:] = places[1:] != places[:-1]
     firsts: Indices = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
     return firsts
 
@@ -109,15 +115,17 @@ class Contention:
         luck = self._rng.random(len(links))
         if not len(links):
             return None
-        sizes = links.sizes * links.is_open
-        loads = np.bincount(links.receivers, weights=sizes)
-        if loads.max() <= self._bytes_per_step:
+        receivers = links.receivers
+        loads = np.bincount(receivers, weights=links.sizes * links.is_open)
+        is_full = loads > self._bytes_per_step
+        if not is_full.any():
             return None
-        order = np.lexsort((luck, links.receivers))
-        ends = np.cumsum(sizes[order])
-        before = np.concatenate(([0.0], np.cumsum(loads)))[links.receivers]  # of receivers before
+        crowded = (is_full[receivers] & links.is_open).nonzero()[0]
+        crowded = crowded[np.lexsort((luck[crowded], receivers[crowded]))]
+        loads *= is_full
+        before = np.cumsum(loads) - loads  # of receivers before
         cut: Mask = np.zeros(len(links), dtype=np.bool_)
-        cut[order] = ends - before[order] > self._bytes_per_step
+        cut[crowded] = np.cumsum(links.sizes[crowded]) - before[receivers[crowded]] > self._bytes_per_step
         return cut
 
     def explain(self, links: Links, time_s: float) -> Finding:

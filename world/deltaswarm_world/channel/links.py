@@ -44,7 +44,8 @@ class Links:
         """Whether the frame is still heard, after the pieces before."""
         self.spare_db: Floats | None = None
         """By how much more power arrives than is needed, if reach is by power."""
-        self._speakers, self._listeners, self._frames, self._rows = speakers, listeners, frames, rows
+        self.rows = rows
+        self._speakers, self._listeners, self._frames = speakers, listeners, frames
 
     @classmethod
     def of_pairs(cls, senders: Ends, receivers: Ends, frames: Sequence[bytes] = ()) -> Self:
@@ -70,8 +71,13 @@ class Links:
     @cached_property
     def to_m(self) -> Floats:
         """Where each receiver is (n, 2) [m]."""
-        places_m: Floats = self._listeners.places_m[self._rows]
+        places_m: Floats = self._listeners.places_m[self.rows]
         return places_m
+
+    @property
+    def listeners_m(self) -> Floats:
+        """Where each row of `listeners` is (n, 2) [m]."""
+        return self._listeners.places_m
 
     @cached_property
     def sizes(self) -> Floats:
@@ -83,7 +89,8 @@ class Links:
     def distances_m(self) -> Floats:
         """From sender to receiver [m]."""
         offsets = self.to_m - self.from_m
-        distances_m: Floats = np.hypot(offsets[:, 0], offsets[:, 1])
+        dx, dy = offsets[:, 0], offsets[:, 1]
+        distances_m: Floats = np.sqrt(dx * dx + dy * dy)  # rounded as by `near`, which `np.hypot` is not
         return distances_m
 
 
@@ -121,7 +128,8 @@ class LinkDice:
         self._rng = rng
 
     @cached_property
-    def _normals(self) -> Floats:
+    def normals(self) -> Floats:
+        """The standard normal draws that there are."""
         return self._rng.standard_normal(1 << _POOL_BITS)
 
     def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Numbers:
@@ -138,8 +146,11 @@ class LinkDice:
 
     def normal(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Floats:
         """Standard normal, for each link: one of 65,536 draws."""
-        drawn: Floats = self._normals[self._of(senders, receivers, mutual) >> np.uint64(64 - _POOL_BITS)]
-        return drawn
+        return self.normals[self.pick(senders, receivers, mutual)]
+
+    def pick(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Indices:
+        """Which one of `normals` each link has."""
+        return (self._of(senders, receivers, mutual) >> np.uint64(64 - _POOL_BITS)).view(np.intp)
 
     def _of(self, senders: Numbers, receivers: Numbers, mutual: bool) -> Numbers:
         return _mixed(senders + receivers if mutual else senders + receivers * self._turn)
@@ -153,6 +164,9 @@ _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 def _mixed(state: Numbers) -> Numbers:
     """The finaliser of splitmix64: each bit of the input turns half of those of the output."""
-    state = (state ^ (state >> _SHIFTS[0])) * _FACTORS[0]
-    state = (state ^ (state >> _SHIFTS[1])) * _FACTORS[1]
-    return state ^ (state >> _SHIFTS[2])
+    state = state ^ (state >> _SHIFTS[0])
+    state *= _FACTORS[0]
+    state ^= state >> _SHIFTS[1]
+    state *= _FACTORS[1]
+    state ^= state >> _SHIFTS[2]
+    return state

@@ -1,7 +1,7 @@
 """Frames under way: what waits for bandwidth, and what is delayed."""
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -76,17 +76,14 @@ class Pipes:
                 self._credits[end] = credit
         return passed, dropped
 
-    def pass_all(self, arriving: Iterable[Arrival]) -> bool:
-        """One step of all ends at once, if nothing waits and all passes; else nothing is done, and False."""
-        if self.waiting:
-            return False
-        loads: dict[int, int] = {}
-        for end, packet in arriving:
-            loads[end] = loads.get(end, 0) + len(packet.data)
-        if max(loads.values(), default=0) > self._bytes_per_step:
-            return False
-        self.passed_bytes += sum(loads.values())
-        return True
+    def pass_wide(self, loads: Mapping[int, int]) -> list[int]:
+        """One step of all ends where nothing waits and all passes, given the bytes that arrive at each.
+
+        The other ends, ascending, at which it is still to be taken.
+        """
+        narrow = {end for end, load in loads.items() if load > self._bytes_per_step} | self._queues.keys()
+        self.passed_bytes += sum(loads.values()) - sum([loads.get(end, 0) for end in narrow])
+        return sorted(narrow)
 
     def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
         """Whether all that arrives at an end in this step passes at once, in whatever order."""

@@ -1,5 +1,6 @@
 """Who is in reach of a frame at all: a disc, or path loss with shadowing; and links worse than the others."""
 
+from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -7,7 +8,7 @@ import numpy as np
 from deltaswarm_wire.settings_radio import LOG_DISTANCE, AsymmetrySettings, PathLossSettings, RadioSettings
 from deltaswarm_world.channel.links import Ends, Finding, LinkDice, Links, Mask, Numbers
 from deltaswarm_world.density import Floats
-from deltaswarm_world.near import Indices, near
+from deltaswarm_world.near import Indices, near, near_with_squares
 
 SHADOWING_CUT = 4.0
 """Shadowing is cut at so many standard deviations: no link in 15,000 is beyond, and reach has a bound."""
@@ -107,10 +108,16 @@ class PathLoss:
 
     def find(self, listeners: Ends, speakers: Ends) -> Found:
         """See `Reach`."""
-        rows, columns = near(listeners.places_m, speakers.places_m, self._bound_m)
-        received_dbm = self.received_dbm(Links(speakers, listeners, (), columns, rows))
-        within = received_dbm >= self._settings.sensitivity_dbm
-        return Found(rows[within], columns[within], received_dbm[within] - self._settings.sensitivity_dbm)
+        rows, columns, squares_m2 = near_with_squares(listeners.places_m, speakers.places_m, self._bound_m)
+        power_dbm = self._settings.tx_power_dbm - self.loss_db(np.sqrt(squares_m2))
+        if self._dice is not None:
+            ends = self._numbers(self._dice, listeners, speakers)
+            speak, hear = ends[columns + len(listeners.ids)], ends[rows]
+            power_dbm += self._shadows_db[self._dice.pick(speak, hear, self._settings.shadowing_symmetric)]
+        if self._gains_db is not None:
+            power_dbm += self._gains_db[speakers.ids][columns]
+        within = (power_dbm >= self._settings.sensitivity_dbm).nonzero()[0]
+        return Found(rows[within], columns[within], power_dbm[within] - self._settings.sensitivity_dbm)
 
     def loss_db(self, distances_m: Floats) -> Floats:
         """Path loss without shadowing [dB]."""
@@ -122,21 +129,24 @@ class PathLoss:
         """What obstacles add to the received power of each link [dB]."""
         if self._dice is None:
             return np.zeros(len(links))
-        settings = self._settings
-        drawn = self._dice.normal(*self._numbers(self._dice, links), settings.shadowing_symmetric)
-        cut = np.minimum(np.maximum(drawn, -SHADOWING_CUT), SHADOWING_CUT)  # much quicker than np.clip
-        return settings.shadowing_db * cut
+        speak = self._numbers(self._dice, Ends(links.senders, links.from_m))
+        hear = self._numbers(self._dice, Ends(links.receivers, links.to_m))
+        return self._shadows_db[self._dice.pick(speak, hear, self._settings.shadowing_symmetric)]
 
-    def _numbers(self, dice: LinkDice, links: Links) -> tuple[Numbers, Numbers]:
-        """What a link's shadowing depends on: its ends, and the squares that they are in."""
+    @cached_property
+    def _shadows_db(self) -> Floats:
+        """All shadows that there are, of which each link has one [dB]."""
+        assert self._dice is not None
+        return self._settings.shadowing_db * np.clip(self._dice.normals, -SHADOWING_CUT, SHADOWING_CUT)
+
+    def _numbers(self, dice: LinkDice, *sides: Ends) -> Numbers:
+        """What a link's shadowing depends on at each end, side by side: who it is, and the square that it is in."""
+        ids = np.concatenate([side.ids for side in sides])
         side_m = self._settings.decorrelation_m
         if side_m <= 0:
-            return dice.ends(links.senders), dice.ends(links.receivers)
-        numbers = []
-        for ids, places_m in ((links.senders, links.from_m), (links.receivers, links.to_m)):
-            squares = np.floor(places_m / side_m).astype(np.int64)
-            numbers.append(dice.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1]))
-        return numbers[0], numbers[1]
+            return dice.ends(ids)
+        squares = np.floor(np.concatenate([side.places_m for side in sides]) / side_m).astype(np.int64)
+        return dice.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
 
     def received_dbm(self, links: Links) -> Floats:
         """Received power of each link [dBm]."""

@@ -106,14 +106,14 @@ class Jammers:
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
-        cut: Mask | None = None
+        deaf: Mask | None = None
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
                 x_m, y_m = self.center_m(index, time_s)
-                dx, dy = links.to_m[:, 0] - x_m, links.to_m[:, 1] - y_m
+                dx, dy = links.listeners_m[:, 0] - x_m, links.listeners_m[:, 1] - y_m
                 within: Mask = dx * dx + dy * dy <= zone.radius_m**2
-                cut = within if cut is None else cut | within
-        return cut
+                deaf = within if deaf is None else deaf | within
+        return None if deaf is None else deaf[links.rows]
 
     def explain(self, links: Links, time_s: float) -> Finding:
         """Which jammer the receiver is in, or how far the nearest one's edge is."""
