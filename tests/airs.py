@@ -7,30 +7,13 @@ import numpy as np
 from hypothesis import strategies as st
 
 import tests.strategies  # noqa: F401 (hypothesis's profile)
+from deltaswarm_orchestrator.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats
 from deltaswarm_world.radio import Air, Carried
 
-EVERYTHING = (
-    "radio.loss=0.1",
-    'radio.reception="log-distance"',
-    "radio.path_loss.decorrelation_m=5.0",
-    "radio.ranges=[{agents=[1, 2], range_m=6.0}]",
-    "radio.asymmetry.dead_share=0.05",
-    "radio.asymmetry.range_factor_low=0.8",
-    "radio.burst.p_good_to_bad=0.02",
-    "radio.latency_s=1.0",
-    "radio.jitter_s=2.0",
-    "radio.duplication=0.1",
-    "radio.bandwidth.sender_bytes_per_s=150.0",
-    "radio.bandwidth.receiver_bytes_per_s=300.0",
-    "radio.bandwidth.queue_bytes=400",
-    "radio.contention_bytes_per_s=250.0",
-    "radio.walls=[{a_m=[20, 5], b_m=[20, 40], from_s=50, until_s=150}]",
-    "radio.jammers=[{center_m=[5, 5], radius_m=8, waypoints_m=[[35, 35]], times_s=[200]}]",
-    "radio.blackouts=[{from_s=100, until_s=110}]",
-)
+EVERYTHING = ALL_ON
 """As `--set` has it, with times for a run of at least 200 s and places for an arena of at least 40 m."""
 
 

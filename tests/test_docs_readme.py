@@ -18,6 +18,7 @@ SHORTER = {
     "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
+    "bench --radio": "--agents 3 --steps 30 --rounds 1",
 }
 
 

@@ -94,8 +94,9 @@ def _add_bench(command: argparse.ArgumentParser) -> None:
     command.add_argument("--agents", type=int, default=25, metavar="N", help="size of the swarm (default: 25)")
     command.add_argument("--steps", type=int, default=1000, metavar="N", help="steps per measurement (default: 1000)")
     command.add_argument("--scale", action="store_true", help="how cost grows with the swarm, in one process, instead")
+    command.add_argument("--radio", action="store_true", help="what the radio models cost, in one process, instead")
     command.add_argument("--sizes", type=_sizes, metavar="N,N,...", help="with --scale (default: 25,50,100,200,400)")
-    command.add_argument("--rounds", type=int, default=3, metavar="N", help="with --scale (default: 3)")
+    command.add_argument("--rounds", type=int, default=3, metavar="N", help="with --scale or --radio (default: 3)")
     command.add_argument("--plot", type=Path, metavar="NAME", help="with --scale: draw NAME.png and NAME.svg")
     _add_json(command)
 
@@ -182,7 +183,7 @@ def _default_folder(scenario: Scenario) -> Path:
 
 def _bench(arguments: argparse.Namespace) -> int:
     try:
-        found, text = _scaled(arguments) if arguments.scale else _benched(arguments)
+        found, text = _benched(arguments)
     except ValueError as error:
         complain(str(error))
         return USAGE
@@ -191,8 +192,13 @@ def _bench(arguments: argparse.Namespace) -> int:
 
 
 def _benched(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
-    from deltaswarm_orchestrator import bench
+    from deltaswarm_orchestrator import bench, radio_cost
 
+    if arguments.scale:
+        return _scaled(arguments)
+    if arguments.radio:
+        found = radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
+        return found, radio_cost.text(found)
     found = bench.measure(arguments.agents, arguments.steps)
     return found, bench.text(found)
 

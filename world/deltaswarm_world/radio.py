@@ -10,7 +10,7 @@ agent's own frame is `crowded`; the core cuts that.) A duplicate is one receptio
     sent x other agents + duplicated = received + dropped, by reason + under way
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -54,14 +54,13 @@ class Carried:
         self.largest_bytes = 0
         """No frame heard is longer."""
 
-    def hear_all(self, arriving: Iterable[Arrival]) -> None:
-        """Frames arrive; to be called in order of receiver."""
-        links, heard, largest = self.links, self.heard, self.largest_bytes
-        for receiver, (sender, _, data) in arriving:
-            links.append((sender, receiver))
+    def hear_all(self, arriving: Sequence[Arrival]) -> None:
+        """Frames arrive, in order of receiver, then sender and age."""
+        heard = self.heard
+        for receiver, (_, _, data) in arriving:
             heard[receiver].append(data)
-            largest = max(largest, len(data))
-        self.largest_bytes = largest
+        self.links += [(packet.sender, receiver) for receiver, packet in arriving]
+        self.largest_bytes = max([len(packet.data) for _, packet in arriving], default=0)
 
     def drop(self, reason: str, count: int) -> None:
         """Count receptions that will not be."""
@@ -282,7 +281,7 @@ class Air:
 
     def _take_in(self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
         """Through the receivers' queues."""
-        luck = self._order_rng.random(len(listening))
+        luck = self._order_rng.random(len(listening)).tolist()
         loads: dict[int, int] = {}
         for receiver, packet in arriving:
             loads[receiver] = loads.get(receiver, 0) + len(packet.data)

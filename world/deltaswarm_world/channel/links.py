@@ -75,6 +75,11 @@ class Links:
         return places_m
 
     @property
+    def speakers_m(self) -> Floats:
+        """Where each row of `speakers` is (n, 2) [m]."""
+        return self._speakers.places_m
+
+    @property
     def listeners_m(self) -> Floats:
         """Where each row of `listeners` is (n, 2) [m]."""
         return self._listeners.places_m

@@ -1,7 +1,7 @@
 """Frames under way: what waits for bandwidth, and what is delayed."""
 
-from collections import deque
-from collections.abc import Iterable, Mapping
+from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -46,26 +46,22 @@ class Pipes:
 
     def take(self, end: int, arriving: list[Packet]) -> tuple[list[Packet], list[Packet]]:
         """One step of one end, to be called once a step: what passes, and what is dropped, in order."""
-        if self.is_wide_enough(end, arriving):
-            self.passed_bytes += sum([len(packet.data) for packet in arriving])
-            return arriving, []
         credit = self._credits.pop(end, 0.0) + self._bytes_per_step
         queue = self._queues.pop(end, deque())
         before = len(queue)
         queue.extend(arriving)
         passed = []
-        while queue and len(queue[0].data) <= credit:
-            packet = queue.popleft()
-            credit -= len(packet.data)
-            self.passed_bytes += len(packet.data)
-            passed.append(packet)
+        while queue and (size := len(queue[0].data)) <= credit:
+            credit -= size
+            self.passed_bytes += size
+            passed.append(queue.popleft())
         if not queue:
             self.waiting -= before
             return passed, []
         kept, room, dropped = deque[Packet](), self._queue_bytes, []
         for packet in queue:
-            if len(packet.data) <= room:
-                room -= len(packet.data)
+            if (size := len(packet.data)) <= room:
+                room -= size
                 kept.append(packet)
             else:
                 dropped.append(packet)
@@ -84,6 +80,16 @@ class Pipes:
         narrow = {end for end, load in loads.items() if load > self._bytes_per_step} | self._queues.keys()
         self.passed_bytes += sum(loads.values()) - sum([loads.get(end, 0) for end in narrow])
         return sorted(narrow)
+
+    def pass_all(self, arriving: Sequence[Arrival]) -> bool:
+        """The same if that is all ends; else nothing is done, and False."""
+        loads: dict[int, int] = {}
+        for end, packet in arriving:
+            loads[end] = loads.get(end, 0) + len(packet.data)
+        if self.waiting or max(loads.values(), default=0) > self._bytes_per_step:
+            return False
+        self.passed_bytes += sum(loads.values())
+        return True
 
     def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
         """Whether all that arrives at an end in this step passes at once, in whatever order."""
@@ -116,7 +122,7 @@ class DelayLine:
         self._latency = latency_s / step_s
         self._jitter = jitter_s / step_s
         self._rng = rng
-        self._due: dict[int, list[Arrival]] = {}
+        self._due: defaultdict[int, list[Arrival]] = defaultdict(list)
 
     def draw(self, count: int) -> npt.NDArray[np.int64]:
         """Delays [steps] for so many frames; drawn only where there is jitter."""
@@ -126,18 +132,13 @@ class DelayLine:
 
     def send(self, step: int, arrivals: Iterable[tuple[int, Packet]], delays: Iterable[int]) -> list[Arrival]:
         """Keep what is late until its step; what is not, as (receiver, packet)."""
-        at_once = []
-        due = self._due
+        by_delay: defaultdict[int, list[Arrival]] = defaultdict(list)
         for arrival, delay in zip(arrivals, delays, strict=True):
-            if delay <= 0:
-                at_once.append(arrival)
-                continue
-            self.waiting += 1
-            held = due.get(step + delay)
-            if held is None:
-                due[step + delay] = [arrival]
-            else:
-                held.append(arrival)
+            by_delay[delay].append(arrival)
+        at_once = by_delay.pop(0, [])
+        for delay, held in by_delay.items():
+            self.waiting += len(held)
+            self._due[step + delay] += held
         return at_once
 
     def take(self, step: int) -> list[Arrival]:

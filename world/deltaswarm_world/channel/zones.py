@@ -68,18 +68,27 @@ class Walls:
 
 def crosses(links: Links, wall: WallSettings) -> Mask:
     """Which links cross a wall; from either end the same."""
-    swapped = (links.senders > links.receivers)[:, None]
-    p, q = np.where(swapped, links.to_m, links.from_m), np.where(swapped, links.from_m, links.to_m)
-    a, b = np.array(wall.a_m), np.array(wall.b_m)
-    p_side, q_side = _cross(b - a, p - a), _cross(b - a, q - a)
-    a_side, b_side = _cross(q - p, a - p), _cross(q - p, b - p)
-    opposite: Mask = np.sign(p_side) * np.sign(q_side) < 0
-    between: Mask = np.sign(a_side) * np.sign(b_side) <= 0
-    return opposite & between
+    from_side, to_side = np.sign(_side(wall, links.speakers_m)), np.sign(_side(wall, links.listeners_m))
+    cut: Mask = from_side[links.columns] * to_side[links.rows] < 0
+    opposite = cut.nonzero()[0]
+    if len(opposite):
+        swapped = (links.senders[opposite] > links.receivers[opposite])[:, None]
+        from_m, to_m = links.from_m[opposite], links.to_m[opposite]
+        p, q = np.where(swapped, to_m, from_m), np.where(swapped, from_m, to_m)
+        a_side, b_side = _cross(q - p, wall.a_m - p), _cross(q - p, wall.b_m - p)
+        cut[opposite] = np.sign(a_side) * np.sign(b_side) <= 0
+    return cut
+
+
+def _side(wall: WallSettings, places_m: Floats) -> Floats:
+    """On which side of a wall's line each place is, by its sign."""
+    (ax, ay), (bx, by) = wall.a_m, wall.b_m
+    side: Floats = (bx - ax) * (places_m[:, 1] - ay) - (by - ay) * (places_m[:, 0] - ax)
+    return side
 
 
 def _cross(u: Floats, v: Floats) -> Floats:
-    crossed: Floats = u[..., 0] * v[..., 1] - u[..., 1] * v[..., 0]
+    crossed: Floats = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
     return crossed
 
 

@@ -1,0 +1,55 @@
+"""What the radio models cost: the variants are what they say, and take turns."""
+
+from dataclasses import fields
+
+import pytest
+
+from deltaswarm_orchestrator import cli, radio_cost
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.settings_radio import RadioSettings
+
+
+def test_off_is_plain_with_every_model_named() -> None:
+    """So what is measured between the two is chance."""
+    assert load_scenario("paper-25", radio_cost.ALL_OFF) == load_scenario("paper-25")
+
+
+@pytest.mark.parametrize("table", [radio_cost.ALL_ON, radio_cost.ALWAYS_ON], ids=["on", "always on"])
+def test_on_is_every_model(table: tuple[str, ...]) -> None:
+    """Each key of `[radio]` is other than it is by default, but the range of a disc."""
+    radio, plain = load_scenario("paper-25", table).radio, load_scenario("paper-25").radio
+    assert [one.name for one in fields(RadioSettings) if getattr(radio, one.name) == getattr(plain, one.name)] == [
+        "range_m"
+    ]
+
+
+def test_a_wall_and_a_jammer_last() -> None:
+    """To the end of any run; a blackout does not, or nobody would hear anything."""
+    radio = radio_cost.radio_scenario(25, 100, 1, radio_cost.ALWAYS_ON).radio
+    assert {zone.until_s for zone in (*radio.walls, *radio.jammers)} == {None}
+    assert radio.blackouts[0].until_s is not None
+    assert radio.blackouts[0].until_s < radio_cost.WARM_UP_STEPS
+
+
+def test_the_variants_are_measured_side_by_side() -> None:
+    """Off does the very same as plain, on does something else; said in words too."""
+    found = radio_cost.measure_radio(agents=5, steps=60, rounds=1)
+    plain, off, on = (found["variants"][name] for name in ("plain", "all_off", "all_on"))
+    assert plain["share_of_plain"] == 1.0
+    for count in ("frames_sent", "frames_received"):
+        assert plain[count] == off[count] != on[count]
+    for row in (plain, off, on):
+        assert row["steps_per_s"] == pytest.approx(1e6 / row["step_us"])
+        assert 0 < row["agents_us"] < row["step_us"]
+    said = radio_cost.text(found)
+    assert f"{on['steps_per_s']:.0f}" in said
+    assert f"{on['share_of_plain']:.2f}" in said
+
+
+@pytest.mark.parametrize(("agents", "steps", "rounds"), [(2, 10, 1), (5, 0, 1), (5, 10, 0)])
+def test_what_cannot_be_measured_is_refused(agents: int, steps: int, rounds: int) -> None:
+    """Before anything is run; the command says so and ends with 2."""
+    with pytest.raises(ValueError, match="at least 3 agents"):
+        radio_cost.measure_radio(agents, steps, rounds)
+    numbers = [f"--agents={agents}", f"--steps={steps}", f"--rounds={rounds}"]
+    assert cli.main(["bench", "--radio", *numbers]) == 2
