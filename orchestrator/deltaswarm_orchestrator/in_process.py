@@ -63,7 +63,7 @@ class InProcess:
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.agents_s = 0.0
-        """CPU time spent in the agents' cores and their encoding [s]."""
+        """Wall time spent in the agents' cores and their encoding [s]."""
 
     def _agent(self, agent: int) -> AgentCore:
         rng = agent_rng(self.scenario.seed, agent, self._restarts[agent])
@@ -84,7 +84,7 @@ class InProcess:
         world = self.world
         self._strike(step, sink)
         frames = list(world.begin(step, last))
-        clock = time.process_time
+        clock = time.perf_counter
         began = clock()
         sent = []
         for agent, frame in frames:

@@ -59,8 +59,8 @@ class Carried:
         heard = self.heard
         for receiver, (_, _, data) in arriving:
             heard[receiver].append(data)
-        self.links += [(packet.sender, receiver) for receiver, packet in arriving]
-        self.largest_bytes = max([len(packet.data) for _, packet in arriving], default=0)
+        self.links = [(sender, receiver) for receiver, (sender, _, _) in arriving]
+        self.largest_bytes = max([len(data) for _, (_, _, data) in arriving], default=0)
 
     def drop(self, reason: str, count: int) -> None:
         """Count receptions that will not be."""
@@ -273,18 +273,19 @@ class Air:
                 lost = [packet for receiver, packet in due if (packet.sender, receiver) == self.watched]
                 self.fates += ["dropped: dead, on arrival"] * len(lost)
             arriving += there
-            arriving.sort()
-        if self._taking_in is None:
-            carried.hear_all(arriving)
-        else:
-            self._take_in(self._taking_in, arriving, listening, carried)
+        if self._taking_in is not None:
+            arriving = self._take_in(self._taking_in, arriving, listening, carried)
+        arriving.sort()
+        carried.hear_all(arriving)
 
-    def _take_in(self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
-        """Through the receivers' queues."""
+    def _take_in(
+        self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried
+    ) -> list[Arrival]:
+        """Through the receivers' queues; what passes, in any order."""
         luck = self._order_rng.random(len(listening)).tolist()
         loads: dict[int, int] = {}
-        for receiver, packet in arriving:
-            loads[receiver] = loads.get(receiver, 0) + len(packet.data)
+        for receiver, (_, _, data) in arriving:
+            loads[receiver] = loads.get(receiver, 0) + len(data)
         by_receiver: dict[int, list[Packet]] = {receiver: [] for receiver in pipes.pass_wide(loads)}
         passing = []
         for arrival in arriving:
@@ -303,8 +304,7 @@ class Air:
             if self.watched:
                 lost = [packet for packet in dropped if (packet.sender, receiver) == self.watched]
                 self.fates += ["dropped: bandwidth, the receiver's queue is full"] * len(lost)
-        passing.sort()
-        carried.hear_all(passing)
+        return passing
 
     # Why
 

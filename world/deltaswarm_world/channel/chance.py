@@ -118,9 +118,9 @@ class Contention:
         receivers = links.receivers
         loads = np.bincount(receivers, weights=links.sizes * links.is_open)
         is_full = loads > self._bytes_per_step
-        if not is_full.any():
-            return None
         crowded = (is_full[receivers] & links.is_open).nonzero()[0]
+        if not len(crowded):
+            return None
         crowded = crowded[np.lexsort((luck[crowded], receivers[crowded]))]
         loads *= is_full
         before = np.cumsum(loads) - loads  # of receivers before

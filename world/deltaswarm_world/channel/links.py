@@ -131,6 +131,8 @@ class LinkDice:
     def __init__(self, rng: np.random.Generator) -> None:
         self._key, self._turn = rng.integers(0, 2**64, 2, dtype=np.uint64) | np.uint64(1)
         self._rng = rng
+        self._of_ids: Numbers = np.zeros(0, dtype=np.uint64)
+        """What the number of each end begins with, by its id; grows as needed."""
 
     @cached_property
     def normals(self) -> Floats:
@@ -139,10 +141,15 @@ class LinkDice:
 
     def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Numbers:
         """A number for each end."""
-        state: Numbers = ids.view(np.uint64) * _GOLDEN + self._key
+        try:
+            state = self._of_ids[ids]
+        except IndexError:
+            grown = np.arange(2 * int(ids.max()) + 1, dtype=np.uint64)
+            self._of_ids = _mixed(grown * _GOLDEN + self._key)
+            state = self._of_ids[ids]
         for word in words:
-            state = _mixed(state) + word.view(np.uint64) * _GOLDEN
-        return _mixed(state)
+            state = _mixed(state + word.view(np.uint64) * _GOLDEN)
+        return state
 
     def uniform(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Floats:
         """From 0 to 1, 1 excluded, for each link; if mutual, the same from either end."""
