@@ -72,7 +72,7 @@ def radio_scenario(agents: int, steps: int, seed: int, settings: tuple[str, ...]
 
 
 def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, Any]:
-    """CPU time of each variant after a warm-up, seeds 1, 2...; a block of steps is compared with plain's same block.
+    """CPU time of each variant after a warm-up, in rounds with seeds 1, 2...; medians of the rounds.
 
     Agents that hear less have less to do, which is part of a run's speed: so the CPU time of the world and of
     all agents is given apart, with the frames sent and heard.
@@ -82,43 +82,47 @@ def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, 
     """
     if agents < LEAST_AGENTS or min(steps, rounds) < 1:
         raise ValueError(f"at least {LEAST_AGENTS} agents, 1 step and 1 round are expected")
-    blocks: dict[str, list[dict[str, float]]] = {name: [] for name in VARIANTS}
+    measured: dict[str, list[dict[str, float]]] = {name: [] for name in VARIANTS}
     for seed in range(1, rounds + 1):
         last = WARM_UP_STEPS + steps
         swarms = {name: InProcess(radio_scenario(agents, last, seed, table)) for name, table in VARIANTS.items()}
+        blocks: dict[str, list[dict[str, float]]] = {name: [] for name in VARIANTS}
         for first in range(0, last, BLOCK_STEPS):
             turns = list(swarms.items())
             for name, swarm in turns if first % (2 * BLOCK_STEPS) else reversed(turns):
                 found = _block(swarm, range(first, min(first + BLOCK_STEPS, last)))
                 if first >= WARM_UP_STEPS:
                     blocks[name].append(found)
+        for name, each in blocks.items():
+            measured[name].append({figure: sum(block[figure] for block in each) / steps for figure in each[0]})
     return {
         "agents": agents,
         "warm_up_steps": WARM_UP_STEPS,
         "steps": steps,
         "rounds": rounds,
-        "variants": {name: _summed(found, blocks["plain"]) for name, found in blocks.items()},
+        "variants": {name: _median(found, measured["plain"]) for name, found in measured.items()},
     }
 
 
 def _block(swarm: InProcess, steps: range) -> dict[str, float]:
-    """CPU time [us] and frames per step; the agents' by their share of the wall time."""
+    """CPU time [us] and frames of some steps; the agents' by their share of the wall time."""
     agents_s, wall_began, began = swarm.agents_s, time.perf_counter(), time.process_time()
     tallies = [swarm.step(step, last=False) for step in steps]
-    whole_us = 1e6 * (time.process_time() - began) / len(steps)
+    whole_us = 1e6 * (time.process_time() - began)
     agents_us = whole_us * (swarm.agents_s - agents_s) / (time.perf_counter() - wall_began)
     return {
         "step_us": whole_us,
         "agents_us": agents_us,
         "world_us": whole_us - agents_us,
-        "frames_sent": sum(tally.frames_sent for tally in tallies) / len(steps),
-        "frames_received": sum(tally.frames_received for tally in tallies) / len(steps),
+        "frames_sent": sum(tally.frames_sent for tally in tallies),
+        "frames_received": sum(tally.frames_received for tally in tallies),
     }
 
 
-def _summed(blocks: list[dict[str, float]], plain: list[dict[str, float]]) -> dict[str, float]:
-    medians = {name: statistics.median(block[name] for block in blocks) for name in blocks[0]}
-    shares = [other["step_us"] / block["step_us"] for block, other in zip(blocks, plain, strict=True)]
+def _median(rounds: list[dict[str, float]], plain: list[dict[str, float]]) -> dict[str, float]:
+    """Of a variant's rounds, and of their speed by that of plain's same round."""
+    medians = {name: statistics.median(one[name] for one in rounds) for name in rounds[0]}
+    shares = [other["step_us"] / one["step_us"] for one, other in zip(rounds, plain, strict=True)]
     return {"steps_per_s": 1e6 / medians["step_us"], "share_of_plain": statistics.median(shares), **medians}
 
 

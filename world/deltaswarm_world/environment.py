@@ -70,7 +70,7 @@ class Environment:
         if speed_factors is not None:
             velocities_mps *= speed_factors
         moved = self.positions_m + velocities_mps * self._step_s
-        self.positions_m = np.clip(moved, 0.0, self._size_m)
+        self.positions_m = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
 
     def arrive(self, time_s: float) -> None:
         """Let events arrive (Poisson)."""
