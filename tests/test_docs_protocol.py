@@ -17,13 +17,14 @@ from deltaswarm_wire import codec, keys, messages, radio, session, settings
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Clock, Event, Frame, Report, Status, Workload
 from deltaswarm_wire.radio import Attending, Descendant, Gone, Leaving, Member, Order, Relocating, Sighting
+from tests import test_agent_protocol_machine as machine
 
 HEX_COLUMNS = 47
 
 PAGE = Path(__file__).parent.parent / "agent" / "PROTOCOL.md"
 TEXT = PAGE.read_text()
 
-SOURCES = (codec, messages, radio, session, settings, core, hearing, tree, beliefs, recruitment, process)
+SOURCES = (codec, messages, radio, session, settings, core, hearing, tree, beliefs, recruitment, process, machine)
 
 
 @dataclass(frozen=True)
@@ -249,6 +250,15 @@ def test_the_page_names_all_limits_of_the_radio() -> None:
         if re.fullmatch(r"[A-Z_]+_(STEPS|M|S)", name) and isinstance(value, int | float)
     }
     assert limits | rules <= named
+
+
+def test_what_holds_is_held_by_a_test() -> None:
+    """Each row of the table under "What holds" gives a number of the machine, and names its method that holds it."""
+    section = TEXT.split("### What holds", 1)[1].split("\n## ", 1)[0]
+    rows = re.findall(r"^\| `([A-Z_]+_STEPS)` \| \d+ \|.*\| `(\w+)` \|$", section, re.MULTILINE)
+    assert [name for name, _ in rows] == ["CYCLE_STEPS", "ROOTLESS_STEPS", "GHOST_STEPS", "HEALED_STEPS"]
+    for name, method in rows:
+        assert name in getattr(machine.TreeProtocol, method).__code__.co_names
 
 
 def test_keys_and_names_of_the_page_are_the_codes() -> None:

@@ -5,7 +5,6 @@ with some slack: the longest of any agent, in steps on end.
 """
 
 import random
-from collections import defaultdict
 
 import pytest
 
@@ -14,54 +13,12 @@ from deltaswarm_agent.states import State
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_world.channel.chance import Loss
 from tests.cores import swarm
+from tests.trees import Spans, check_agreement, cycle_of, true_descendants
 
 STEPS, KILL_EVERY_STEPS = 600, 60
 
 BUSY = ("events.rate_hz=0.1", "arena.width_m=70", "arena.height_m=70", "events.density.mean_m=[35, 35]")
 """The paper's swarm in half the area with twice the events: many trees soon."""
-
-
-class Spans:
-    """For how many steps on end something has been so, by key."""
-
-    def __init__(self) -> None:
-        self.longest = 0
-        self._spans: dict[object, int] = defaultdict(int)
-
-    def note(self, keys: set[object]) -> None:
-        """These it is in this step."""
-        self._spans = defaultdict(int, {key: self._spans[key] + 1 for key in keys})
-        self.longest = max([self.longest, *self._spans.values()])
-
-
-def true_descendants(members: dict[int, AgentCore]) -> dict[int, set[int]]:
-    """By agent all that are below it, by the parents that they name; orphans and movers have none."""
-    below: dict[int, set[int]] = {agent: set() for agent in members}
-    for agent in members:
-        seen = {agent}
-        above = parent_of(members, agent)
-        while above in members and above not in seen:
-            below[above].add(agent)
-            seen.add(above)
-            above = parent_of(members, above)
-    return below
-
-
-def parent_of(members: dict[int, AgentCore], agent: int) -> int:
-    """Its own id, if it is a root or has no parent at the time."""
-    membership = members[agent].membership
-    assert membership is not None
-    return membership.parent if members[agent].state is State.MEMBER else agent
-
-
-def is_on_cycle(members: dict[int, AgentCore], agent: int) -> bool:
-    """Whether going up from an agent leads back to it; a root, its own parent, is on none."""
-    at = parent_of(members, agent)
-    for _ in range(len(members)):
-        if at == agent or at not in members or at == parent_of(members, at):
-            break
-        at = parent_of(members, at)
-    return at == agent != parent_of(members, agent)
 
 
 class Trees:
@@ -102,7 +59,7 @@ class Trees:
             assert membership.path[-1] == agent, where
             assert len(set(membership.path)) == len(membership.path) == membership.level + 1, where
             assert (core.state is State.ROOT) == (membership.level == 0), where
-            if is_on_cycle(members, agent):
+            if cycle_of(members, agent):
                 on_cycle.add(agent)
             root = members.get(membership.root)
             if root is None or root.state is not State.ROOT:
@@ -191,17 +148,5 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
             if core.membership is None:
                 trees.crew.world.lockstep.gone(core.agent)
         trees.advance()
-    members = trees.members
-    assert len(members) >= 5
-    assert {core.state for core in members.values()} == {State.ROOT, State.MEMBER}
-    below = true_descendants(members)
-    for agent, core in members.items():
-        membership = core.membership
-        assert membership is not None
-        assert {row.agent for row in membership.table()} == below[agent]
-        if core.state is State.MEMBER:
-            parent, root = members[membership.parent].membership, members[membership.root].membership
-            assert parent is not None
-            assert root is not None
-            assert membership.path == (*parent.path, agent)
-            assert membership.pulse == root.pulse - membership.level
+    assert len(trees.members) >= 5
+    check_agreement(trees.members, seed)

@@ -25,7 +25,6 @@ from deltaswarm_agent.tree import (
     Former,
     Membership,
     fits_below,
-    is_senior,
 )
 from deltaswarm_wire.messages import MAX_REPORTED, Act, Event, Frame, Report
 from deltaswarm_wire.radio import Attending, Leaving, Member, Order, RadioFrame, Relocating, decode_radio
@@ -74,6 +73,7 @@ class AgentCore:
         self._target: Event | None = None
         self._place: Place = (0.0, 0.0)
         self._since = 0
+        self._parted = -1
         self._farewells = 0
         self._former: Former | None = None
         self._order: Order | None = None
@@ -192,6 +192,7 @@ class AgentCore:
         self._former = self.membership.former(self._now)
         self.membership = None
         self._farewells = LEAVING_STEPS
+        self._parted = self._now
         self._change(cause)
 
     def _step_in_tree(self, membership: Membership, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
@@ -215,14 +216,10 @@ class AgentCore:
             self._since = self._now + 1
 
     def _step_root(self, membership: Membership, heard: Sequence[RadioFrame], carried: Order | None) -> None:
-        rivals = [
-            frame
-            for frame in heard
-            if type(frame) is Member and len(frame.path) == 1 and is_senior(frame, membership.pulse, self.agent)
-        ]
+        rivals = [frame for frame in heard if type(frame) is Member and len(frame.path) == 1]
+        senior = membership.senior_of(rivals) if rivals else None
         membership.beat(self._now)
-        if rivals:
-            senior = min(rivals, key=lambda frame: (-frame.pulse, frame.sender))
+        if senior is not None:
             if self._here.is_apart(senior) and membership.follow(senior, self._now):
                 self._change(Cause.SENIOR_ROOT)
             else:
@@ -276,6 +273,7 @@ class AgentCore:
         self._last_order = number
         self._place = place
         self._since = self._now + 1
+        self._parted = self._now
         self._change(Cause.ORDERED)
         return True
 
@@ -320,6 +318,8 @@ class AgentCore:
         return Decision(Act(frame.step, vx_mps, vy_mps, observed), radio, report)
 
     def _velocity(self) -> Velocity:
+        if self._parted == self._now:
+            return STAND  # else those at the edge of range would not hear that it goes
         if self.state is WALKING:
             return self._walk.velocity(self._here.x_m, self._here.y_m)
         if self.state is GOING and self._target is not None:

@@ -29,6 +29,9 @@ ORPHAN_STRICT_STEPS, ORPHAN_STEPS = 2, 5
 ARRIVAL_STRICT_STEPS, ARRIVAL_STEPS = 3, 8
 """The same for a mover at its place."""
 
+CONTESTED_STEPS = 12
+"""After so many frames of about equal roots, none of which has yielded, the lower id decides."""
+
 RANGE_MARGIN_M = 0.02
 """Members keep this far within range: places are rounded to centimetres."""
 
@@ -75,6 +78,7 @@ class Membership:
         self.parent_heard = now
         self.gamma = gamma
         self.children: dict[int, Branch] = {}
+        self._contested = 0
 
     @property
     def root(self) -> int:
@@ -90,6 +94,21 @@ class Membership:
     def level(self) -> int:
         """Number of agents above this one (the paper's t_i)."""
         return len(self.path) - 1
+
+    def senior_of(self, roots: Sequence[Member]) -> Member | None:
+        """The root heard to which this one, a root too, yields; None if it stays.
+
+        With latency in the air two roots of about the same age each seem the senior to themselves. When
+        both have stayed for long, the one with the higher id yields.
+        """
+        seniors = [frame for frame in roots if is_senior(frame, self.pulse, self._agent)]
+        if not seniors:
+            oldest = self.pulse - FRESHNESS_STEPS
+            equals = [frame for frame in roots if frame.sender < self._agent and frame.pulse >= oldest]
+            self._contested += bool(equals)
+            if self._contested >= CONTESTED_STEPS:
+                seniors = equals
+        return min(seniors, key=lambda frame: (-frame.pulse, frame.sender), default=None)
 
     def beat(self, now: int) -> None:
         """A root counts its steps; the count travels down as proof that it lives."""
@@ -139,7 +158,7 @@ class Membership:
         """All descendants, as the children tell; a child's own word about itself comes first."""
         if not self.children:
             return ()
-        rows = {child: branch.row for child, branch in self.children.items()}
+        rows = {child: branch.row for child, branch in self.children.items() if child not in self.path}
         for branch in self.children.values():
             for row in branch.table:
                 if row.agent not in rows and row.agent not in self.path:
@@ -162,10 +181,9 @@ def is_fresh(pulse: int, known: int, known_step: int, now: int) -> bool:
 
 
 def is_senior(rival: Member, pulse: int, agent: int) -> bool:
-    """Whether another root stays and this one yields: the longer pulse, about equal ones by lower id.
+    """Whether another root is senior: the longer pulse of the step before this one, equal ones by lower id.
 
-    Both must come to the same answer although each hears the other's pulse late.
+    A pulse that comes later than one step is too short and never too long. So who yields to its senior is
+    the younger in truth, and roots cannot yield in a ring.
     """
-    if abs(rival.pulse - pulse) > FRESHNESS_STEPS:
-        return rival.pulse > pulse
-    return rival.sender < agent
+    return (rival.pulse, -rival.sender) > (pulse, -agent)
