@@ -2,6 +2,7 @@
 
 import statistics
 import time
+from collections import deque
 from dataclasses import replace
 from typing import Any
 
@@ -87,12 +88,13 @@ def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, 
         last = WARM_UP_STEPS + steps
         swarms = {name: InProcess(radio_scenario(agents, last, seed, table)) for name, table in VARIANTS.items()}
         blocks: dict[str, list[dict[str, float]]] = {name: [] for name in VARIANTS}
+        turns = deque(VARIANTS)
         for first in range(0, last, BLOCK_STEPS):
-            turns = list(swarms.items())
-            for name, swarm in turns if first % (2 * BLOCK_STEPS) else reversed(turns):
-                found = _block(swarm, range(first, min(first + BLOCK_STEPS, last)))
+            for name in turns:
+                found = _block(swarms[name], range(first, min(first + BLOCK_STEPS, last)))
                 if first >= WARM_UP_STEPS:
                     blocks[name].append(found)
+            turns.rotate()
         for name, each in blocks.items():
             measured[name].append({figure: sum(block[figure] for block in each) / steps for figure in each[0]})
     return {
