@@ -1,4 +1,4 @@
-"""Trees by message: tables, seniority, dissolution, lost parents, and what keeps cycles away."""
+"""Trees by message: tables, pulses, dissolution, lost parents, and what keeps cycles away."""
 
 import math
 from typing import Any
