@@ -155,13 +155,17 @@ class Membership:
                 del children[child]
 
     def table(self) -> tuple[Descendant, ...]:
-        """All descendants, as the children tell; a child's own word about itself comes first."""
+        """All descendants, as the children tell; a child's own word about itself comes first.
+
+        An ancestor is none, though it name this agent as its parent: that is a cycle, about to be found.
+        """
         if not self.children:
             return ()
-        rows = {child: branch.row for child, branch in self.children.items() if child not in self.path}
+        path = self.path
+        rows = {child: branch.row for child, branch in self.children.items() if child not in path}
         for branch in self.children.values():
             for row in branch.table:
-                if row.agent not in rows and row.agent not in self.path:
+                if row.agent not in rows and row.agent not in path:
                     rows[row.agent] = row
         return tuple(rows.values())[:MAX_TABLE]
 
