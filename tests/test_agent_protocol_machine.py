@@ -1,7 +1,7 @@
 """The tree protocol under whatever the air and fate may do: what `agent/PROTOCOL.md` says under "What holds".
 
 A few agents in a small arena, real cores and real bytes, an air that loses, delays, reorders and doubles
-frames and falls into parts, agents that die, come late and begin anew. After each step the trees are
+frames and falls into parts, agents that die, freeze, come late and begin anew. After each step the trees are
 compared with the truth; hypothesis chooses what happens, and prints it when a property breaks.
 """
 
