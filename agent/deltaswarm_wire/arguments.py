@@ -2,10 +2,12 @@
 
 import argparse
 import os
+import stat
+from collections.abc import Iterable
 from pathlib import Path
 
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, user_name
+from deltaswarm_wire.session import PASSWORD_VARIABLE, TLS, Link, Tls, protocol_of, user_name
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
@@ -17,7 +19,15 @@ def add_link_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--password-file", type=Path, metavar="FILE", help=f"its password; else the environment's {PASSWORD_VARIABLE}"
     )
+    add_tls_arguments(parser)
     add_zenoh_argument(parser)
+
+
+def add_tls_arguments(parser: argparse.ArgumentParser) -> None:
+    """Certificates, for endpoints that begin with `tls/`."""
+    parser.add_argument("--ca", metavar="FILE", help="for tls/ endpoints: the certificate of who signs certificates")
+    parser.add_argument("--certificate", metavar="FILE", help="for tls/ endpoints: its own certificate")
+    parser.add_argument("--key", metavar="FILE", help="for tls/ endpoints: its private key, of mode 0600")
 
 
 def add_zenoh_argument(parser: argparse.ArgumentParser) -> None:
@@ -48,8 +58,35 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
 
     Raises:
         OSError: the password file cannot be read.
+        ValueError: as `tls_of`.
     """
     file: Path | None = arguments.password_file
     password = file.read_text().strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
     user = user_name(role, number) if password else ""
-    return Link(arguments.connect, user, password, low_latency, tuple(arguments.zenoh))
+    tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
+    return Link(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
+
+
+def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, key: str | None) -> Tls | None:
+    """The certificates that the endpoints need, or None where none begins with `tls/`.
+
+    Raises:
+        ValueError: one is missing, not to be read, or not asked for; or others than the owner may read the key.
+    """
+    files = {"ca": ca, "certificate": certificate, "key": key}
+    over_tls = [endpoint for endpoint in endpoints if protocol_of(endpoint) == TLS]
+    if not over_tls:
+        if given := [name for name, file in files.items() if file]:
+            raise ValueError(f"{', '.join(given)}: only for an endpoint that begins with {TLS}/")
+        return None
+    if missing := [name for name, file in files.items() if not file]:
+        raise ValueError(f"{over_tls[0]} needs ca, certificate and key; missing: {', '.join(missing)}")
+    for name, file in files.items():
+        try:
+            with open(file or "") as opened:
+                mode = stat.S_IMODE(os.fstat(opened.fileno()).st_mode)
+        except OSError as error:
+            raise ValueError(f"{name}: {error}") from None
+        if name == "key" and mode & 0o077:
+            raise ValueError(f"key: {file} has mode {mode:04o}; 0600 is needed: chmod 600 {file}")
+    return Tls(ca or "", certificate or "", key or "")

@@ -1,12 +1,13 @@
 """How a process opens its Zenoh session, as plain (key, JSON value) pairs; and who may do what.
 
 The world's session is the router. Its access control makes range gating a fact: an agent may send on
-its own keys and receive its own frame, and nothing else.
+its own keys and receive its own frame, and nothing else. Who is who is told by user name and password,
+or, over TLS, by the name in a client's certificate alone.
 """
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
@@ -24,6 +25,11 @@ _ONE_WORKER = (
     "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
 )
 
+TLS = "tls"
+
+CERTIFIED = "certificate"
+"""User name and password of all who have a certificate: the router wants both from everyone. They alone open no key."""
+
 MAX_RECEIVED_BYTES = 32 * 1024 * 1024
 """The router cuts off whoever sends more in one sample."""
 
@@ -32,9 +38,19 @@ R = TypeVar("R")
 
 
 @dataclass(frozen=True)
+class Tls:
+    """PEM files: whom to trust, and the process's own certificate and private key."""
+
+    ca: str
+    certificate: str
+    key: str
+
+
+@dataclass(frozen=True)
 class Link:
     """How one process reaches the router.
 
+    With `tls` the certificate says who it is; user and password are then not used.
     `low_latency` is for agents on the router's machine: faster, but no sample may exceed 32 KiB.
     `overrides` are the user's own (key, JSON5 text) pairs; they win.
     """
@@ -44,6 +60,7 @@ class Link:
     password: str = ""
     low_latency: bool = False
     overrides: tuple[tuple[str, str], ...] = ()
+    tls: Tls | None = None
 
 
 def use_one_worker_thread() -> None:
@@ -99,14 +116,25 @@ def user_name(role: str, number: int = 0) -> str:
 def client_pairs(link: Link) -> Pairs:
     """A client that knows where its router is, and does not scout."""
     pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
-    if link.user:
-        pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
-    return pairs
+    user, password = (CERTIFIED, CERTIFIED) if link.tls else (link.user, link.password)
+    if user:
+        pairs += [("transport/auth/usrpwd/user", user), ("transport/auth/usrpwd/password", password)]
+    return pairs + _tls_pairs(link.tls, "connect")
 
 
-def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[int], *, uplink: bool = False) -> Pairs:
-    """The router: listens on the link's endpoint, knows users from a file, enforces the access rules.
+def router_pairs(
+    link: Link,
+    dictionary_file: str,
+    keys: Keys,
+    agents: Iterable[int],
+    listen: Sequence[str] = (),
+    *,
+    uplink: bool = False,
+) -> Pairs:
+    """The router: listens on the endpoints (the link's, if none is given), knows users from a file, enforces the rules.
 
+    With `link.tls` it takes no TLS client without a certificate of its CA; who comes over TLS is known by that
+    alone, and who comes another way by user name alone, so that neither can be mixed with the other.
     It forwards no report above `MAX_SAMPLE_BYTES`: a large sample goes out in pieces, and its one worker
     thread, waiting for room in the outgoing queue, would never empty it. The world still hears and counts it.
     """
@@ -117,14 +145,35 @@ def router_pairs(link: Link, dictionary_file: str, keys: Keys, agents: Iterable[
         "key_exprs": [keys.all_reports],
         "size_limit": MAX_SAMPLE_BYTES,
     }
+    endpoints = list(listen) or [link.endpoint]
+    named_over = sorted({protocol_of(endpoint) for endpoint in endpoints} - {TLS}) if link.tls else None
     return [
         ("mode", "router"),
-        ("listen/endpoints", [link.endpoint]),
+        ("listen/endpoints", endpoints),
+        *_tls_pairs(link.tls, "listen"),
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", access_rules(keys, agents, uplink=uplink)),
+        ("access_control", access_rules(keys, agents, named_over, uplink=uplink)),
         ("low_pass_filter", [reports]),
+    ]
+
+
+def protocol_of(endpoint: str) -> str:
+    """`tcp` of `tcp/127.0.0.1:7447`."""
+    return endpoint.partition("/")[0]
+
+
+def _tls_pairs(tls: Tls | None, side: str) -> Pairs:
+    if tls is None:
+        return []
+    return [
+        ("transport/link/tls/root_ca_certificate", tls.ca),
+        (f"transport/link/tls/{side}_certificate", tls.certificate),
+        (f"transport/link/tls/{side}_private_key", tls.key),
+        ("transport/link/tls/enable_mtls", True),
+        ("transport/link/tls/verify_name_on_connect", True),
+        ("transport/link/tls/close_link_on_expiration", True),
     ]
 
 
@@ -136,14 +185,18 @@ def quiet_pairs(low_latency: bool) -> Pairs:
     return pairs
 
 
-def access_rules(keys: Keys, agents: Iterable[int], *, uplink: bool = False) -> dict[str, Any]:
+def access_rules(
+    keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None, *, uplink: bool = False
+) -> dict[str, Any]:
     """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
+
+    With `named_over`, the protocols over which a user's name counts, its certificate's name counts too (over TLS).
 
     A client's publisher stays silent until the router tells it of a matching subscription, so the
     subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). With an uplink model
     the operator gets no report from an agent, but those that the world hands on.
     """
-    book = _RuleBook()
+    book = _RuleBook(named_over)
     world = keys.token(WORLD)
     subscriptions = [keys.from_agents, keys.all_reports, keys.all_radio, keys.all_acts]
     for agent in agents:
@@ -176,7 +229,8 @@ def access_rules(keys: Keys, agents: Iterable[int], *, uplink: bool = False) -> 
 class _RuleBook:
     """Collects rules, subjects and policies."""
 
-    def __init__(self) -> None:
+    def __init__(self, named_over: Sequence[str] | None) -> None:
+        self._named_over = named_over
         self._rules: list[dict[str, Any]] = []
         self._policies: list[dict[str, Any]] = []
         self._subjects: list[dict[str, Any]] = []
@@ -184,7 +238,8 @@ class _RuleBook:
     def allow(
         self, user: str, sends: list[str], receives: list[str], heard_by: list[str], token: str, watches: str
     ) -> None:
-        self._subjects.append({"id": user, "usernames": [user]})
+        subjects = self._subjects_of(user)
+        self._subjects += subjects
         rules = [
             self._rule(f"{user}-sends", ["put"], ["ingress"], sends),
             self._rule(f"{user}-receives", ["put"], ["egress"], receives),
@@ -196,7 +251,16 @@ class _RuleBook:
             ),
             self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
         ]
-        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [user]})
+        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [one["id"] for one in subjects]})
+
+    def _subjects_of(self, user: str) -> list[dict[str, Any]]:
+        """Within one subject Zenoh wants all to match: so one by name and another by certificate."""
+        if self._named_over is None:
+            return [{"id": user, "usernames": [user]}]
+        certified = {"id": f"{user}-certified", "cert_common_names": [user], "link_protocols": [TLS]}
+        if not self._named_over:
+            return [certified]
+        return [certified, {"id": user, "usernames": [user], "link_protocols": list(self._named_over)}]
 
     def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: list[str]) -> str:
         if key_exprs:

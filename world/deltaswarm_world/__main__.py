@@ -11,12 +11,16 @@ from pathlib import Path
 import tomli_w
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_zenoh_argument, run_name
+from deltaswarm_wire.arguments import LOG_FORMAT, add_tls_arguments, add_zenoh_argument, run_name, tls_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.session import Link, user_name
+from deltaswarm_wire.session import CERTIFIED, TLS, Link, protocol_of, user_name
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.process import WorldConfig, run_world
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+
+LOOPBACK = ("127.", "localhost:", "[::1]:")
 
 AGENT_SETTINGS = "agent.toml"
 """What each agent is told, written beside the world's tables."""
@@ -27,7 +31,13 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog="deltaswarm world", description="Run the world, and the router with it.")
     made.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
     made.add_argument("--run", required=True, type=run_name, help="name of the run")
-    made.add_argument("--listen", default="tcp/127.0.0.1:7447", metavar="ENDPOINT", help="port 0: any free port")
+    made.add_argument(
+        "--listen",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"may be repeated; port 0: any free port (default: {DEFAULT_ENDPOINT})",
+    )
+    add_tls_arguments(made)
     made.add_argument(
         "--credentials",
         type=Path,
@@ -56,7 +66,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the world; its exit code is 0 after a whole run, 2 for bad arguments, else 1.
 
-    The endpoint on which it listens is its first line of standard output.
+    The endpoints on which it listens are its first line of standard output.
     """
     arguments = parser().parse_args(argv)
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
@@ -64,18 +74,23 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
             raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which has the processes in hand")
+        listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))
+        tls = tls_of(listen, arguments.ca, arguments.certificate, arguments.key)
         if not arguments.credentials.exists():
             write_credentials(arguments.credentials, scenario.agents.count)
+        if tls:
+            admit_certified(listen, arguments.credentials)
         arguments.out.mkdir(parents=True, exist_ok=True)
         (arguments.out / AGENT_SETTINGS).write_text(tomli_w.dumps(checked.plain(scenario.for_agent())))
         config = WorldConfig(
             run=arguments.run,
             scenario=scenario,
-            link=Link(arguments.listen, overrides=tuple(arguments.zenoh)),
+            link=Link(listen[0], overrides=tuple(arguments.zenoh), tls=tls),
             credentials=arguments.credentials,
             out=arguments.out,
             expect=tuple(arguments.expect or (OPERATOR,)),
             publish_truth=arguments.truth,
+            listen=listen,
         )
     except (ValueError, OSError) as error:
         print(f"deltaswarm world: {error}", file=sys.stderr)
@@ -92,6 +107,22 @@ def write_credentials(file: Path, agents: int) -> None:
     users = [user_name(AGENT, agent) for agent in range(agents)] + [OPERATOR, RECORDER]
     file.touch(mode=0o600)
     file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users))
+
+
+def admit_certified(listen: Sequence[str], credentials: Path) -> None:
+    """Let those in who have a certificate.
+
+    Raises:
+        ValueError: an endpoint other than TLS is open to the network.
+    """
+    for endpoint in listen:
+        address = endpoint.partition("/")[2]
+        if protocol_of(endpoint) != TLS and not address.startswith(LOOPBACK):
+            raise ValueError(f"--listen {endpoint}: beside a {TLS}/ endpoint, others are allowed on loopback only")
+    line = f"{CERTIFIED}:{CERTIFIED}"
+    lines = credentials.read_text().splitlines()
+    if line not in lines:
+        credentials.write_text("\n".join([*lines, line, ""]))
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ import signal
 import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
@@ -39,6 +39,7 @@ GOODBYE_S = 3.0
 
 STATUS_EVERY_S = 0.5
 PORT_TRIES = 20
+ANY_PORT = ":0"
 STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 
@@ -55,6 +56,8 @@ class WorldConfig:
     expect: tuple[str, ...] = (OPERATOR,)
     """Roles, besides the agents, that must be there before the first step."""
     publish_truth: bool = False
+    listen: tuple[str, ...] = ()
+    """Endpoints; without any, the link's."""
 
 
 class WorldProcess:
@@ -296,7 +299,7 @@ class Pace:
 def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
     """Be the router and the world of one run; the process's exit code.
 
-    `announce` is told the endpoint once the router listens on it.
+    `announce` is told the endpoints, with spaces between them, once the router listens on them.
     """
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
@@ -320,20 +323,25 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
 def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None]) -> zenoh.Session:
     """Listen where asked; port 0 is any free one."""
     agents = range(config.scenario.agents.count)
-    address, _, port = config.link.endpoint.rpartition(":")
+    asked = config.listen or (config.link.endpoint,)
+    may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
     for attempt in range(PORT_TRIES):
-        endpoint = config.link.endpoint if port != "0" else f"{address}:{_free_port()}"
-        link = replace(config.link, endpoint=endpoint)
+        endpoints = [_with_port(endpoint) for endpoint in asked]
+        uplink = config.scenario.uplink.is_on
+        pairs = router_pairs(config.link, str(config.credentials), keys, agents, endpoints, uplink=uplink)
         try:
-            pairs = router_pairs(link, str(config.credentials), keys, agents, uplink=config.scenario.uplink.is_on)
-            session = zenoh.open(configured(zenoh.Config, pairs, link))
+            session = zenoh.open(configured(zenoh.Config, pairs, config.link))
         except zenoh.ZError:
-            if port != "0" or attempt == PORT_TRIES - 1:
+            if not may_retry or attempt == PORT_TRIES - 1:
                 raise
         else:
-            announce(endpoint)
+            announce(" ".join(endpoints))
             return session
     raise AssertionError("unreachable")
+
+
+def _with_port(endpoint: str) -> str:
+    return f"{endpoint.removesuffix(ANY_PORT)}:{_free_port()}" if endpoint.endswith(ANY_PORT) else endpoint
 
 
 def _free_port() -> int:
