@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
-from deltaswarm_orchestrator import cli_reports, cli_sweeps
+from deltaswarm_orchestrator import cli_boards, cli_reports, cli_sweeps
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
@@ -45,6 +45,8 @@ def parser() -> argparse.ArgumentParser:
     info.add_argument("folder", type=Path, metavar="RUN")
     _add_json(info)
     _add_why(commands.add_parser("why", help="whether an agent could hear another at a time of a run, and why not"))
+    cli_boards.add_bundle(commands.add_parser("bundle", help="a folder that installs an agent on a board, offline"))
+    cli_boards.add_certificates(commands.add_parser("certificates", help="for agents that reach the world over TLS"))
     for part in PARTS:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
     return made
@@ -124,6 +126,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         "doctor": _doctor,
         "info": _info,
         "why": _why,
+        "bundle": cli_boards.bundle,
+        "certificates": cli_boards.certificates,
     }[arguments.command]
     try:
         return command(arguments)

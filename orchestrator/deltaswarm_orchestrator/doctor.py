@@ -11,10 +11,12 @@ from importlib.metadata import PackageNotFoundError, version
 
 NEEDED = {
     "eclipse-zenoh": (1, 10),
+    "cryptography": (42, 0),
     "msgpack": (1, 0),
     "numpy": (1, 26),
     "mcap": (1, 5),
     "orjson": (3, 10),
+    "packaging": (24, 0),
     "rich": (13, 7),
     "tomli-w": (1, 0),
     "zstandard": (0, 22),

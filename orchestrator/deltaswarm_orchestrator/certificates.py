@@ -1,0 +1,164 @@
+"""Certificates for agents on boards: one authority, and one certificate for the world, each agent and the operator.
+
+The name in a certificate is what the world's access control goes by: `agent-3` may act as agent 3 alone.
+"""
+
+import datetime
+import ipaddress
+import os
+import tempfile
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
+
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
+from deltaswarm_wire.session import user_name
+
+CA = "ca"
+LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
+CLOCK_SLACK = datetime.timedelta(days=1)
+"""A board without a clock of its own may lag behind."""
+
+Key = ec.EllipticCurvePrivateKey
+
+
+class Authority:
+    """Signs certificates; its key is in memory, or in the folder's `ca.key`."""
+
+    def __init__(self, key: Key, certificate: x509.Certificate) -> None:
+        self._key = key
+        self.certificate = certificate
+
+    @classmethod
+    def create(cls, days: int) -> "Authority":
+        """A new authority, valid for so many days."""
+        key = ec.generate_private_key(ec.SECP256R1())
+        name = _name("deltaswarm CA")
+        signing = x509.KeyUsage(
+            digital_signature=False,
+            content_commitment=False,
+            key_encipherment=False,
+            data_encipherment=False,
+            key_agreement=False,
+            key_cert_sign=True,
+            crl_sign=True,
+            encipher_only=False,
+            decipher_only=False,
+        )
+        builder = (
+            _builder(name, name, key, days)
+            .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
+            .add_extension(signing, critical=True)
+        )
+        return cls(key, builder.sign(key, hashes.SHA256()))
+
+    @classmethod
+    def load(cls, folder: Path) -> "Authority":
+        """The authority of a folder that `make` filled before.
+
+        Raises:
+            ValueError: its files hold no certificate and key that fit each other.
+            OSError: they cannot be read.
+        """
+        certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
+        key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
+        if not isinstance(key, Key) or key.public_key() != certificate.public_key():
+            raise ValueError(f"{folder}: ca.key is not the key of ca.pem")
+        return cls(key, certificate)
+
+    def sign(self, name: str, days: float, hosts: Sequence[str] = ()) -> tuple[Key, x509.Certificate]:
+        """A key and a certificate for so many days; who has no hosts goes by its name, among boards that are peers."""
+        key = ec.generate_private_key(ec.SECP256R1())
+        usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
+        names = x509.SubjectAlternativeName([_host(host) for host in hosts or (name,)])
+        builder = (
+            _builder(_name(name), self.certificate.subject, key, days)
+            .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+            .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
+            .add_extension(names, critical=False)
+        )
+        return key, builder.sign(self._key, hashes.SHA256())
+
+    def write(self, folder: Path) -> None:
+        """`ca.pem` and `ca.key`."""
+        _write(folder / CA, self._key, self.certificate)
+
+
+def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -> list[Path]:
+    """Fill the folder: `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; the new files.
+
+    A folder with an authority is added to: what is there stays. Keys have mode 0600.
+
+    Raises:
+        ValueError: a host that is no name or address, or an authority whose files do not fit.
+        OSError: the folder cannot be written.
+    """
+    server = tuple(dict.fromkeys((*LOCAL_HOSTS, *hosts)))
+    for host in server:
+        _host(host)
+    folder.mkdir(parents=True, exist_ok=True)
+    made: list[str] = []
+    if (folder / "ca.pem").exists():
+        authority = Authority.load(folder)
+    else:
+        authority = Authority.create(days)
+        authority.write(folder)
+        made.append(CA)
+    for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
+        if not (folder / f"{name}.pem").exists():
+            _write(folder / name, *authority.sign(name, days, server if name == WORLD else ()))
+            made.append(name)
+    return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
+
+
+def _name(text: str) -> x509.Name:
+    return x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, text)])
+
+
+def _host(text: str) -> x509.GeneralName:
+    try:
+        return x509.IPAddress(ipaddress.ip_address(text))
+    except ValueError:
+        pass
+    labels = text.split(".")
+    if not all(label and label.replace("-", "").isalnum() and label.isascii() for label in labels):
+        raise ValueError(f"host {text!r}: a name or an IP address is expected")
+    return x509.DNSName(text)
+
+
+def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x509.CertificateBuilder:
+    now = datetime.datetime.now(datetime.UTC)
+    return (
+        x509.CertificateBuilder()
+        .subject_name(subject)
+        .issuer_name(issuer)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - CLOCK_SLACK)
+        .not_valid_after(now + datetime.timedelta(days=days))
+    )
+
+
+def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
+    """The key first: a certificate that is there has its key."""
+    pem = serialization.Encoding.PEM
+    secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
+    _put(stem.with_name(f"{stem.name}.key"), secret, 0o600)
+    _put(stem.with_name(f"{stem.name}.pem"), certificate.public_bytes(pem), 0o644)
+
+
+def _put(path: Path, data: bytes, mode: int) -> None:
+    """Written beside, with its mode from the start, and renamed."""
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            os.fchmod(handle, mode)
+            file.write(data)
+        os.replace(name, path)
+    except BaseException:
+        os.unlink(name)
+        raise
