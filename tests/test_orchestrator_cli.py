@@ -19,6 +19,7 @@ from tests.swarms import COMMAND
 Printed = pytest.CaptureFixture[str]
 
 COMMANDS = ["run", "sweep", "report", "reproduce", "why", "info", "doctor", "bench", "agent", "world", "operator"]
+COMMANDS += ["bundle", "certificates"]
 
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
 

@@ -17,7 +17,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from packaging.tags import Tag, compatible_tags, cpython_tags
-from packaging.utils import canonicalize_name, parse_wheel_filename
+from packaging.utils import parse_wheel_filename
 from packaging.version import Version
 
 from deltaswarm_wire import __version__
@@ -84,10 +84,12 @@ def check(names: Iterable[str], platform: str, pythons: Sequence[str]) -> list[s
             problems.append(f"{name} does not fit {platform}")
         else:
             there[project].append(tags)
-    for project, found in there.items():
-        for python in pythons:
-            if not any(tags & board_tags(platform, python) for tags in found):
-                problems.append(f"no wheel of {project} for Python {python} on {platform}")
+    for wanted, found in there.items():
+        problems += [
+            f"no wheel of {wanted} for Python {python} on {platform}"
+            for python in pythons
+            if not any(tags & board_tags(platform, python) for tags in found)
+        ]
     return problems
 
 
@@ -135,12 +137,11 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
         BundleError: it failed; with the end of what it said.
     """
     argv = [sys.executable, "-P", "-m", "pip", command, "--quiet", "--disable-pip-version-check", *arguments]
-    done = subprocess.run(
-        argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})}
-    )
+    done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
     if done.returncode:
-        lines = [line for line in (done.stdout + done.stderr).splitlines() if not line.startswith("WARNING")]
-        raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join(lines[-TAIL_LINES:]))
+        lines = (done.stdout + done.stderr).splitlines()
+        errors = [line.strip() for line in lines if "ERROR" in line or "error:" in line]
+        raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
 
 
 def _source(folder: Path) -> Path:

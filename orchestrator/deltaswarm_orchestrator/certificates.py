@@ -65,7 +65,10 @@ class Authority:
             OSError: they cannot be read.
         """
         certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
-        key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
+        try:
+            key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
+        except TypeError as error:
+            raise ValueError(f"{folder / 'ca.key'}: {error}") from None
         if not isinstance(key, Key) or key.public_key() != certificate.public_key():
             raise ValueError(f"{folder}: ca.key is not the key of ca.pem")
         return cls(key, certificate)

@@ -1,0 +1,237 @@
+"""The bundle for boards without internet: what is in it, that it installs, and that the agent runs from it."""
+
+import hashlib
+import os
+import shutil
+import subprocess
+import sys
+import venv
+import zipfile
+from collections.abc import Sequence
+from email.parser import Parser
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+from packaging.utils import parse_wheel_filename
+
+from deltaswarm_orchestrator import bundle as bundles
+from deltaswarm_orchestrator.bundle import PLATFORMS, PYTHONS, BundleError, check
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_wire import __version__
+from tests.boards import run_with_board, usual_digest
+
+pytestmark = pytest.mark.timeout(900)  # dozens of calls of pip, each of which may wait for its index
+
+ARM64, ARM32, PC = PLATFORMS
+BESIDE_WHEELS = {"README.md", "SHA256SUMS", "deltaswarm-agent@.service", "example.toml", "install.sh", "wheels"}
+NEWER = (11, 12, 13, 14, 15)
+
+AGENT = "deltaswarm_agent-1.0-py3-none-any.whl"
+ZENOH = "eclipse_zenoh-1.10.2-cp39-abi3-manylinux_2_28_aarch64.whl"
+MSGPACK = "msgpack-1.2.4-py3-none-any.whl"
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bundle for each platform."""
+    folder = tmp_path_factory.mktemp("bundles")
+    reach = [sys.executable, "-m", "pip", "download", "-q", "--no-deps", "--no-cache-dir", "--dest", str(folder / "x")]
+    done = subprocess.run([*reach, f"msgpack=={version('msgpack')}"], capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"no package index: {done.stderr[-200:]}")
+    for platform in PLATFORMS:
+        assert main(["bundle", "--platform", platform, "--out", str(folder / platform)]) == 0
+    return folder
+
+
+def wheels(folder: Path) -> list[Path]:
+    return sorted((folder / "wheels").iterdir())
+
+
+# What is in it
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_a_bundle_holds_three_projects_and_what_installs_them(made: Path, platform: str) -> None:
+    """In this machine's versions; each wheel's tag fits the platform, and there is one for every Python."""
+    assert {path.name for path in (made / platform).iterdir()} == BESIDE_WHEELS
+    found = wheels(made / platform)
+    parsed = [parse_wheel_filename(wheel.name) for wheel in found]
+    wanted = {"deltaswarm-agent": __version__, **{name: version(name) for name in ("eclipse-zenoh", "msgpack")}}
+    assert {name: str(number) for name, number, _, _ in parsed} == wanted
+    machine = platform.removeprefix("linux_")
+    for _, _, _, tags in parsed:
+        assert {tag.platform == "any" or tag.platform.endswith(f"_{machine}") for tag in tags} == {True}
+    assert check([wheel.name for wheel in found], platform, PYTHONS) == []
+    assert not list(made.glob(".*")), "nothing half-written is left"
+
+
+def test_the_32_bit_boards_msgpack_is_pure_python(made: Path) -> None:
+    """One wheel for every Python, with no machine code in it; the other platforms have compiled ones."""
+    [pure] = (made / ARM32 / "wheels").glob("msgpack-*")
+    assert pure.name.endswith("-py3-none-any.whl")
+    with zipfile.ZipFile(pure) as archive:
+        assert {Path(name).suffix for name in archive.namelist() if name.startswith("msgpack/")} == {".py"}
+    for platform in (ARM64, PC):
+        assert len(list((made / platform / "wheels").glob("msgpack-*"))) == len(PYTHONS)
+
+
+def test_the_agents_wheel_holds_the_agent_and_its_vocabulary(made: Path) -> None:
+    """And asks for nothing but Zenoh and msgpack."""
+    [agent] = (made / ARM32 / "wheels").glob("deltaswarm_agent-*")
+    with zipfile.ZipFile(agent) as archive:
+        folders = {name.split("/")[0] for name in archive.namelist()}
+        metadata = Parser().parsestr(archive.read(f"deltaswarm_agent-{__version__}.dist-info/METADATA").decode())
+    assert folders == {"deltaswarm_wire", "deltaswarm_agent", f"deltaswarm_agent-{__version__}.dist-info"}
+    needed = [text for text in metadata.get_all("Requires-Dist", []) if "extra ==" not in text]
+    assert {text.split(">")[0] for text in needed} == {"eclipse-zenoh", "msgpack"}
+
+
+@pytest.mark.parametrize("platform", PLATFORMS)
+def test_the_sums_are_those_of_all_files(made: Path, platform: str) -> None:
+    """Each file once; a damaged one would show."""
+    lines = (made / platform / "SHA256SUMS").read_text().splitlines()
+    sums = {name: number for number, name in (line.split("  ", 1) for line in lines)}
+    files = [path for path in (made / platform).rglob("*") if path.is_file() and path.name != "SHA256SUMS"]
+    assert sums == {
+        str(path.relative_to(made / platform)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files
+    }
+
+
+@pytest.mark.parametrize(
+    ("names", "problem"),
+    [
+        ([AGENT, ZENOH, MSGPACK, "numpy-2.0-py3-none-any.whl"], "numpy-2.0-py3-none-any.whl does not belong"),
+        ([AGENT, ZENOH.replace("aarch64", "x86_64"), MSGPACK], "x86_64.whl does not fit linux_aarch64"),
+        ([AGENT, ZENOH.replace("2_28", "2_39"), MSGPACK], "2_39_aarch64.whl does not fit linux_aarch64"),
+        ([AGENT, ZENOH, "msgpack-1.2.4-cp310-cp310-linux_aarch64.whl"], "cp310-linux_aarch64.whl does not fit"),
+        (
+            [AGENT, ZENOH, "msgpack-1.2.4-cp311-cp311-linux_aarch64.whl"],
+            "no wheel of msgpack for Python 3.13 on linux_aarch64",
+        ),
+        ([AGENT, MSGPACK], "no wheel of eclipse-zenoh for Python 3.11 on linux_aarch64"),
+    ],
+)
+def test_what_does_not_fit_is_found(names: list[str], problem: str) -> None:
+    """A stranger, another machine's wheel, one for a newer system or an older Python, and one that is missing."""
+    assert any(problem in found for found in check(names, ARM64, ["3.11", "3.13"]))
+    assert check([AGENT, ZENOH, MSGPACK], ARM64, ["3.11", "3.13"]) == []
+
+
+# What can go wrong
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder that is there stays as it is."""
+    assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 1
+    assert "is there already, and nothing is overwritten" in capsys.readouterr().err
+
+
+def test_without_an_index_pips_own_words_are_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And nothing half-written stays."""
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(tmp_path))
+    assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr().err
+    assert "pip wheel" in said
+    assert "hatchling" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever pip brought."""
+
+    def bring(command: str, *arguments: str, environment: object = None) -> None:
+        folder = arguments[arguments.index("--wheel-dir" if command == "wheel" else "--dest") + 1]
+        Path(folder, "stranger-1.0-py3-none-any.whl").touch()
+
+    monkeypatch.setattr(bundles, "_pip", bring)
+    with pytest.raises(BundleError, match=r"stranger-1\.0-py3-none-any\.whl does not belong into a bundle"):
+        bundles.bundle(tmp_path / "out", ARM64)
+    assert list(tmp_path.iterdir()) == []
+
+
+# That it installs and runs
+
+
+def install(bundle: Path, target: Path) -> subprocess.CompletedProcess[str]:
+    """By its own script, with no index to fall back on."""
+    environment = {**os.environ, "PIP_NO_INDEX": "1", "PIP_FIND_LINKS": ""}
+    command = ["sh", str(bundle / "install.sh"), "--venv", str(target)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+
+
+def test_the_bundle_installs_offline_into_an_empty_environment(made: Path, tmp_path: Path) -> None:
+    """Nothing but what was bundled is there, and the agent tells its arguments."""
+    done = install(made / PC, tmp_path / "board")
+    assert done.returncode == 0, done.stderr
+    python = str(tmp_path / "board" / "bin" / "python")
+    listed = subprocess.run(
+        [python, "-m", "pip", "list", "--format=freeze"], capture_output=True, text=True, check=True
+    )
+    installed = {line.split("==")[0].lower() for line in listed.stdout.splitlines()} - {"pip", "setuptools"}
+    assert installed == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
+    for command in ([python, "-m", "deltaswarm_agent"], [str(tmp_path / "board" / "bin" / "deltaswarm-agent")]):
+        told = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert "usage: deltaswarm agent" in told.stdout
+
+
+def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
+    """A bit that fell over on the way."""
+    shutil.copytree(made / PC, tmp_path / "bundle")
+    with wheels(tmp_path / "bundle")[0].open("ab") as wheel:
+        wheel.write(b"x")
+    done = install(tmp_path / "bundle", tmp_path / "board")
+    assert done.returncode == 1
+    assert "the bundle is damaged" in done.stderr
+    assert not (tmp_path / "board").exists()
+
+
+def test_another_machines_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
+    """And says why."""
+    other = ARM64 if os.uname().machine == "x86_64" else PC
+    done = install(made / other, tmp_path / "board")
+    assert done.returncode == 1
+    assert "no wheels for the Python of this board" in done.stderr
+
+
+def found_python(minor: int) -> str:
+    """A Python of that version on this machine, where there is one."""
+    command = [f"python3.{minor}", "-c", "import sys; print(sys.executable)"]
+    environment = {**os.environ, "PYENV_VERSION": f"3.{minor}"}
+    try:
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def environment_of(python: str, folder: Path, packages: Sequence[Path]) -> Path:
+    """The Python of a new environment with these wheels."""
+    if python == sys.executable:
+        venv.create(folder, with_pip=True)
+    else:
+        subprocess.run([python, "-m", "venv", str(folder)], check=True)
+    command = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--no-index", *map(str, packages)]
+    subprocess.run(command, check=True)
+    return folder / "bin" / "python"
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("minor", NEWER)
+def test_the_agent_runs_with_the_32_bit_boards_wheels(made: Path, tmp_path: Path, minor: int) -> None:
+    """Agent and pure-Python msgpack as bundled for armv7l, over TLS, in a whole run; the digest is the usual one."""
+    python = sys.executable if sys.version_info[1] == minor else found_python(minor)
+    if not python or os.uname().machine != "x86_64":
+        pytest.skip(f"no Python 3.{minor} on an x86_64 machine")
+    pure = [wheel for wheel in wheels(made / ARM32) if wheel.name.endswith("-py3-none-any.whl")]
+    assert len(pure) == 2
+    zenoh = (made / PC / "wheels").glob("eclipse_zenoh-*")
+    board = environment_of(python, tmp_path / "board", [*pure, *zenoh])
+    used = [str(board), "-c", "import msgpack; print(msgpack.Packer.__module__)"]
+    assert subprocess.run(used, capture_output=True, text=True, check=True).stdout.strip() == "msgpack.fallback"
+    outcome = run_with_board(tmp_path, [str(board), "-P", "-m", "deltaswarm_agent"], {})
+    assert outcome.digest == usual_digest(tmp_path)

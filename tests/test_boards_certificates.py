@@ -1,0 +1,105 @@
+"""What `deltaswarm certificates` makes."""
+
+import datetime
+import ipaddress
+from pathlib import Path
+
+import pytest
+from cryptography import x509
+from cryptography.x509.oid import NameOID
+
+from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.cli import main
+
+NAMES = {"ca", "world", "operator", "recorder", "agent-20", "agent-21", "agent-7"}
+
+
+def certificate(path: Path) -> x509.Certificate:
+    return x509.load_pem_x509_certificate(path.read_bytes())
+
+
+def common_name(name: x509.Name) -> str:
+    return str(name.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("made") / "certificates"
+    hosts = ["--host", "192.168.1.10", "--host", "world.local"]
+    assert main(["certificates", "--out", str(made), "--agents", "20-21,7", "--days", "30", *hosts]) == 0
+    return made
+
+
+def test_each_part_has_a_certificate_and_a_key(folder: Path) -> None:
+    """The keys are their owner's alone."""
+    assert {path.name for path in folder.iterdir()} == {f"{name}.{end}" for name in NAMES for end in ("pem", "key")}
+    assert {path.stat().st_mode & 0o777 for path in folder.glob("*.key")} == {0o600}
+
+
+@pytest.mark.parametrize("name", sorted(NAMES - {"ca"}))
+def test_a_certificate_carries_its_parts_name_and_the_authoritys_signature(folder: Path, name: str) -> None:
+    """It signs nothing itself, begins a day ago for boards that lag, and ends when asked."""
+    found, ca = certificate(folder / f"{name}.pem"), certificate(folder / "ca.pem")
+    assert common_name(found.subject) == name
+    found.verify_directly_issued_by(ca)
+    assert not found.extensions.get_extension_for_class(x509.BasicConstraints).value.ca
+    assert found.not_valid_after_utc - found.not_valid_before_utc == datetime.timedelta(days=31)
+
+
+def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
+    """Those given, and loopback; nobody else's is."""
+    names = certificate(folder / "world.pem").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert set(names.get_values_for_type(x509.DNSName)) == {"localhost", "world.local"}
+    addresses = {"127.0.0.1", "::1", "192.168.1.10"}
+    assert set(names.get_values_for_type(x509.IPAddress)) == {ipaddress.ip_address(text) for text in addresses}
+    names = certificate(folder / "agent-7.pem").extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert list(names) == [x509.DNSName("agent-7")]
+
+
+def test_more_agents_are_added_and_nothing_is_made_anew(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the same authority."""
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert main(["certificates", "--out", str(tmp_path), "--agents", "7-8"]) == 0
+    assert capsys.readouterr().out.split() == [str(tmp_path / "agent-8.pem"), str(tmp_path / "agent-8.key")]
+    assert all(path.read_bytes() == data for path, data in before.items())
+    certificate(tmp_path / "agent-8.pem").verify_directly_issued_by(certificate(tmp_path / "ca.pem"))
+
+
+def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Rather than to sign what nobody believes."""
+    certificates.make(tmp_path, [], [], 1)
+    (tmp_path / "ca.key").write_bytes((tmp_path / "world.key").read_bytes())
+    assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
+    assert "ca.key is not the key of ca.pem" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--agents", "5-3"], "'5-3': 0 to"),
+        (["--agents", "-1"], "'-1': numbers such as"),
+        (["--agents", "x"], "'x': numbers such as 3,7 or 20-24 are expected"),
+        (["--agents", "99999"], "'99999': 0 to 65535"),
+        (["--agents", "1", "--days", "0"], "1 to 36500 days are allowed"),
+    ],
+)
+def test_a_wrong_argument_is_refused(
+    tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With what is allowed; nothing is written."""
+    with pytest.raises(SystemExit, match="2"):
+        main(["certificates", "--out", str(tmp_path / "out"), *arguments])
+    assert message in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("host", ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld"])
+def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A name or an address is expected; nothing is written."""
+    assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", "--host", host]) == 2
+    assert f"host {host!r}: a name or an IP address is expected" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
