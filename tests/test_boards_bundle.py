@@ -23,6 +23,7 @@ from tests.boards import run_with_board, usual_digest
 
 pytestmark = pytest.mark.timeout(900)  # dozens of calls of pip, each of which may wait for its index
 
+ROOT = Path(__file__).parents[1]
 ARM64, ARM32, PC = PLATFORMS
 BESIDE_WHEELS = {"README.md", "SHA256SUMS", "deltaswarm-agent@.service", "example.toml", "install.sh", "wheels"}
 NEWER = (11, 12, 13, 14, 15)
@@ -117,6 +118,26 @@ def test_what_does_not_fit_is_found(names: list[str], problem: str) -> None:
     """A stranger, another machine's wheel, one for a newer system or an older Python, and one that is missing."""
     assert any(problem in found for found in check(names, ARM64, ["3.11", "3.13"]))
     assert check([AGENT, ZENOH, MSGPACK], ARM64, ["3.11", "3.13"]) == []
+
+
+@pytest.mark.usefixtures("made")
+def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path) -> None:
+    """Without its source tree: the same files come out of it as out of the tree."""
+    command = [sys.executable, "-m", "pip", "wheel", "-q", "--no-deps", "-w", str(tmp_path), str(ROOT)]
+    subprocess.run(command, check=True)
+    [wheel] = tmp_path.glob("deltaswarm-*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(tmp_path / "installed")
+    code = "import sys, pathlib; from deltaswarm_orchestrator import bundle; bundle._source(pathlib.Path(sys.argv[1]))"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
+    subprocess.run([sys.executable, "-P", "-c", code, str(tmp_path / "found")], env=environment, check=True)
+    bundles._source(tmp_path / "wanted")
+    found, wanted = (
+        {path.relative_to(top): path.read_bytes() for path in top.rglob("*") if path.is_file()}
+        for top in (tmp_path / "found", tmp_path / "wanted")
+    )
+    assert found == wanted
+    assert Path("systemd/install.sh") in found
 
 
 # What can go wrong
