@@ -18,7 +18,16 @@ import pytest
 
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.keys import ACT, AGENT, OPERATOR, REPORT, WORLD, Keys
-from deltaswarm_wire.messages import Clock, Report, Workload, decode_workload, encode_clock, encode_report
+from deltaswarm_wire.messages import (
+    Clock,
+    Forwarded,
+    Report,
+    Workload,
+    decode_workload,
+    encode_clock,
+    encode_forwarded,
+    encode_report,
+)
 from deltaswarm_wire.session import (
     PASSWORD_VARIABLE,
     Link,
@@ -69,14 +78,14 @@ def wait_until_heard(publisher: zenoh.Publisher) -> None:
 class World:
     """A router as the world opens it, and the few things a world says to an operator."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, *, uplink: bool = False) -> None:
         self.endpoint = f"tcp/127.0.0.1:{free_port()}"
         self.out = folder / "out"
         self.log = folder / "operator.log"
         credentials = folder / "credentials"
         credentials.write_text("".join(f"{user}:secret of {user}\n" for user in USERS))
         link = Link(self.endpoint)
-        pairs = router_pairs(link, str(credentials), KEYS, range(AGENTS))
+        pairs = router_pairs(link, str(credentials), KEYS, range(AGENTS), uplink=uplink)
         self.session = zenoh.open(configured(zenoh.Config, pairs, link))
         self.token = self.session.liveliness().declare_token(KEYS.token(WORLD))
         self.clock = fast(self.session, KEYS.clock)
@@ -180,6 +189,26 @@ def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
     assert totals["digest"] == expected.digest_hex
     assert totals == {**totals, **expected.totals}
     assert (totals["lost"], totals["late"], totals["held"]) == (0, 0, 0)
+
+
+@pytest.mark.parametrize("told", [True, False])
+def test_with_an_uplink_it_hears_the_world_and_no_agent(tmp_path: Path, told: bool) -> None:
+    """If it is told so; if not, nothing reaches it. What the fabric loses behind the uplink is found."""
+    with World(tmp_path, uplink=True) as world:
+        process = world.start_operator(*(["--uplink"] if told else []))
+        world.wait_for_operator()
+        wait_until_heard(world.clock)
+        world.put_report(1, encode_report(report(1, 0, 0)))
+        forwarded = fast(world.session, KEYS.forwarded)
+        for sequence, step in ((0, 0), (1, 1), (4, 1)):
+            forwarded.put(encode_forwarded(Forwarded(sequence, step, encode_report(report(2, 9 - sequence, 0)))))
+        forwarded.put(b"")
+        world.close_step(0)
+        world.close_step(1, last=True)
+        assert process.wait(PATIENCE_S) == 0
+        rows = [(row.messages, row.lost, row.rejected) for row in world.rows()]
+        assert rows == ([(1, 2, 1), (2, 0, 0)] if told else [(0, 0, 0), (0, 0, 0)])
+        assert world.log.read_text().count("report that the world hands on: sample: not MessagePack") == told
 
 
 def test_a_recorder_gets_the_workload_of_every_step(world: World) -> None:

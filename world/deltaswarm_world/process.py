@@ -83,6 +83,8 @@ class WorldProcess:
         self._ending = False
         self._there: set[tuple[str, int]] = set()
         self._warned: set[int] = set()
+        if self._core.has_uplink:
+            log.info("reports pass the uplink model: an operator hears them with --uplink, and only so")
         self._token = session.liveliness().declare_token(keys.token(WORLD))
 
     @staticmethod
