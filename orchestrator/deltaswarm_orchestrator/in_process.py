@@ -94,6 +94,8 @@ class InProcess:
             sent.append((agent, radio, radio_bytes, report, report_bytes, act, encode_act(act)))
         self.agents_s += clock() - began
         self._frames.forget()
+        take_report = world.take_report if world.has_uplink else self.operator.take
+        reported = 0
         for agent, radio, radio_bytes, report, report_bytes, act, act_bytes in sent:
             if radio is not None and radio_bytes is not None:
                 self._frames[radio_bytes] = radio
@@ -101,14 +103,12 @@ class InProcess:
                 if sink is not None:
                     sink.radio(step, agent, radio_bytes)
             if report is not None and report_bytes is not None:
-                if world.has_uplink:
-                    world.take_report(agent, report, report_bytes)
-                else:
-                    world.reports_passing += 1
-                    self.operator.take(agent, report, report_bytes)
+                take_report(agent, report, report_bytes)
+                reported += 1
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
             world.take_act(agent, act, act_bytes)
+        world.reports_passing = reported  # with an uplink model nobody asks
         tally = world.end()
         for forwarded in world.forwarded:
             self.operator.take_forwarded(forwarded)
