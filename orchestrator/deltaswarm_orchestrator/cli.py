@@ -12,7 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
-from deltaswarm_orchestrator import cli_boards, cli_reports, cli_sweeps
+from deltaswarm_orchestrator import cli_boards, cli_limits, cli_reports, cli_sweeps
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
@@ -38,6 +38,7 @@ def parser() -> argparse.ArgumentParser:
     cli_sweeps.add_sweep(commands.add_parser("sweep", help="many runs that differ in some keys, in one table"))
     cli_reports.add_report(commands.add_parser("report", help="a sweep's tables, tests and figures as one page"))
     cli_reports.add_reproduce(commands.add_parser("reproduce", help="the paper's figures and claims, from own runs"))
+    cli_limits.add_limits(commands.add_parser("limits", help="how the modes fare when communication is limited"))
     _add_bench(commands.add_parser("bench", help="measure this machine: the swarm beside the floors under it"))
     doctor = commands.add_parser("doctor", help="what this machine has and lacks")
     _add_json(doctor)
@@ -122,6 +123,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         "sweep": cli_sweeps.sweep,
         "report": cli_reports.report,
         "reproduce": cli_reports.reproduce,
+        "limits": cli_limits.limits,
         "bench": _bench,
         "doctor": _doctor,
         "info": _info,

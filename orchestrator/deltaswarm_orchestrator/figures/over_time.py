@@ -25,6 +25,7 @@ def over_time(
     variants: Sequence[str] | None = None,
     references: Mapping[str, float] | None = None,
     fault_s: float | None = None,
+    fault_until_s: float | None = None,
     confidence: float = 0.95,
     width_in: float = style.TEXT_IN,
     height_in: float = 2.7,
@@ -43,6 +44,7 @@ def over_time(
         variants: which, in this order; all, in order of appearance, by default.
         references: horizontal dashed lines by what is written beside them, such as `{"paper: 12": 12}`.
         fault_s: where a vertical line marks a fault [s].
+        fault_until_s: where the grey area ends that marks how long it lasted [s].
         confidence: of the band.
         width_in: width [in].
         height_in: height [in].
@@ -65,7 +67,7 @@ def over_time(
         axes.set_xlim(0.0, end_s or None)
         if least >= 0:
             axes.set_ylim(bottom=0.0)
-        _mark(axes, references or {}, fault_s)
+        _mark(axes, references or {}, fault_s, fault_until_s)
         axes.set_xlabel("time [s]")
         axes.set_ylabel(label)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2, columnspacing=1.2)
@@ -118,12 +120,14 @@ def interval(values: Floats, confidence: float) -> tuple[float, float]:
     return float(found.low), float(found.high)
 
 
-def _mark(axes: Axes, references: Mapping[str, float], fault_s: float | None) -> None:
+def _mark(axes: Axes, references: Mapping[str, float], fault_s: float | None, fault_until_s: float | None) -> None:
     for name, value in references.items():
         axes.axhline(value, color=style.BLACK, linewidth=0.7, linestyle=(0, (6, 3)), zorder=1)
         axes.annotate(
             name, (1.0, value), (3, 0), xycoords=axes.get_yaxis_transform(), textcoords="offset points", va="center"
         )
+    if fault_s is not None and fault_until_s is not None:
+        axes.axvspan(fault_s, fault_until_s, color=style.PALE, alpha=0.5, linewidth=0, zorder=0)
     if fault_s is not None:
         axes.axvline(fault_s, color=style.BLACK, linewidth=0.9, linestyle=(0, (1, 1.5)))
         axes.annotate(

@@ -19,7 +19,21 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
-BUILT_IN = ("paper", "modes", "readings", "smoke")
+BUILT_IN = (
+    "paper",
+    "modes",
+    "readings",
+    "smoke",
+    "network-loss",
+    "network-range",
+    "network-latency",
+    "network-bandwidth",
+    "jamming",
+    "partition",
+    "uplink-outage",
+    "lose-a-third",
+    "lose-the-roots",
+)
 
 OWN = ("seed", "record")
 """Scenario keys that a sweep sets for each run."""

@@ -113,7 +113,11 @@ def _ended(code: int) -> str:
 
 
 def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list[float | None]]:
-    """Means over windows of `every_s` seconds of every column of `series.csv`; `time_s` is where each begins."""
+    """Means over windows of `every_s` seconds of every column of `series.csv`; `time_s` is where each begins.
+
+    Besides, `events_arrived` in the window and their mean waiting time `waiting_time_s`, which for those that were
+    never sensed counts to the end of the run.
+    """
     if every_s == 0:
         return {}
     width = max(1, round(every_s / step_s))
@@ -126,6 +130,13 @@ def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list
     for column, name, source in rows:
         values = np.array([getattr(row, name) for row in source], dtype=float)
         columns[column] = [_mean(values[start : start + width]) for start in starts]
+    end_s = len(outcome.tallies) * step_s
+    waits: list[list[float]] = [[] for _ in starts]
+    for event in outcome.events:
+        until_s = end_s if event.sensed_s is None else event.sensed_s
+        waits[min(int(event.arrived_s / (width * step_s)), len(starts) - 1)].append(until_s - event.arrived_s)
+    columns["events_arrived"] = [float(len(window)) for window in waits]
+    columns["waiting_time_s"] = [_mean(np.array(window)) for window in waits]
     return columns
 
 
