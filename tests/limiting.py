@@ -29,8 +29,8 @@ InTime = Callable[[str, str, int, float], float]
 
 
 def plain(level: str, mode: str, replicate: int) -> float:
-    """No limit does anything; replicates differ, as arrivals do."""
-    return 20.0 + 2 * MODES.index(mode) + replicate / 10
+    """No limit does anything; replicates differ, as arrivals do, and so does what sets the modes apart."""
+    return 20.0 + MODES.index(mode) * (2 + replicate / 7) + replicate / 10
 
 
 def table(experiment: Experiment, waiting: Value = plain, messages: Value = plain, repeats: int = 10) -> pd.DataFrame:

@@ -32,7 +32,7 @@ def estimates_of(experiment: Experiment, runs: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def tests_of(experiment: Experiment, runs: pd.DataFrame) -> pd.DataFrame:
+def comparisons_of(experiment: Experiment, runs: pd.DataFrame) -> pd.DataFrame:
     """All comparisons of an experiment, paired by replicate.
 
     p is corrected (Holm) over the tests of one question and one measure; over more, ten replicates could show

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.limits.effects import estimates_of, tests_of
+from deltaswarm_orchestrator.limits.effects import estimates_of, comparisons_of
 from deltaswarm_orchestrator.limits.experiments import EXPERIMENTS, Experiment
 from deltaswarm_orchestrator.limits.recovery import COLUMNS, recovery_of
 from deltaswarm_orchestrator.limits.runs import runs_of, windows_of
@@ -29,7 +29,7 @@ class Findings:
     """A row per experiment: where its runs come from."""
     runs: pd.DataFrame = field(default_factory=_empty)
     estimates: pd.DataFrame = field(default_factory=_empty)
-    tests: pd.DataFrame = field(default_factory=_empty)
+    comparisons: pd.DataFrame = field(default_factory=_empty)
     recovery: pd.DataFrame = field(default_factory=_empty)
     windows: pd.DataFrame = field(default_factory=_empty)
 
@@ -92,7 +92,7 @@ def findings_of(done: Iterable[Done]) -> Findings:
         parts["sweeps"].append(pd.DataFrame([_provenance(one)]))
         parts["runs"].append(runs)
         parts["estimates"].append(estimates_of(one.experiment, runs))
-        parts["tests"].append(tests_of(one.experiment, runs))
+        parts["comparisons"].append(comparisons_of(one.experiment, runs))
         if one.experiment.fault is not None:
             parts["windows"].append(windows)
             parts["recovery"].append(recovery_of(one.experiment, windows))

@@ -25,7 +25,7 @@ CLAUSES = {
 
 def row_of(found: Findings, experiment: Experiment, question: str, measure: str, level: Level, a: str, b: str) -> Row:
     """One comparison."""
-    tests = found.tests
+    tests = found.comparisons
     wanted = {"experiment": experiment.name, "question": question, "measure": measure, "level": level.label}
     for column, value in {**wanted, "a": a, "b": b}.items():
         tests = tests[tests[column] == value]
