@@ -21,6 +21,7 @@ from deltaswarm_orchestrator.limits.sentences import (
     Row,
     back_in_words,
     direction,
+    listed,
     paying,
     recoveries,
     row_of,
@@ -52,24 +53,26 @@ def _worst(found: Findings, mode: str, measure: str, verb: str) -> str:
 
 
 def _paying(found: Findings) -> str:
-    pays, stops, loses = [], [], []
+    pays, stops, never, loses = [], [], [], []
     for experiment in found.experiments:
         stopped, lost = paying(found, experiment)
         if lost is not None:
             loses.append(lost.words)
+        elif stopped is experiment.base:
+            never.append(experiment.title.lower())
         elif stopped is not None:
             stops.append(stopped.words)
         else:
             pays.append(experiment.title.lower())
     parts = []
     if pays:
-        parts.append(
-            f"pays (its events wait less than a decentralised swarm's) to the hardest level of {_listed(pays)}"
-        )
+        parts.append(f"pays, that is, its events wait less than a decentralised swarm's, to the end of {listed(pays)}")
     if stops:
-        parts.append(f"is no longer shown to pay {_listed(stops)}")
+        parts.append(f"is no longer shown to pay {listed(stops)}")
+    if never:
+        parts.append(f"is not shown to pay, not even without the limit, in the runs of {listed(never)}")
     if loses:
-        parts.append(f"waits longer than decentralised {_listed(loses)}")
+        parts.append(f"waits longer than decentralised {listed(loses)}")
     return f"Hybrid 3 {'; it '.join(parts)}."
 
 
@@ -109,17 +112,13 @@ def _not_shown(found: Findings) -> str:
         if len(unchanged) == len(MODES):
             quiet.append((f"{experiment.title.lower()} (all modes)", len(unchanged)))
         elif unchanged:
-            quiet.append((f"{experiment.title.lower()} ({_listed(unchanged)})", len(unchanged)))
+            quiet.append((f"{experiment.title.lower()} ({listed(unchanged)})", len(unchanged)))
     count = sum(number for _, number in quiet)
     named = f": {'; '.join(text for text, _ in quiet)}" if quiet else ""
     return (
         f"At the hardest level {count} of {total} changes of waiting are not significant (5 %, Holm within each "
         f"experiment){named}."
     )
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.limits.effects import estimates_of, comparisons_of
+from deltaswarm_orchestrator.limits.effects import comparisons_of, estimates_of
 from deltaswarm_orchestrator.limits.experiments import EXPERIMENTS, Experiment
 from deltaswarm_orchestrator.limits.recovery import COLUMNS, recovery_of
 from deltaswarm_orchestrator.limits.runs import runs_of, windows_of
@@ -64,7 +64,7 @@ class Findings:
         for name in (one.name for one in fields(cls)):
             file = folder / f"{name}.csv"
             if file.exists() and file.stat().st_size > 1:
-                found[name] = pd.read_csv(file, float_precision="round_trip")
+                found[name] = pd.read_csv(file)
         return cls(**found)
 
 

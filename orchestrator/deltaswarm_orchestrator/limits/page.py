@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.limits.experiments import MODES, Experiment
 from deltaswarm_orchestrator.limits.findings import Findings
 from deltaswarm_orchestrator.limits.pictures import SHOWN, command, pictures_of
 from deltaswarm_orchestrator.limits.recovery import IN_A_ROW, TOLERANCE
-from deltaswarm_orchestrator.limits.runs import BIN_S, MEASURES, MESSAGES, WAITING
+from deltaswarm_orchestrator.limits.runs import BIN_S, IN_TREES, MEASURES, MESSAGES, WAITING
 from deltaswarm_orchestrator.limits.sentences import (
     duration,
     effect_of,
@@ -22,9 +22,11 @@ from deltaswarm_orchestrator.limits.sentences import (
     row_of,
     size,
     tested,
+    too_few,
 )
 
-UNITS = {"waiting_s": "s", "messages_per_s": "1/s", "in_trees": ""}
+PER = {WAITING: " s", MESSAGES: " per s"}
+UNITS = {WAITING: "s", MESSAGES: "1/s", IN_TREES: ""}
 
 METHOD = (
     "Every experiment is a built-in sweep over the paper's 25 agents, in three control modes. Replicate r sees the "
@@ -44,7 +46,7 @@ METHOD = (
 def limits_page(found: Findings, *, blank: bool = False) -> Report:
     """The page of all experiments that were done; `blank` leaves its drawings empty, for who wants the words."""
     sections = [
-        Section("The answer", [Notes([*answer(found)]), *loss_bar_in_words(found)]),
+        Section("The answer", _answer(found)),
         Section("At the hardest level of each limit", _overview(found)),
     ]
     sections += [Section(one.title, _experiment(found, one, blank=blank)) for one in found.experiments]
@@ -57,6 +59,12 @@ def limits_page(found: Findings, *, blank: bool = False) -> Report:
     return Report("When communication is limited", lead, sections)
 
 
+def _answer(found: Findings) -> list[Block]:
+    blocks: list[Block] = [*answer(found), *loss_bar_in_words(found)]
+    doubts = too_few(found)
+    return [*blocks, Notes(doubts, is_warning=True)] if doubts else blocks
+
+
 def _overview(found: Findings) -> list[Block]:
     """With the limit against without it, a row per experiment."""
     blocks: list[Block] = []
@@ -64,7 +72,7 @@ def _overview(found: Findings) -> list[Block]:
         rows: list[list[Cell]] = []
         for experiment in found.experiments:
             cells = [row_of(found, experiment, LIMIT, measure, experiment.hardest, mode, mode) for mode in MODES]
-            texts = [f"{size(row, ' ' + UNITS[measure])}, {tested(row)}" for row in cells]
+            texts = [f"{size(row, PER[measure])}, {tested(row)}" for row in cells]
             rows.append([experiment.title, experiment.hardest.words, *texts])
         columns = [Column("Limit"), Column("level"), *(Column(mode, is_numeric=True) for mode in MODES)]
         blocks.append(Table(columns, rows, f"{SHOWN[measure]}: with the limit against the same swarm without it"))
@@ -72,7 +80,7 @@ def _overview(found: Findings) -> list[Block]:
 
 
 def _experiment(found: Findings, experiment: Experiment, *, blank: bool) -> list[Block]:
-    lines = [effect_of(found, experiment, mode, experiment.hardest) for mode in MODES]
+    lines = [effect_of(found, experiment, mode) for mode in MODES]
     lines.append(paying_in_words(found, experiment))
     lines += [harm_in_words(found, experiment, measure) for measure in (WAITING, MESSAGES)]
     if experiment.fault is not None:

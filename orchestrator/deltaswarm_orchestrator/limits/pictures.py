@@ -36,7 +36,8 @@ def pictures_of(experiment: Experiment, found: Findings, *, blank: bool = False)
                 yield Picture(drawing, f"{experiment.name}-{FILES[measure]}", caption, command(experiment))
     if experiment.fault is None:
         return
-    for measure in (WAITING, MESSAGES, IN_TREES):
+    stays = experiment.fault.until_s is None
+    for measure in (WAITING, MESSAGES, *([IN_TREES] if stays else [])):
         rows = pd.DataFrame() if blank else _over_time_rows(experiment, found, measure)
         if blank or not rows.empty:
             drawing = Figure() if blank else _over_time(experiment, rows, measure)

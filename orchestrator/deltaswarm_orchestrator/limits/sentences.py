@@ -1,12 +1,13 @@
 """Findings as sentences: what is shown, by how much; and what is not shown, said so."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 
 from deltaswarm_orchestrator.analysis import words
+from deltaswarm_orchestrator.analysis.ranks import smallest_p
 from deltaswarm_orchestrator.limits.effects import ALPHA, BETWEEN, HARM, LIMIT
 from deltaswarm_orchestrator.limits.experiments import MODES, PAIRS, Experiment, Level
 from deltaswarm_orchestrator.limits.findings import Findings
@@ -45,7 +46,7 @@ def size(row: Row, unit: str = "") -> str:
         return f"{words.with_interval(row['ratio'], row['ratio_low'], row['ratio_high'], 2)} times"
     if pd.isna(row["difference"]):
         return "nothing to compare"
-    return f"{words.with_interval(row['difference'], row['low'], row['high'])}{unit} apart"
+    return f"{words.with_interval(row['difference'], row['low'], row['high'])}{unit}"
 
 
 def tested(row: Row) -> str:
@@ -53,15 +54,27 @@ def tested(row: Row) -> str:
     return words.p_equals(float(row["p_holm"]))
 
 
-def effect_of(found: Findings, experiment: Experiment, mode: str, level: Level) -> str:
-    """What a limit does to a mode: waiting and messages."""
+def effect_of(found: Findings, experiment: Experiment, mode: str) -> str:
+    """What a limit does to a mode: at which levels waiting and messages change, and by how much at the hardest."""
     parts = []
     for measure, unit in ((WAITING, " s"), (MESSAGES, " per s")):
-        row = row_of(found, experiment, LIMIT, measure, level, mode, mode)
+        rows = {
+            level.label: row_of(found, experiment, LIMIT, measure, level, mode, mode) for level in experiment.levels[1:]
+        }
         more, less, neither = CLAUSES[measure]
-        clause = {1: more, -1: less, 0: neither}[direction(row)]
-        parts.append(f"{clause} ({size(row, unit)}, {tested(row)})")
-    return f"{mode}, {level.words}: {'; '.join(parts)}."
+        clauses = [
+            f"{clause} {listed(where)}"
+            for sign, clause in ((1, more), (-1, less))
+            if (where := [level.words for level in experiment.levels[1:] if direction(rows[level.label]) == sign])
+        ]
+        row = rows[experiment.hardest.label]
+        parts.append(f"{', '.join(clauses) or neither} ({experiment.hardest.words}: {size(row, unit)}, {tested(row)})")
+    return f"{mode}: {'; '.join(parts)}."
+
+
+def listed(names: Sequence[str]) -> str:
+    """`a, b and c`."""
+    return ", ".join(names[:-1]) + (" and " if len(names) > 1 else "") + names[-1]
 
 
 def paying(found: Findings, experiment: Experiment) -> tuple[Level | None, Level | None]:
@@ -88,15 +101,18 @@ def _from_where(signs: list[tuple[Level, int]], wanted: tuple[int, ...]) -> Leve
 def paying_in_words(found: Findings, experiment: Experiment) -> str:
     """From where on hybrid 3 stops paying."""
     stops, loses = paying(found, experiment)
-    hardest = row_of(found, experiment, BETWEEN, WAITING, experiment.hardest, HYBRID, DECENTRALISED)
-    detail = f"{experiment.hardest.words} its waiting is {size(hardest, ' s')} that of decentralised, {tested(hardest)}"
+    row = row_of(found, experiment, BETWEEN, WAITING, experiment.hardest, HYBRID, DECENTRALISED)
+    detail = f"{experiment.hardest.words} it is {size(row, ' s')} against decentralised, {tested(row)}"
     if stops is None:
-        return f"Hybrid 3 pays to the end: {detail}."
+        return f"Hybrid 3's waiting is shorter than decentralised's to the end: {detail}."
     if loses is not None:
-        return f"Hybrid 3 waits longer than decentralised from here on: {loses.words}; {detail}."
+        return f"Hybrid 3's waiting is longer than decentralised's from here on: {loses.words}; {detail}."
+    where = "at no level, not even without the limit" if stops is experiment.base else f"no more {stops.words}"
+    if stops is not experiment.base and stops is not experiment.hardest:
+        where += " nor beyond"
     return (
-        f"Hybrid 3 is not shown to wait less than decentralised from here on: {stops.words}; {detail}. That is no "
-        "proof that it waits as long."
+        f"That hybrid 3's waiting is shorter than decentralised's is shown {where}: {detail}. That is no proof that "
+        "they wait alike."
     )
 
 
@@ -104,14 +120,14 @@ def harm_in_words(found: Findings, experiment: Experiment, measure: str) -> str:
     """Which mode the hardest level changes more than which other."""
     rows = [row_of(found, experiment, HARM, measure, experiment.hardest, a, b) for a, b in PAIRS]
     shown = [
-        f"{row['a' if sign > 0 else 'b']} grows more than {row['b' if sign > 0 else 'a']} ({tested(row)})"
+        f"more in {row['a' if sign > 0 else 'b']} than in {row['b' if sign > 0 else 'a']} ({tested(row)})"
         for row in rows
         if (sign := direction(row))
     ]
-    subject = "Waiting" if measure == WAITING else "Messages to the operator"
+    subject = "Waiting times" if measure == WAITING else "Messages to the operator"
     if not shown:
         return f"{subject}: that the limit changes one mode more than another is not shown."
-    return f"{subject}, as a ratio to no limit, {experiment.hardest.words}: {'; '.join(shown)}."
+    return f"{subject} grow (or shrink less), {experiment.hardest.words}: {'; '.join(shown)}."
 
 
 def duration(seconds: float) -> str:
@@ -152,4 +168,18 @@ def recovery_in_words(found: Findings, experiment: Experiment) -> list[str]:
             f"Waiting is back (within {TOLERANCE:g} times, by windows of {BIN_S:g} s) {experiment.hardest.words}"
             f"{against}: {'; '.join(map(back_in_words, rows))}."
         )
+    return lines
+
+
+def too_few(found: Findings) -> list[str]:
+    """The experiments in which no difference of waiting, however large, could be significant."""
+    lines = []
+    for experiment in found.experiments:
+        rows = found.comparisons
+        rows = rows[(rows["experiment"] == experiment.name) & (rows["measure"] == WAITING)]
+        sizes = rows.groupby("question")["n"].agg(["size", "max"])
+        if any(smallest_p(int(n), int(n), paired=True) * size >= ALPHA for size, n in sizes.to_numpy()):
+            lines.append(
+                f"{experiment.title}: too few replicates for every question; no difference could show in some."
+            )
     return lines
