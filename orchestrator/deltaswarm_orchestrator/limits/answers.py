@@ -131,7 +131,7 @@ class Bar:
     @property
     def holds(self) -> bool:
         """Whether the ratio of the medians is at most LOSS_BAR; not, if it is unknown."""
-        return bool(float(self.row["ratio"]) <= LOSS_BAR)
+        return not pd.isna(self.row["ratio"]) and bool(self.row["ratio"] <= LOSS_BAR)
 
     def text(self, others: Sequence[str]) -> str:
         """In words, with what it is at the other levels."""
