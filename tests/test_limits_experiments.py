@@ -60,7 +60,7 @@ def test_without_its_limit_it_is_the_papers_swarm(experiment: Experiment) -> Non
 HARDEST = {
     "network-loss": {"radio.loss": 0.9},
     "network-range": {"radio.range_m": 6.5},
-    "network-latency": {"radio.latency_s": 10.0, "radio.jitter_s": 5.0},
+    "network-latency": {"radio.latency_s": 5.0, "radio.jitter_s": 2.5},
     "network-bandwidth": {"radio.bandwidth.sender_bytes_per_s": 20.0},
 }
 

@@ -117,16 +117,16 @@ _ALL = (
         "least delay [s]",
         (
             Level("0 s", 0.0, "without delay"),
+            Level("1 s", 1.0, "with frames 1 to 1.5 s late"),
             Level("2 s", 2.0, "with frames 2 to 3 s late"),
             Level("5 s", 5.0, "with frames 5 to 7.5 s late"),
-            Level("10 s", 10.0, "with frames 10 to 15 s late"),
         ),
     ),
     Experiment(
         "network-bandwidth",
         "Bandwidth",
         "How many bytes per second an agent's radio can send; 2000 bytes may wait, the rest is dropped. A free agent "
-        "sends frames of about 20 bytes, a member of a tree with what it passes on about 100.",
+        "sends frames of about 20 bytes, a member of a tree with what it passes on 100 to 200.",
         "time to send a byte [ms]",
         (
             Level("sender_bytes_per_s=0.0", 0.0, "with unlimited bandwidth"),
