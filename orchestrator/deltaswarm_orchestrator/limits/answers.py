@@ -56,10 +56,10 @@ def _paying(found: Findings) -> str:
     pays, stops, never, loses = [], [], [], []
     for experiment in found.experiments:
         stopped, lost = paying(found, experiment)
-        if lost is not None:
-            loses.append(lost.words)
-        elif stopped is experiment.base:
+        if stopped is experiment.base:
             never.append(experiment.title.lower())
+        elif lost is not None:
+            loses.append(lost.words)
         elif stopped is not None:
             stops.append(stopped.words)
         else:

@@ -68,7 +68,7 @@ def effect_of(found: Findings, experiment: Experiment, mode: str) -> str:
             if (where := [level.words for level in experiment.levels[1:] if direction(rows[level.label]) == sign])
         ]
         row = rows[experiment.hardest.label]
-        parts.append(f"{', '.join(clauses) or neither} ({experiment.hardest.words}: {size(row, unit)}, {tested(row)})")
+        parts.append(f"{', '.join(clauses) or neither} (at the hardest level {size(row, unit)}, {tested(row)})")
     return f"{mode}: {'; '.join(parts)}."
 
 
@@ -105,11 +105,10 @@ def paying_in_words(found: Findings, experiment: Experiment) -> str:
     detail = f"{experiment.hardest.words} it is {size(row, ' s')} against decentralised, {tested(row)}"
     if stops is None:
         return f"Hybrid 3's waiting is shorter than decentralised's to the end: {detail}."
+    beyond = "" if (loses or stops) is experiment.hardest else " and beyond"
     if loses is not None:
-        return f"Hybrid 3's waiting is longer than decentralised's from here on: {loses.words}; {detail}."
-    where = "at no level, not even without the limit" if stops is experiment.base else f"no more {stops.words}"
-    if stops is not experiment.base and stops is not experiment.hardest:
-        where += " nor beyond"
+        return f"Hybrid 3's waiting is longer than decentralised's {loses.words}{beyond}: {detail}."
+    where = "at no level, not even without the limit" if stops is experiment.base else f"no more {stops.words}{beyond}"
     return (
         f"That hybrid 3's waiting is shorter than decentralised's is shown {where}: {detail}. That is no proof that "
         "they wait alike."
