@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.limits.effects import LIMIT
 from deltaswarm_orchestrator.limits.experiments import MODES, Experiment
 from deltaswarm_orchestrator.limits.findings import Findings
 from deltaswarm_orchestrator.limits.pictures import SHOWN, command, pictures_of
-from deltaswarm_orchestrator.limits.recovery import IN_A_ROW, TOLERANCE
+from deltaswarm_orchestrator.limits.recovery import TOLERANCE
 from deltaswarm_orchestrator.limits.runs import BIN_S, IN_TREES, MEASURES, MESSAGES, WAITING
 from deltaswarm_orchestrator.limits.sentences import (
     duration,
@@ -36,9 +36,9 @@ METHOD = (
     "Waiting time counts events that were never sensed to the end of the run; left out, as the paper does, they would "
     "flatter a swarm that never finds them.",
     "What is not significant is not shown to be so; that is no proof that there is no difference.",
-    f"A swarm is back after a fault at the end of the first window of {BIN_S:g} s in which, and in the next "
-    f"{IN_A_ROW - 1}, its mean over the replicates is within {TOLERANCE:g} times that of the same replicates without "
-    "the fault. After what ends the time counts from its end, after a death from the death. The interval is by "
+    f"A swarm is back after a fault at the end of the first window of {BIN_S:g} s in which its mean over the "
+    f"replicates is within {TOLERANCE:g} times that of the same replicates without the fault, if it is so in the next "
+    "window, too. After what ends the time counts from its end, after a death from the death. The interval is by "
     "bootstrap over the replicates.",
 )
 
