@@ -228,3 +228,14 @@ def test_a_sweeps_digest_depends_on_each_run(tmp_path: Path) -> None:
     kept, planned = finished(tmp_path, {"axes": {"radio.loss": [0.0, 0.5]}, "repeats": 1})
     runs = finished_runs(planned, kept)
     assert len({digest_of(runs), digest_of(runs[:1]), digest_of(runs[::-1])}) == 3
+
+
+def test_windows_have_the_waiting_of_the_events_that_arrived_in_them(tmp_path: Path) -> None:
+    """Put together they are the run's: every event is in one, those never sensed wait to the end of the run."""
+    kept, planned = finished(tmp_path, {"axes": {"radio.loss": [0.5]}, "repeats": 1, "series_every_s": 25.0})
+    ((_, result),) = finished_runs(planned, kept)
+    series, waiting = result["series"], result["summary"]["waiting_time_s"]
+    pairs = zip(series["events_arrived"], series["waiting_time_s"], strict=True)
+    waited_s = sum(events * mean_s for events, mean_s in pairs if events)
+    assert sum(series["events_arrived"]) == waiting["n"] + waiting["never_sensed"] > 0
+    assert waited_s / sum(series["events_arrived"]) == pytest.approx(waiting["mean_with_never_sensed"])
