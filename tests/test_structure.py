@@ -37,9 +37,12 @@ NOT_IN_A_CORE = {
 }
 """Whole modules; of `random` a core may import the class `Random` and be handed an instance."""
 
-ADAPTERS = {"process.py", "__main__.py", "output.py", "waker.py"}
+ADAPTERS = {
+    *("process.py", "__main__.py", "output.py", "waker.py"),
+    *("open_air.py", "mavlink.py", "notify.py", "recording.py"),
+}
 """They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
-waker.py is what wakes the world's process."""
+waker.py is what wakes the world's process. On a board: its air, its vehicle, systemd, and its own recording."""
 
 
 def modules(*folders: str) -> list[Path]:

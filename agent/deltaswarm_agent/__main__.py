@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_agent`: one agent, on this machine or on a board."""
+"""`python -m deltaswarm_agent`: one agent in a world; with `board FILE` one on a board, with a body of its own."""
 
 import argparse
 import logging
@@ -14,10 +14,17 @@ from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.settings import AgentSettings
 
+BOARD = "board"
+"""The first argument of an agent on a board."""
+
 
 def parser() -> argparse.ArgumentParser:
     """The command line of one agent."""
-    made = argparse.ArgumentParser(prog="deltaswarm agent", description="Run one agent.")
+    made = argparse.ArgumentParser(
+        prog="deltaswarm agent",
+        description="Run one agent in a world.",
+        epilog="On a board, with a body of its own: deltaswarm agent board FILE; see its --help.",
+    )
     made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
@@ -29,6 +36,11 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one agent; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
+    argv = sys.argv[1:] if argv is None else argv
+    if argv[:1] == [BOARD]:
+        from deltaswarm_agent.board.__main__ import main as board_main  # in a world nobody needs it
+
+        return board_main(argv[1:])
     arguments = parser().parse_args(argv)
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
     try:

@@ -1,0 +1,84 @@
+"""`python -m deltaswarm_agent board FILE`: one agent on a board."""
+
+import argparse
+import logging
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from deltaswarm_agent.board.process import BoardRun, run_board
+from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, read_settings
+from deltaswarm_agent.bodies.loading import find_body, options_of
+from deltaswarm_agent.process import AgentConfig, run_agent
+from deltaswarm_wire.arguments import LOG_FORMAT
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.codec import MAX_STEP
+
+MAX_ACCELERATE = 10_000.0
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of a board."""
+    made = argparse.ArgumentParser(prog="deltaswarm agent board", description="Run one agent on a board.")
+    made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
+    made.add_argument("--check", action="store_true", help="check the file, say what would be done, and end")
+    made.add_argument("--accelerate", type=float, default=1.0, metavar="N", help="simulated per wall second (1)")
+    made.add_argument("--steps", type=int, default=MAX_STEP, metavar="N", help="end after so many (none: go on)")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a board; its exit code is 0 after being told to stop, 2 for a bad file or arguments, else 1."""
+    arguments = parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    try:
+        settings = read_settings(arguments.file)
+        run = BoardRun(settings, arguments.accelerate, arguments.steps)
+        if not 0 < run.accelerate <= MAX_ACCELERATE:
+            found = f"{run.accelerate:g}"
+            raise SettingsError([Problem("--accelerate", found, f"above 0 and at most {MAX_ACCELERATE:g} is allowed")])
+        if not 1 <= run.steps <= MAX_STEP:
+            raise SettingsError([Problem("--steps", str(run.steps), f"1 to {MAX_STEP} is allowed")])
+        is_in_world = settings.body.kind == WORLD_BODY
+        if not is_in_world:
+            run.check()
+        if arguments.check:
+            print(told(settings))
+            return 0
+        config = world_config(settings) if is_in_world else None
+    except (ValueError, OSError) as error:
+        print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
+        return 2
+    try:
+        return run_board(run) if config is None else run_agent(config)
+    except Exception as error:
+        logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
+        return 1
+
+
+def world_config(settings: BoardSettings) -> AgentConfig:
+    """The board's file for an agent whose body is the world's: the process is the one of a simulation."""
+    return AgentConfig(settings.run, settings.id, settings.air.link(settings.user), settings.agent)
+
+
+def told(settings: BoardSettings) -> str:
+    """What the board would do, in words."""
+    air, body, log, agent = settings.air, settings.body, settings.log, settings.agent
+    lines = [
+        f"agent {settings.id} of run {settings.run}, {agent.control.mode}, a step every {agent.step_s:g} s",
+        f"arena {agent.width_m:g} m x {agent.height_m:g} m, radio range {agent.range_m:g} m",
+        f"air: {air.mode}"
+        + "".join(f", connects to {endpoint}" for endpoint in air.connect)
+        + "".join(f", listens on {endpoint}" for endpoint in air.listen)
+        + (", multicast" if air.multicast else "")
+        + (", gossip" if air.gossip else "")
+        + (", mTLS" if air.tls.ca_file else "")
+        + (f", logs in as {settings.user}" if air.credentials_file else "")
+        + (f", drops frames from beyond {air.range_m:g} m" if air.range_m else ""),
+        f"body: {body.kind}",
+    ]
+    if body.kind != WORLD_BODY:
+        lines.append(f"its options: {options_of(find_body(body.kind), body.options)}")
+    where = f"{log.folder}, {log.backups + 1} files of {log.max_bytes} bytes" if log.folder else "standard error"
+    lines.append(f"log: {where}" + (", and its frames as MCAP" if log.record != "off" else ""))
+    return "\n".join(lines)

@@ -1,0 +1,135 @@
+"""What came through open air since the last step: checked, counted, and of each neighbour the newest.
+
+The radio decides who is heard. What is dropped here is what no radio would bring: frames that break the protocol
+or speak as another, frames that lay in a dead link and come late, and on request those of senders out of range.
+"""
+
+import math
+from collections import Counter
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, number, pack, unpack
+from deltaswarm_wire.messages import MAX_TIME_S
+from deltaswarm_wire.radio import decode_radio
+
+MAX_NEIGHBOURS = 256
+"""So many senders are kept in one step: bounds the memory that strangers can take."""
+
+MAX_KNOWN = 4096
+"""So many senders' clocks are remembered."""
+
+CLOCK_DRIFT = 1e-3
+"""Two boards' clocks part by less than this, s per s."""
+
+
+@dataclass
+class _Sender:
+    """What is known of a neighbour's clock: the least of arrival less sending [s], and when that was seen."""
+
+    least_s: float
+    seen_s: float
+    sent_s: float
+
+
+class _Arrival(NamedTuple):
+    """A sender's newest frame: its counter, when it came [s], where it was sent from [m], its bytes."""
+
+    counter: int
+    arrived_s: float
+    place_m: tuple[float, float]
+    data: bytes
+
+
+class Lateness:
+    """How much longer than usual a frame was under way, without clocks that agree.
+
+    Arrival on the own clock less sending on the sender's is the clocks' offset and the delay; the least of it seen is
+    the offset with the usual delay. It may grow slowly, as clocks drift. A sender whose clock went back began anew.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[int, _Sender] = {}
+
+    def of(self, sender: int, sent_s: float, now_s: float) -> float:
+        """Of a frame that arrives now [s]; 0 for the first one of a sender."""
+        known = self._known.get(sender)
+        offset_s = now_s - sent_s
+        if known is None or sent_s < known.sent_s:
+            if known is None and len(self._known) >= MAX_KNOWN:
+                self._known.pop(next(iter(self._known)))
+            self._known[sender] = _Sender(offset_s, now_s, sent_s)
+            return 0.0
+        known.least_s = min(offset_s, known.least_s + CLOCK_DRIFT * (now_s - known.seen_s))
+        known.seen_s, known.sent_s = now_s, sent_s
+        return offset_s - known.least_s
+
+
+def encode_sent(sent_s: float) -> bytes:
+    """The attachment of a radio sample: when it was sent, by the sender's own clock [s since its start]."""
+    return pack(sent_s)
+
+
+def decode_sent(data: bytes) -> float:
+    """Check and decode. Raises WireError."""
+    return number(unpack(data, 16), 0.0, MAX_TIME_S, "sent_s")
+
+
+class Inbox:
+    """The frames for the next step. Not safe for threads: the edge that owns it takes care."""
+
+    def __init__(self, agent: int, stale_s: float, range_m: float = 0.0) -> None:
+        self.dropped: Counter[str] = Counter()
+        """Frames that were not kept, by reason."""
+        self.heard = 0
+        """Frames that reached the agent."""
+        self._agent = agent
+        self._stale_s = stale_s
+        self._range_m = range_m
+        self._lateness = Lateness()
+        self._newest: dict[int, _Arrival] = {}
+
+    def take(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
+        """A sample that arrives now [s], from this sender's key (None: no agent's key).
+
+        Returns: why it is dropped, or nothing. Own samples are neither kept nor counted.
+        """
+        if sender == self._agent:
+            return ""
+        reason = self._fault(sender, data, sent, now_s)
+        if reason:
+            self.dropped[reason] += 1
+        return reason
+
+    def _fault(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
+        if len(data) > MAX_RADIO_BYTES:
+            return "oversized"
+        try:
+            frame = decode_radio(data)
+            sent_s = None if sent is None else decode_sent(sent)
+        except WireError:
+            return "malformed"
+        if frame.sender != sender:
+            return "forged"
+        if sent_s is not None and self._lateness.of(sender, sent_s, now_s) > self._stale_s:
+            return "stale"
+        before = self._newest.get(sender)
+        if before is None and len(self._newest) >= MAX_NEIGHBOURS:
+            return "crowded"
+        if before is None or frame.counter > before.counter:
+            self._newest[sender] = _Arrival(frame.counter, now_s, (frame.x_cm / 100, frame.y_cm / 100), data)
+        return ""
+
+    def empty(self, now_s: float, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+        """What is heard in the step at `now_s` by an agent at `place_m`: what came since the last one."""
+        heard = []
+        for arrival in self._newest.values():
+            if now_s - arrival.arrived_s > self._stale_s:
+                self.dropped["stale"] += 1
+            elif self._range_m and not math.dist(place_m, arrival.place_m) <= self._range_m:
+                self.dropped["out of range"] += 1
+            else:
+                heard.append(arrival.data)
+        self._newest.clear()
+        self.heard += len(heard)
+        return tuple(heard)

@@ -1,0 +1,146 @@
+"""Open air: each board publishes its radio frames on its own key and hears `agent/*/radio` of its neighbours.
+
+The one file of a board that touches Zenoh. Nothing here ever waits for a link: what cannot be sent at once is
+dropped, as in any radio, and the session is opened, and opened again, in a thread of its own.
+"""
+
+import logging
+import threading
+import time
+
+from deltaswarm_agent.board.inbox import Inbox, encode_sent
+from deltaswarm_agent.board.settings import BoardSettings
+from deltaswarm_wire.codec import pack
+from deltaswarm_wire.keys import AGENT, RADIO, REPORT, Keys, parse_agent_key
+from deltaswarm_wire.session import configured, use_one_worker_thread
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.air")
+
+RETRY_S = 1.0
+CLOSE_S = 1.0
+"""A session that does not close within this is left to the end of the process."""
+
+
+class OpenAir:
+    """The air of one board, and its way to the operator.
+
+    Raises:
+        ValueError: Zenoh refuses the settings.
+    """
+
+    def __init__(self, settings: BoardSettings) -> None:
+        self._settings = settings
+        self._keys = Keys(settings.run)
+        self._config()  # what is wrong with it is said before anything starts
+        self._inbox = Inbox(settings.id, settings.air.stale_s, settings.air.range_m)
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._session: zenoh.Session | None = None
+        self._radio: zenoh.Publisher | None = None
+        self._report: zenoh.Publisher | None = None
+        self.unsent = 0
+        """Samples that found no session."""
+
+    def open(self, accelerate: float = 1.0) -> None:
+        """Begin to look for others; the agent's clock begins now, and runs so much faster than the wall's."""
+        self._accelerate = accelerate
+        self._start_s = time.monotonic()
+        zenoh.init_log_from_env_or("error")
+        threading.Thread(target=self._keep_opening, name="air", daemon=True).start()
+
+    @property
+    def counts(self) -> str:
+        """What was heard and what was not, for the log."""
+        with self._lock:
+            dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(self._inbox.dropped.items()) if count)
+            return f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"
+
+    def now_s(self) -> float:
+        """The agent's own clock [s since `open`]: no clock of the calendar, which may be set."""
+        return (time.monotonic() - self._start_s) * self._accelerate
+
+    def hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+        """What came since the last step, for an agent at a place [m]."""
+        with self._lock:
+            return self._inbox.empty(self.now_s(), place_m)
+
+    def say(self, data: bytes) -> None:
+        """Put one radio frame on the air."""
+        self._put(self._radio, data, encode_sent(self.now_s()))
+
+    def report(self, data: bytes) -> None:
+        """Send one report to the operator, with the board's own wall clock [Unix s] beside it."""
+        self._put(self._report, data, pack(time.time()))
+
+    def close(self) -> None:
+        """Leave: the liveliness token goes at once."""
+        self._closing.set()
+        session, self._session = self._session, None
+        if session is not None:
+            closer = threading.Thread(target=session.close, daemon=True)
+            closer.start()
+            closer.join(CLOSE_S)
+
+    def _put(self, publisher: zenoh.Publisher | None, data: bytes, attachment: bytes) -> None:
+        try:
+            if publisher is not None:
+                publisher.put(data, attachment=attachment)
+                return
+        except zenoh.ZError as error:
+            log.debug("nothing was sent: %s", error)
+        self.unsent += 1
+
+    # In threads of their own
+
+    def _config(self) -> zenoh.Config:
+        air, user = self._settings.air, self._settings.user
+        return configured(zenoh.Config, air.pairs(user), air.link(user))
+
+    def _keep_opening(self) -> None:
+        told = ""
+        while not self._closing.is_set():
+            try:
+                self._begin(zenoh.open(self._config()))
+                return
+            except zenoh.ZError as error:
+                if str(error) != told:
+                    log.warning("no session yet, trying again: %s", error)
+                told = str(error)
+                self._closing.wait(RETRY_S)
+
+    def _begin(self, session: zenoh.Session) -> None:
+        keys, agent = self._keys, self._settings.id
+        hears = zenoh.handlers.Callback(self._on_radio, indirect=False)
+        self._subscriber = session.declare_subscriber(keys.all_radio, hears)
+        self._report = self._publisher(session, REPORT, "Report", zenoh.Reliability.RELIABLE)
+        self._radio = self._publisher(session, RADIO, "Radio", zenoh.Reliability.BEST_EFFORT)
+        self._token = session.liveliness().declare_token(keys.token(AGENT, agent))
+        self._session = session
+        log.info("agent %d is on the air of run %s", agent, keys.run)
+
+    def _publisher(
+        self, session: zenoh.Session, leaf: str, message: str, reliability: zenoh.Reliability
+    ) -> zenoh.Publisher:
+        return session.declare_publisher(
+            self._keys.agent(self._settings.id, leaf),
+            encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+            congestion_control=zenoh.CongestionControl.DROP,
+            reliability=reliability,
+        )
+
+    def _on_radio(self, sample: zenoh.Sample) -> None:
+        source = parse_agent_key(str(sample.key_expr))
+        sent = sample.attachment
+        with self._lock:
+            reason = self._inbox.take(
+                source[0] if source else None,
+                sample.payload.to_bytes(),
+                None if sent is None else sent.to_bytes(),
+                self.now_s(),
+            )
+            is_first = self._inbox.dropped[reason] == 1 if reason else False
+        if is_first:
+            log.warning("dropped (further ones are only counted): a frame on %s is %s", sample.key_expr, reason)

@@ -1,0 +1,240 @@
+"""The board's process: body, core and air, step by step by the wall clock."""
+
+import contextlib
+import logging
+import logging.handlers
+import queue
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+from random import Random
+from types import FrameType
+from typing import TYPE_CHECKING, Protocol
+
+from deltaswarm_agent.board.driver import Driver
+from deltaswarm_agent.board.notify import Notifier
+from deltaswarm_agent.board.open_air import OpenAir
+from deltaswarm_agent.board.pace import Pace
+from deltaswarm_agent.board.settings import BoardSettings, LogSettings
+from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
+from deltaswarm_agent.body import BodyContext
+from deltaswarm_agent.core import AgentCore, Decision, agent_rng
+from deltaswarm_wire.arguments import LOG_FORMAT
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.keys import RADIO, REPORT
+from deltaswarm_wire.messages import encode_report
+from deltaswarm_wire.radio import decode_radio, encode_radio
+
+if TYPE_CHECKING:
+    from deltaswarm_agent.board.recording import FrameRecorder
+
+log = logging.getLogger("deltaswarm.board")
+
+Stop = queue.SimpleQueue[int]
+"""Signals that have come; one may be put from within a signal's handler."""
+
+
+class Recorder(Protocol):
+    """Where frames are kept, if they are."""
+
+    def write(self, topic: str, data: bytes) -> None:
+        """Keep one sample."""
+
+    def close(self) -> None:
+        """Finish the file."""
+
+
+@dataclass(frozen=True)
+class BoardRun:
+    """A run of one agent on this board, checked as far as it can be without starting anything.
+
+    `accelerate` is simulated per wall second; the agent ends after `steps` of them, or when it is told to.
+    """
+
+    settings: BoardSettings
+    accelerate: float = 1.0
+    steps: int = MAX_STEP
+
+    def check(self) -> None:
+        """Look for the body, its options, and what recording needs.
+
+        Raises:
+            SettingsError: what is wrong with them.
+        """
+        body = find_body(self.settings.body.kind)
+        options_of(body, self.settings.body.options)
+        if body.REAL_TIME and self.accelerate != 1.0:
+            raise SettingsError([Problem("--accelerate", f"{self.accelerate:g}", f"{body.__name__} is a real body: 1")])
+        if self.settings.log.record != "off":
+            _recorder_class()
+        OpenAir(self.settings)
+
+
+def run_board(run: BoardRun) -> int:
+    """Be an agent on a board until told to stop, by SIGTERM or SIGINT; the process's exit code.
+
+    Call it in the main thread.
+
+    Raises:
+        SettingsError, ValueError, OSError: what `BoardRun.check` would find, or the body or the log cannot be opened.
+    """
+    settings = run.settings
+    _log_to(settings.log, settings.id)
+    stop = _stop_on_signals()
+    notifier = Notifier.from_environment()
+    body_class = find_body(settings.body.kind)
+    options = options_of(body_class, settings.body.options)
+    air = OpenAir(settings)
+    recorder = _recorder(settings)
+    seed, agent = settings.agent.seed, settings.id
+    core = AgentCore(agent, settings.agent, agent_rng(seed, agent))
+    body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
+    body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
+    driver = Driver(core, body, arrive_m=settings.body.arrive_m, max_std_m=settings.body.max_std_m)
+    try:
+        air.open(run.accelerate)
+        _Loop(run, driver, air, notifier, recorder).go(stop)
+    finally:
+        # The robot first: whatever else fails, it shall stand.
+        body.close()
+        notifier.stopping()
+        air.close()
+        if recorder:
+            with contextlib.suppress(OSError):  # the disk is full, which was said
+                recorder.close()
+        notifier.close()
+    return 0
+
+
+class _Loop:
+    """Step after step."""
+
+    def __init__(
+        self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: Recorder | None
+    ) -> None:
+        self._run = run
+        self._driver = driver
+        self._air = air
+        self._notifier = notifier
+        self._recorder = recorder
+        self._step_s = run.settings.agent.step_s
+        self._fault = ""
+
+    def go(self, stop: Stop) -> None:
+        """Until a signal, or the last step."""
+        settings = self._run.settings
+        pace = Pace(self._step_s, self._air.now_s())
+        line = Pace(settings.log.every_s, self._air.now_s() + settings.log.every_s)
+        longest_s = self._notifier.alive_every_s or 60.0
+        step = 0
+        while step < self._run.steps:
+            wait_s = min(pace.wait_s(self._air.now_s()) / self._run.accelerate, longest_s)
+            if _has_come(stop, wait_s):
+                break
+            self._notifier.alive()
+            due = pace.due(self._air.now_s())
+            if due is None:
+                continue
+            self._take(due)
+            if step == 0:
+                self._notifier.ready()
+                log.info("agent %d has done its first step", settings.id)
+            step = due + 1
+            if line.due(self._air.now_s()) is not None:
+                self._tell(step, pace.skipped)
+        self._tell(step, pace.skipped)
+
+    def _take(self, step: int) -> None:
+        decision = self._driver.step(step, step * self._step_s, self._hear)
+        if decision is not None:
+            self._send(decision)
+        if self._driver.fault != self._fault:
+            self._fault = self._driver.fault
+            log.warning("the body is %s", f"not well: {self._fault}" if self._fault else "well")
+
+    def _hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+        heard = self._air.hear(place_m)
+        if self._recorder:
+            for data in heard:
+                self._keep(decode_radio(data).sender, RADIO, data)
+        return heard
+
+    def _keep(self, agent: int, leaf: str, data: bytes) -> None:
+        """Record a sample; a full disk ends the recording, not the agent."""
+        if self._recorder:
+            try:
+                self._recorder.write(f"/agent/{agent}/{leaf}", data)
+            except OSError as error:
+                log.error("nothing more is recorded: %s", error)
+                self._recorder = None
+
+    def _send(self, decision: Decision) -> None:
+        agent = self._run.settings.id
+        if decision.radio is not None:
+            data = encode_radio(decision.radio)
+            self._air.say(data)
+            self._keep(agent, RADIO, data)
+        if decision.report is not None:
+            data = encode_report(decision.report)
+            self._air.report(data)
+            self._keep(agent, REPORT, data)
+
+    def _tell(self, step: int, skipped: int) -> None:
+        driver = self._driver
+        text = f"{driver.core.state.value} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
+        text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
+        log.info("%s", text)
+        self._notifier.status(text)
+
+
+def _has_come(stop: Stop, wait_s: float) -> bool:
+    """Whether there is a signal, after waiting for one."""
+    try:
+        number = stop.get(timeout=wait_s) if wait_s > 0 else stop.get_nowait()
+    except queue.Empty:
+        return False
+    log.info("stopped by %s", signal.Signals(number).name)
+    return True
+
+
+def _stop_on_signals() -> Stop:
+    stop: Stop = queue.SimpleQueue()
+
+    def note(number: int, frame: FrameType | None) -> None:
+        stop.put(number)
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, note)
+    return stop
+
+
+def _log_to(settings: LogSettings, agent: int) -> None:
+    """To standard error, which systemd keeps; with a folder to rotating files instead, errors to both."""
+    root = logging.getLogger()
+    root.setLevel(settings.level)
+    if settings.folder:
+        folder = Path(settings.folder)
+        folder.mkdir(parents=True, exist_ok=True)
+        for handler in root.handlers:
+            handler.setLevel(logging.ERROR)
+        rotating = logging.handlers.RotatingFileHandler(
+            folder / f"agent-{agent}.log", maxBytes=settings.max_bytes, backupCount=settings.backups, delay=True
+        )
+        rotating.setFormatter(logging.Formatter(LOG_FORMAT))
+        root.addHandler(rotating)
+
+
+def _recorder_class() -> "type[FrameRecorder]":
+    try:
+        from deltaswarm_agent.board.recording import FrameRecorder
+    except ImportError:
+        raise SettingsError([Problem("log.record", "'mcap'", "needs the package mcap (extra mcap)")]) from None
+    return FrameRecorder
+
+
+def _recorder(settings: BoardSettings) -> Recorder | None:
+    told = settings.log
+    if told.record == "off":
+        return None
+    return _recorder_class()(Path(told.folder), f"agent-{settings.id}", told.max_bytes, told.backups)

@@ -1,0 +1,224 @@
+"""The one file that a board is given."""
+
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.keys import AGENT, Keys
+from deltaswarm_wire.session import Link, Pairs, user_name
+from deltaswarm_wire.settings import AgentSettings
+
+MODES = ("peer", "client")
+RECORDS = ("off", "mcap")
+WORLD_BODY = "world"
+"""The body that is the world's frame: air and clock are the world's too."""
+
+
+@dataclass(frozen=True)
+class TlsSettings:
+    """Certificates, for endpoints that begin with `tls/` or `quic/`; both ends show theirs (mTLS)."""
+
+    ca_file: str = key("", "whose certificates are believed (PEM)")
+    cert_file: str = key("", "this board's certificate (PEM)")
+    key_file: str = key("", "its private key (PEM), readable by its owner alone")
+    verify_name: bool = key(True, "whether the other end's name must be in its certificate")
+
+    def problems(self) -> list[Problem]:
+        """All three files or none, each readable, the key by nobody else."""
+        files = {name: getattr(self, name) for name in ("ca_file", "cert_file", "key_file")}
+        if not any(files.values()):
+            return []
+        found = [_readable(name, file, secret=name == "key_file") for name, file in files.items()]
+        return [problem for problem in found if problem]
+
+    def pairs(self) -> Pairs:
+        """Zenoh's settings."""
+        if not self.ca_file:
+            return []
+        return [
+            ("transport/link/tls/root_ca_certificate", self.ca_file),
+            ("transport/link/tls/connect_certificate", self.cert_file),
+            ("transport/link/tls/connect_private_key", self.key_file),
+            ("transport/link/tls/listen_certificate", self.cert_file),
+            ("transport/link/tls/listen_private_key", self.key_file),
+            ("transport/link/tls/enable_mtls", True),
+            ("transport/link/tls/verify_name_on_connect", self.verify_name),
+        ]
+
+
+@dataclass(frozen=True)
+class AirSettings:
+    """How the board reaches its neighbours and the operator."""
+
+    mode: str = key("peer", "a peer among boards, or a client of a router", choices=MODES)
+    connect: tuple[str, ...] = key((), "endpoints to connect to, for ever, such as tcp/192.168.1.10:7447")
+    listen: tuple[str, ...] = key((), "peer: endpoints to listen on, such as tcp/0.0.0.0:7447")
+    multicast: bool = key(False, "peer: find others on the local network by multicast")
+    gossip: bool = key(False, "peer: connect to the peers of one's peers as well")
+    range_m: float = key(0.0, "drop frames whose sender says it is farther off [m]; 0: the radio decides", low=0)
+    stale_s: float = key(3.0, "drop frames that were under way for longer than usual by this [s]", above=0, high=3600)
+    credentials_file: str = key("", "`user:password` lines, readable by its owner alone; the agent's own one is taken")
+    tls: TlsSettings = key(TlsSettings, "certificates")
+    zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
+
+    def problems(self) -> list[Problem]:
+        """What no single key can show."""
+        found = []
+        if self.mode == "client" and not self.connect:
+            found.append(Problem("connect", "none", "a client needs its router's endpoint"))
+        if self.mode == "client" and self.listen:
+            found.append(Problem("listen", ", ".join(self.listen), "a client does not listen: leave it out"))
+        if self.mode == "peer" and not (self.connect or self.listen or self.multicast):
+            found.append(Problem("connect", "none", "a peer needs one of connect, listen and multicast"))
+        for name in ("connect", "listen"):
+            for endpoint in getattr(self, name):
+                protocol, sign, address = endpoint.partition("/")
+                if not (protocol and sign and address):
+                    found.append(Problem(name, repr(endpoint), "PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447"))
+                if protocol in ("tls", "quic") and not self.tls.ca_file:
+                    found.append(Problem(name, repr(endpoint), "air.tls must name the certificates"))
+        if self.credentials_file:
+            problem = _readable("credentials_file", self.credentials_file, secret=True)
+            found += [problem] if problem else []
+        found += [
+            Problem(f"zenoh.{name}", repr(value), "a string with JSON5 in it is allowed")
+            for name, value in self.zenoh.items()
+            if type(value) is not str
+        ]
+        return found
+
+    def link(self, user: str) -> Link:
+        """The credentials, the user's own settings and the first endpoint; raises as `password_of`."""
+        password = password_of(self.credentials_file, user) if self.credentials_file else ""
+        endpoint = self.connect[0] if self.connect else ""
+        return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()))
+
+    def pairs(self, user: str) -> Pairs:
+        """Zenoh's settings for open air: nothing that is missing at the start, or later, ends the session."""
+        link = self.link(user)
+        pairs: Pairs = [
+            ("mode", self.mode),
+            ("connect/endpoints", list(self.connect)),
+            ("connect/timeout_ms", -1),
+            ("connect/exit_on_failure", False),
+            ("connect/retry", {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}),
+            ("listen/endpoints", list(self.listen)),
+            ("listen/timeout_ms", -1),
+            ("listen/exit_on_failure", False),
+            ("scouting/multicast/enabled", self.multicast),
+            ("scouting/gossip/enabled", self.gossip),
+            *self.tls.pairs(),
+        ]
+        if link.user:
+            pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
+            if self.mode == "peer":
+                pairs.append(("transport/auth/usrpwd/dictionary_file", self.credentials_file))
+        return pairs
+
+
+@dataclass(frozen=True)
+class BodyChoice:
+    """Which body, and what the agent makes of its place."""
+
+    kind: str = key("kinematic", "world, kinematic, mavlink, another by entry point, or module:Class")
+    arrive_m: float = key(0.2, "this near to where it was sent, the body is there [m]", low=0, high=10)
+    max_std_m: float = key(5.0, "a place less certain than this is none [m]", above=0)
+    options: dict[str, Any] = key(dict, "the body's own options")
+
+
+@dataclass(frozen=True)
+class LogSettings:
+    """What is written on the board; never more than (1 + backups) * max_bytes of each kind."""
+
+    folder: str = key("", "where; empty: to standard error alone")
+    max_bytes: int = key(1_000_000, "a file begins anew at this length", low=10_000, high=10_000_000_000)
+    backups: int = key(3, "so many older files are kept", low=1, high=1000)
+    level: str = key("INFO", "least grave line", choices=("DEBUG", "INFO", "WARNING", "ERROR"))
+    every_s: float = key(60.0, "a line of counts this often [s]", above=0)
+    record: str = key("off", "mcap: the agent's own frames and what it hears, beside the log", choices=RECORDS)
+
+    def problems(self) -> list[Problem]:
+        """A recording needs a place."""
+        if self.record != "off" and not self.folder:
+            return [Problem("record", repr(self.record), "needs log.folder")]
+        return []
+
+
+@dataclass(frozen=True)
+class BoardSettings:
+    """One agent on one board."""
+
+    id: int = key(0, "the agent's number", low=0, high=MAX_AGENT_ID)
+    run: str = key("field", "the run's name: who shares it belongs together")
+    agent: AgentSettings = key(AgentSettings, "its task, as the world writes it into agent.toml")
+    air: AirSettings = key(AirSettings, "its neighbours and its operator")
+    body: BodyChoice = key(BodyChoice, "its robot")
+    log: LogSettings = key(LogSettings, "what it writes")
+
+    def problems(self) -> list[Problem]:
+        """What no single table can show."""
+        found = []
+        try:
+            Keys(self.run)
+        except ValueError as error:
+            found.append(Problem("run", repr(self.run[:80]), str(error)))
+        if self.agent.control.d_min_m >= self.agent.range_m:
+            allowed = f"below agent.range_m ({self.agent.range_m:g}) is allowed"
+            found.append(Problem("agent.control.d_min_m", f"{self.agent.control.d_min_m:g}", allowed))
+        if self.air.credentials_file and not _readable("", self.air.credentials_file, secret=True):
+            try:
+                password_of(self.air.credentials_file, self.user)
+            except ValueError as error:
+                found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
+        if self.body.kind == WORLD_BODY and len(self.air.connect) != 1:
+            found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
+        return found
+
+    @property
+    def user(self) -> str:
+        """The name under which the agent logs in."""
+        return user_name(AGENT, self.id)
+
+
+def read_settings(file: Path) -> BoardSettings:
+    """A board's file, checked.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is no TOML, or (as SettingsError) has mistakes: all of them.
+    """
+    return checked.load(BoardSettings, tomllib.loads(file.read_text()))
+
+
+def password_of(file: str, user: str) -> str:
+    """A user's password from `user:password` lines, as the world's credentials file has them.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it has no such user.
+    """
+    for line in Path(file).read_text().splitlines():
+        name, sign, password = line.strip().partition(":")
+        if sign and name == user:
+            return password
+    raise ValueError(f"has no line {user}:PASSWORD")
+
+
+def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:
+    """What is wrong with a file that is named, if anything is."""
+    path = Path(file)
+    if not file or not path.is_file():
+        return Problem(name, repr(file), "a file that is there is allowed")
+    mode = path.stat().st_mode & 0o777
+    if secret and mode & 0o077:
+        return Problem(name, f"{file!r} has mode {mode:04o}", "a secret's mode is 0600 (chmod 600)")
+    try:
+        with path.open("rb") as stream:
+            stream.read(1)
+    except OSError as error:
+        return Problem(name, repr(file), str(error))
+    return None

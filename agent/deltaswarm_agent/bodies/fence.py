@@ -1,0 +1,61 @@
+"""The geofence: a polygon that no commanded velocity may lead out of. Places in m, arena frame."""
+
+from collections.abc import Sequence
+
+Place = tuple[float, float]
+
+
+class Fence:
+    """A simple polygon, its corners in order.
+
+    Raises:
+        ValueError: fewer than three corners, or no area within.
+    """
+
+    def __init__(self, corners: Sequence[Place]) -> None:
+        if len(corners) < 3:
+            raise ValueError(f"{len(corners)} corners; at least 3 are allowed")
+        self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
+        if sum(a[0] * b[1] - b[0] * a[1] for a, b in self._edges) == 0:
+            raise ValueError("the corners enclose no area")
+
+    def holds(self, at: Place) -> bool:
+        """Whether a place is within."""
+        x_m, y_m = at
+        within = False
+        for (ax, ay), (bx, by) in self._edges:
+            if (ay > y_m) != (by > y_m) and x_m < ax + (y_m - ay) * (bx - ax) / (by - ay):
+                within = not within
+        return within
+
+    def permits(self, at: Place, vx_mps: float, vy_mps: float, ahead_s: float) -> bool:
+        """Whether a vehicle at this place may take this velocity, `ahead_s` [s] looked ahead.
+
+        Within, the whole way must stay within. Outside, it may only stand, or come nearer to the fence: the way
+        back in.
+        """
+        to = (at[0] + vx_mps * ahead_s, at[1] + vy_mps * ahead_s)
+        if self.holds(at):
+            return self.holds(to) and not any(_cross(at, to, a, b) for a, b in self._edges)
+        return (vx_mps, vy_mps) == (0.0, 0.0) or self.holds(to) or self._distance_m2(to) < self._distance_m2(at)
+
+    def _distance_m2(self, at: Place) -> float:
+        """Squared distance to the nearest edge [m2]."""
+        return min(_to_edge_m2(at, a, b) for a, b in self._edges)
+
+
+def _cross(a: Place, b: Place, c: Place, d: Place) -> bool:
+    """Whether two segments cross, each other's ends on opposite sides."""
+    return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
+
+
+def _side(a: Place, b: Place, c: Place) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _to_edge_m2(at: Place, a: Place, b: Place) -> float:
+    dx, dy = b[0] - a[0], b[1] - a[1]
+    length_m2 = dx * dx + dy * dy
+    share = 0.0 if length_m2 == 0 else ((at[0] - a[0]) * dx + (at[1] - a[1]) * dy) / length_m2
+    share = max(0.0, min(1.0, share))
+    return (a[0] + share * dx - at[0]) ** 2 + (a[1] + share * dy - at[1]) ** 2

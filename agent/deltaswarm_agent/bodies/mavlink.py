@@ -1,0 +1,260 @@
+"""A body that is a MAVLink vehicle: local position in, velocity set-points out. Needs `pymavlink` (extra `mavlink`).
+
+It neither arms nor takes off nor changes the flight mode: a pilot does, and takes the vehicle back by leaving the
+mode. A thread of its own speaks to the vehicle, ten times a second: when the agent stalls, this thread has the
+vehicle stand. When the whole process dies, set-points cease, and the vehicle's own failsafe must act: COM_OF_LOSS_T
+in PX4 (1 s by default), GUID_TIMEOUT in ArduPilot (3 s). Set it before flying.
+
+The one file that speaks MAVLink.
+"""
+
+import logging
+import os
+import threading
+import time
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any, ClassVar
+
+from deltaswarm_agent.bodies.events_file import file_problems, surroundings
+from deltaswarm_agent.bodies.fence import Fence, Place
+from deltaswarm_agent.bodies.guard import Guard, Limits
+from deltaswarm_agent.bodies.local_frame import LocalFrame
+from deltaswarm_agent.body import BodyContext, Sensed
+from deltaswarm_wire.checked import Problem, key
+
+log = logging.getLogger("deltaswarm.mavlink")
+
+VELOCITY_ONLY = 0b0000_1101_1100_0111
+"""The set-point's mask: position, acceleration, yaw and yaw rate are to be ignored."""
+
+HEARTBEAT_EVERY_S = 1.0
+CLOSE_S = 1.0
+RETRY_S = 1.0
+
+
+@dataclass(frozen=True)
+class MavlinkSettings:
+    """The vehicle, its place in the arena, and its limits."""
+
+    device: str = key("udpin:0.0.0.0:14540", "as pymavlink spells it: udpin:, udpout:, tcp:, or a serial device")
+    baud: int = key(115200, "of a serial device", low=1200, high=10_000_000)
+    system_id: int = key(245, "this board's own MAVLink number", low=1, high=255)
+    origin_north_m: float = key(0.0, "the arena's corner (0, 0), north in the vehicle's local frame [m]")
+    origin_east_m: float = key(0.0, "and east [m]")
+    heading_deg: float = key(
+        0.0, "compass direction of the arena's +y; with 0 x is east and y north", low=-360, high=360
+    )
+    max_speed_mps: float = key(1.0, "no set-point is faster [m/s]", above=0, high=30)
+    fence_m: tuple[tuple[float, ...], ...] = key((), "corners of the geofence [m; arena frame]; none: the arena, grown")
+    fence_margin_m: float = key(5.0, "by so much the arena is grown, where no corners are given [m]", low=0)
+    ahead_s: float = key(1.5, "a velocity must keep within the fence for so long [s]", low=0, high=60)
+    stall_s: float = key(0.5, "so long after a step without a command the vehicle is to stand [s]", above=0, high=10)
+    position_s: float = key(1.0, "an older position is none [s]", above=0, high=60)
+    heartbeat_s: float = key(3.0, "a vehicle unheard for longer is gone [s]", above=0, high=60)
+    needs_armed: bool = key(True, "whether the agent waits for the vehicle to be armed")
+    modes: tuple[str, ...] = key(("GUIDED", "OFFBOARD"), "flight modes in which the agent has the say; none: all")
+    rate_hz: float = key(10.0, "set-points per second", low=3, high=100)
+    std_m: float = key(0.3, "standard deviation of its place, until the vehicle says better [m]", low=0)
+    events: str = key("", "a CSV file of events to pretend to sense; empty: there are none")
+
+    def problems(self) -> list[Problem]:
+        """What no single key can show."""
+        found = []
+        if self.fence_m:
+            try:
+                Fence(self._corners())
+            except ValueError as error:
+                found.append(Problem("fence_m", str([list(corner) for corner in self.fence_m])[:200], str(error)))
+        if find_spec("pymavlink") is None:
+            found.append(Problem("device", repr(self.device), "needs the package pymavlink (extra mavlink)"))
+        return found + file_problems(self.events)
+
+    def _corners(self) -> list[Place]:
+        if any(len(corner) != 2 for corner in self.fence_m):
+            raise ValueError("corners of two numbers are allowed")
+        return [(corner[0], corner[1]) for corner in self.fence_m]
+
+    def fence(self, width_m: float, height_m: float) -> Fence:
+        """The geofence, in an arena of this size."""
+        low, right, top = -self.fence_margin_m, width_m + self.fence_margin_m, height_m + self.fence_margin_m
+        return Fence(self._corners() or [(low, low), (right, low), (right, top), (low, top)])
+
+    def limits(self, step_s: float) -> Limits:
+        """What the guard keeps, for an agent that commands once a step."""
+        return Limits(
+            max_speed_mps=self.max_speed_mps,
+            command_s=step_s + self.stall_s,
+            ahead_s=self.ahead_s,
+            position_s=self.position_s,
+            heartbeat_s=self.heartbeat_s,
+            needs_armed=self.needs_armed,
+            modes=self.modes,
+        )
+
+
+class MavlinkBody:
+    """One vehicle.
+
+    Raises:
+        ImportError: pymavlink is not installed.
+        OSError: the device cannot be opened.
+    """
+
+    Settings: ClassVar[type[Any]] = MavlinkSettings
+    REAL_TIME: ClassVar[bool] = True
+
+    def __init__(self, options: MavlinkSettings, context: BodyContext) -> None:
+        agent = context.settings
+        self._options = options
+        self._frame = LocalFrame(options.origin_north_m, options.origin_east_m, options.heading_deg)
+        fence = options.fence(agent.width_m, agent.height_m)
+        self._guard = Guard(options.limits(agent.step_s), fence, options.std_m)
+        self._surroundings = surroundings(options.events, agent.sensing_range_m)
+        self._observed: tuple[int, ...] = ()
+        self._sensed_s = 0.0
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._target: tuple[int, int] | None = None
+        self._told = ""
+        self._mavutil, self._link = self._opened()
+        self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
+        self._thread.start()
+
+    # The agent's thread
+
+    def sense(self, time_s: float) -> Sensed:
+        """The vehicle's newest place, and the events of the file that are near it."""
+        with self._lock:
+            sensed = self._guard.sensed(time.monotonic())
+        if sensed.fault:
+            return sensed
+        at = (sensed.x_m, sensed.y_m)
+        self._surroundings.observe(self._observed, *at, time_s, time_s - self._sensed_s)
+        self._sensed_s = time_s
+        return sensed._replace(events=self._surroundings.sensed(*at, time_s, at))
+
+    def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
+        """Hand a velocity to the guard; it reaches the vehicle within a tenth of a second."""
+        self._observed = observed
+        with self._lock:
+            self._guard.command(vx_mps, vy_mps, time.monotonic())
+
+    def close(self) -> None:
+        """Have the vehicle stand, and hang up."""
+        with self._lock:
+            self._guard.command(0.0, 0.0, time.monotonic())
+        self._closing.set()
+        self._thread.join(CLOSE_S)
+        self._link.close()
+        log.info("%d set-points refused at the fence, %d stalls of the agent", self._guard.refused, self._guard.stalls)
+
+    # The vehicle's thread
+
+    def _opened(self) -> tuple[Any, Any]:
+        os.environ.setdefault("MAVLINK20", "1")  # read at import
+        from pymavlink import mavutil
+
+        options = self._options
+        component = mavutil.mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
+        link = mavutil.mavlink_connection(
+            options.device,
+            baud=options.baud,
+            source_system=options.system_id,
+            source_component=component,
+            dialect="common",
+            autoreconnect=True,
+        )
+        return mavutil, link
+
+    def _serve(self) -> None:
+        """Hear the vehicle, and tell it what to do at the rate asked for; a broken link is tried for ever."""
+        set_point_due_s = heartbeat_due_s = time.monotonic()
+        while True:
+            is_last = self._closing.is_set()
+            now_s = time.monotonic()
+            try:
+                if now_s >= heartbeat_due_s:
+                    heartbeat_due_s = now_s + HEARTBEAT_EVERY_S
+                    self._send_heartbeat()
+                if now_s >= set_point_due_s or is_last:
+                    set_point_due_s = now_s + 1.0 / self._options.rate_hz
+                    self._send_set_point(now_s)
+                if is_last:
+                    return
+                message = self._link.recv_match(blocking=True, timeout=max(0.001, set_point_due_s - now_s))
+                if message is not None:
+                    self._take(message, time.monotonic())
+            except OSError as error:
+                self._tell(f"the link to the vehicle: {error}")
+                if is_last or self._closing.wait(RETRY_S):
+                    return
+
+    def _tell(self, text: str) -> None:
+        if text != self._told:
+            self._told = text
+            log.warning("%s", text)
+
+    def _take(self, message: Any, now_s: float) -> None:
+        kind = message.get_type()
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        mavlink = self._mavutil.mavlink
+        if (
+            kind == "HEARTBEAT"
+            and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
+            and self._target in (None, source)
+        ):
+            if self._target is None:
+                self._target = source
+                log.info("vehicle %d is there", source[0])
+                self._ask_for_positions(source)
+            is_armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+            mode = self._mavutil.mode_string_v10(message)
+            with self._lock:
+                self._guard.beat(is_armed, mode, now_s)
+        elif source != self._target:
+            return
+        elif kind == "LOCAL_POSITION_NED":
+            at = self._frame.to_arena(message.x, message.y)
+            with self._lock:
+                self._guard.locate(*at, now_s)
+        elif kind == "ESTIMATOR_STATUS":
+            with self._lock:
+                self._guard.doubt(message.pos_horiz_accuracy)
+
+    def _ask_for_positions(self, target: tuple[int, int]) -> None:
+        """Positions as often as set-points."""
+        mavlink = self._mavutil.mavlink
+        interval_us = 1e6 / self._options.rate_hz
+        self._link.mav.command_long_send(
+            *target,
+            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
+            0,
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
+            interval_us,
+            *(0.0,) * 5,
+        )
+
+    def _send_heartbeat(self) -> None:
+        mavlink = self._mavutil.mavlink
+        self._link.mav.heartbeat_send(
+            mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
+        )
+
+    def _send_set_point(self, now_s: float) -> None:
+        with self._lock:
+            velocity, stalls = self._guard.velocity(now_s), self._guard.stalls
+        if stalls:
+            self._tell(f"the agent has stalled {stalls} times: the vehicle was told to stand")
+        if self._target is None:
+            return
+        north_mps, east_mps = self._frame.turned_to_ned(*velocity)
+        self._link.mav.set_position_target_local_ned_send(
+            int(now_s * 1000) & 0xFFFF_FFFF,
+            *self._target,
+            self._mavutil.mavlink.MAV_FRAME_LOCAL_NED,
+            VELOCITY_ONLY,
+            *(0.0, 0.0, 0.0),
+            *(north_mps, east_mps, 0.0),
+            *(0.0,) * 5,
+        )
