@@ -1,0 +1,110 @@
+"""A TCP link that a test can cut, hold and mend: a proxy on loopback."""
+
+import contextlib
+import select
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+CHUNK = 65536
+
+
+class Cable:
+    """Forwards whoever connects to `port` to another port, while it is whole.
+
+    Cut, its connections are closed and new ones too; held, it takes nothing more, and what was sent arrives late.
+    """
+
+    def __init__(self, to_port: int) -> None:
+        self._to = ("127.0.0.1", to_port)
+        self._server = socket.create_server(("127.0.0.1", 0))
+        self.port = int(self._server.getsockname()[1])
+        self._is_over = False
+        self._is_cut = False
+        self._is_held = False
+        self._pairs: dict[socket.socket, socket.socket] = {}
+        self._waker, self._woken = socket.socketpair()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def cut(self) -> None:
+        """Break it."""
+        self._is_cut = True
+        self._wake()
+
+    def hold(self) -> None:
+        """Let nothing through, without closing anything."""
+        self._is_held = True
+        self._wake()
+
+    def mend(self) -> None:
+        """Make it whole."""
+        self._is_cut = self._is_held = False
+        self._wake()
+
+    def close(self) -> None:
+        """End."""
+        self._is_over = True
+        self._wake()
+        self._thread.join(5)
+        self._server.close()
+        self._waker.close()
+        self._woken.close()
+
+    def _wake(self) -> None:
+        self._waker.send(b"!")
+
+    def _serve(self) -> None:
+        while not self._is_over:
+            readers = [self._server, self._woken, *([] if self._is_held else self._pairs)]
+            for ready in select.select(readers, [], [])[0]:
+                if ready is self._woken:
+                    self._woken.recv(CHUNK)
+                elif ready is self._server:
+                    self._accept()
+                elif ready in self._pairs:
+                    self._forward(ready)
+            if self._is_cut:
+                for end in list(self._pairs):
+                    self._drop(end)
+        for end in list(self._pairs):
+            self._drop(end)
+
+    def _accept(self) -> None:
+        near, _ = self._server.accept()
+        try:
+            far = None if self._is_cut else socket.create_connection(self._to, 5)
+        except OSError:
+            far = None
+        if far is None:
+            near.close()
+        else:
+            self._pairs[near], self._pairs[far] = far, near
+
+    def _forward(self, end: socket.socket) -> None:
+        try:
+            data = end.recv(CHUNK)
+            self._pairs[end].sendall(data)
+        except OSError:
+            data = b""
+        if not data:
+            self._drop(end)
+
+    def _drop(self, end: socket.socket) -> None:
+        other = self._pairs.pop(end, None)
+        if other is not None:
+            self._pairs.pop(other, None)
+            for one in (end, other):
+                with contextlib.suppress(OSError):
+                    one.close()
+
+
+@contextmanager
+def cable(to_port: int) -> Iterator[Cable]:
+    """One that is gone afterwards."""
+    made = Cable(to_port)
+    try:
+        yield made
+    finally:
+        made.close()

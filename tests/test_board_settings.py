@@ -1,0 +1,217 @@
+"""A board's one file: what is wrong with it is said at once, all of it, and nothing is started."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+import tomli_w
+from mcap.reader import make_reader
+
+from deltaswarm_agent.__main__ import main
+from deltaswarm_agent.board.__main__ import world_config
+from deltaswarm_agent.board.notify import Notifier
+from deltaswarm_agent.board.recording import FrameRecorder
+from deltaswarm_agent.board.settings import BoardSettings, read_settings
+from deltaswarm_agent.bodies.kinematic import KinematicBody
+from deltaswarm_agent.bodies.loading import find_body
+from deltaswarm_wire.checked import SettingsError, check, load
+
+
+def a_file(folder: Path, **table: Any) -> Path:
+    file = folder / "board.toml"
+    file.write_text(tomli_w.dumps({"id": 3, "air": {"listen": ["tcp/127.0.0.1:0"]}, **table}))
+    return file
+
+
+def secret(folder: Path, text: str = "agent-3:word\n", mode: int = 0o600) -> str:
+    file = folder / "credentials"
+    file.write_text(text)
+    file.chmod(mode)
+    return str(file)
+
+
+def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Each with its key, what was found and what is allowed; exit code 2."""
+    table = {
+        "id": 70_000,
+        "agnet": {},
+        "agent": {"step_s": 0, "control": {"mode": "hybird"}},
+        "air": {"mode": "client", "listen": ["127.0.0.1"]},
+        "body": {"kind": 3},
+        "log": {"record": "mcap", "level": "LOUD"},
+    }
+    assert main(["board", str(a_file(tmp_path, **table))]) == 2
+    told = capsys.readouterr().err.splitlines()
+    for part in (
+        "id: 70000; an integer at least 0 and at most 65535",
+        "agnet: unknown key; did you mean 'agent'?",
+        "agent.step_s: 0;",
+        "agent.control.mode: 'hybird'; did you mean 'hybrid'?",
+        "air.connect: none; a client needs its router's endpoint",
+        "air.listen: 127.0.0.1; a client does not listen",
+        "air.listen: '127.0.0.1'; PROTOCOL/ADDRESS is allowed",
+        "body.kind: 3; a string is allowed",
+        "log.level: 'LOUD'",
+    ):
+        assert any(part in line for line in told), (part, told)
+    assert all(line.startswith(str(tmp_path)) for line in told)
+
+
+@pytest.mark.parametrize(
+    ("table", "word"),
+    [
+        ({"run": "a/b"}, "run: 'a/b'; run name"),
+        ({"agent": {"range_m": 5.0}}, "agent.control.d_min_m: 6; below agent.range_m (5)"),
+        ({"air": {}}, "air.connect: none; a peer needs"),
+        ({"air": {"listen": ["tls/0.0.0.0:1"]}}, "air.tls must name the certificates"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "tls": {"ca_file": "/no/ca.pem"}}}, "air.tls.ca_file: '/no/ca.pem'"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"a": 1}}}, "air.zenoh.a: 1; a string with JSON5"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"no/such": "1"}}}, "no/such=1: Zenoh refuses it"),
+        ({"log": {"record": "mcap"}}, "log.record: 'mcap'; needs log.folder"),
+        ({"body": {"kind": "kinematik"}}, "one of kinematic, mavlink, world, or module:Class"),
+        ({"body": {"kind": "no_such_module:Body"}}, "cannot be imported"),
+        ({"body": {"kind": "math:pi"}}, "is no body: it lacks Settings"),
+        ({"body": {"options": {"drfit": 1}}}, "body.options.drfit: unknown key; did you mean 'drift'?"),
+        ({"body": {"kind": "mavlink", "options": {"fence_m": [[0, 0], [1, 1]]}}}, "body.options.fence_m"),
+        ({"body": {"kind": "mavlink", "options": {"fence_m": [[0], [1, 1], [2, 0]]}}}, "two numbers"),
+        ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "one is allowed: the world's"),
+    ],
+)
+def test_what_no_single_key_shows_is_told(
+    table: dict[str, Any], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2, with and without `--check`."""
+    file = str(a_file(tmp_path, **table))
+    assert main(["board", file]) == 2
+    assert main(["board", file, "--check"]) == 2
+    told = capsys.readouterr().err
+    assert told.count(word) == 2, told
+
+
+@pytest.mark.parametrize(
+    ("text", "mode", "word"),
+    [
+        ("agent-3:word\n", 0o640, "has mode 0640; a secret's mode is 0600"),
+        ("agent-3:word\n", 0o604, "has mode 0604"),
+        ("agent-4:word\n", 0o600, "has no line agent-3:PASSWORD"),
+    ],
+)
+def test_credentials_are_for_their_owner_alone(text: str, mode: int, word: str, tmp_path: Path) -> None:
+    """And have a line for this agent."""
+    air = {"listen": ["tcp/127.0.0.1:0"], "credentials_file": secret(tmp_path, text, mode)}
+    made, problems = check(BoardSettings, {"id": 3, "air": air})
+    assert made is None
+    assert [word in str(problem) for problem in problems] == [True]
+
+
+def test_credentials_log_the_agent_in(tmp_path: Path) -> None:
+    """By its own line; the password is in no text that is told."""
+    air = {"listen": ["tcp/127.0.0.1:0"], "credentials_file": secret(tmp_path)}
+    settings = load(BoardSettings, {"id": 3, "air": air})
+    assert ("transport/auth/usrpwd/password", "word") in settings.air.pairs(settings.user)
+    assert settings.air.link(settings.user).user == "agent-3"
+
+
+def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """No log folder comes into being."""
+    log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
+    assert main(["board", str(a_file(tmp_path, log=log)), "--check"]) == 0
+    told = capsys.readouterr().out
+    for part in ("agent 3 of run field", "peer, listens on tcp/127.0.0.1:0", "kinematic", "as MCAP"):
+        assert part in told
+    assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize("arguments", [["--accelerate", "0"], ["--accelerate", "nan"], ["--steps", "0"]])
+def test_arguments_are_checked(arguments: list[str], tmp_path: Path) -> None:
+    """Exit code 2."""
+    assert main(["board", str(a_file(tmp_path)), *arguments]) == 2
+
+
+def test_a_real_body_has_real_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It cannot be accelerated."""
+    file = str(a_file(tmp_path, body={"kind": "mavlink"}))
+    assert main(["board", file, "--check"]) == 0
+    assert main(["board", file, "--check", "--accelerate", "2"]) == 2
+    assert "MavlinkBody is a real body" in capsys.readouterr().err
+
+
+def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
+    """Exit code 2."""
+    assert main(["board", str(tmp_path / "none.toml")]) == 2
+    (tmp_path / "bad.toml").write_text("id = = 3")
+    assert main(["board", str(tmp_path / "bad.toml")]) == 2
+
+
+def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
+    """The same file, with the world as the one endpoint."""
+    air = {"mode": "client", "connect": ["tcp/10.0.0.1:7447"], "credentials_file": secret(tmp_path)}
+    config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"}, agent={"seed": 5})))
+    assert (config.agent, config.run, config.settings.seed) == (3, "field", 5)
+    assert (config.link.endpoint, config.link.user, config.link.password) == ("tcp/10.0.0.1:7447", "agent-3", "word")
+
+
+def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As any installed package may name one."""
+    folder = tmp_path / "rover-1.0.dist-info"
+    folder.mkdir()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: rover\nVersion: 1.0\n")
+    kinematic = "deltaswarm_agent.bodies.kinematic:KinematicBody"
+    (folder / "entry_points.txt").write_text(f"[deltaswarm.bodies]\nrover = {kinematic}\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert find_body("rover") is KinematicBody
+    with pytest.raises(SettingsError, match="kinematic, mavlink, rover, world"):
+        find_body("rovre")
+
+
+def test_a_recording_is_bounded(tmp_path: Path) -> None:
+    """The newest file and its backups hold the last samples in order; older ones are gone."""
+    recorder = FrameRecorder(tmp_path, "agent-3", 10_000, backups=2)
+    for number in range(1000):
+        recorder.write("/agent/3/radio", number.to_bytes(4) * 8)
+    recorder.close()
+    files = [tmp_path / f"agent-3{number}.mcap" for number in (".2", ".1", "")]
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+    numbers = []
+    for file in files:
+        assert file.stat().st_size < 15_000
+        with file.open("rb") as stream:
+            messages = list(make_reader(stream).iter_messages())
+        assert {channel.topic for _, channel, _ in messages} <= {"/agent/3/radio"}
+        numbers += [int.from_bytes(message.data[:4]) for _, _, message in messages]
+    assert numbers == list(range(numbers[0], 1000))
+    FrameRecorder(tmp_path, "agent-3", 10_000, backups=2).close()
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_without_systemd_nothing_is_told() -> None:
+    """And the watchdog is another process's where its number is not ours."""
+    quiet = Notifier.from_environment({"WATCHDOG_USEC": "1000000", "WATCHDOG_PID": "1"})
+    assert quiet.alive_every_s is None
+    for tell in (quiet.ready, quiet.alive, quiet.stopping, quiet.close):
+        tell()
+    assert Notifier.from_environment({"WATCHDOG_USEC": "1000000"}).alive_every_s == 0.5
+    lost = Notifier("/no/such/socket", 1.0)
+    lost.alive()
+    lost.close()
+
+
+def test_a_board_needs_neither_pymavlink_nor_mcap(tmp_path: Path) -> None:
+    """They are imported when the file asks for them, and where they are missing that is said; exit code 2."""
+    program = """
+import sys
+sys.modules["pymavlink"] = sys.modules["mcap"] = None
+from deltaswarm_agent.__main__ import main
+sys.exit(main(["board", sys.argv[1], "--check"]))
+"""
+    for table, code, word in (
+        ({}, 0, ""),
+        ({"body": {"kind": "mavlink"}}, 2, "extra mavlink"),
+        ({"log": {"record": "mcap", "folder": str(tmp_path / "logs")}}, 2, "extra mcap"),
+    ):
+        command = [sys.executable, "-c", program, str(a_file(tmp_path, **table))]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == code, done.stderr
+        assert word in done.stderr

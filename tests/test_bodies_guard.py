@@ -1,0 +1,168 @@
+"""What stands between an agent and a real vehicle: fence, frame, limits and watchdog, without any vehicle."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from deltaswarm_agent.bodies.fence import Fence, Place
+from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
+from deltaswarm_agent.bodies.local_frame import LocalFrame
+
+SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
+HORSESHOE = Fence([(0, 0), (10, 0), (10, 10), (7, 10), (7, 3), (3, 3), (3, 10), (0, 10)])
+"""Two arms, and nothing between them."""
+
+LIMITS = Limits(
+    max_speed_mps=2.0, command_s=1.5, ahead_s=1.0, position_s=1.0, heartbeat_s=3.0, needs_armed=True, modes=("GUIDED",)
+)
+
+places = st.tuples(st.floats(-15, 25), st.floats(-15, 25))
+speeds = st.tuples(st.floats(-5, 5), st.floats(-5, 5))
+
+
+@given(places, speeds, st.sampled_from([SQUARE, HORSESHOE]))
+def test_nothing_permitted_leads_out(at: Place, velocity: Place, fence: Fence) -> None:
+    """At no time of the look ahead."""
+    assume(fence.holds(at) and fence.permits(at, *velocity, 2.0))
+    for tenth in range(11):
+        share = 2.0 * tenth / 10
+        assert fence.holds((at[0] + velocity[0] * share, at[1] + velocity[1] * share))
+
+
+@given(st.lists(speeds, min_size=1, max_size=40), st.floats(0.1, 1))
+def test_a_vehicle_that_obeys_stays_within(wishes: list[Place], step_s: float) -> None:
+    """Whatever the agent wants, when the look ahead is at least a step."""
+    guard = Guard(LIMITS, HORSESHOE, 0.1)
+    at, now_s = (1.0, 1.0), 0.0
+    for wish in wishes:
+        guard.locate(*at, now_s)
+        guard.command(*wish, now_s)
+        velocity = guard.velocity(now_s)
+        assert math.hypot(*velocity) <= 2.0 + 1e-9
+        at = (at[0] + velocity[0] * step_s, at[1] + velocity[1] * step_s)
+        now_s += step_s
+        assert HORSESHOE.holds(at)
+
+
+def test_no_way_leads_across_a_gap() -> None:
+    """From one arm of the horseshoe to the other, though both are within."""
+    assert HORSESHOE.holds((1.0, 8.0))
+    assert HORSESHOE.holds((9.0, 8.0))
+    assert not HORSESHOE.permits((1.0, 8.0), 8.0, 0.0, 1.0)
+
+
+@given(places, speeds)
+def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place) -> None:
+    """Standing, too."""
+    assume(not SQUARE.holds(at) and min(abs(at[0]), abs(at[0] - 10), abs(at[1]), abs(at[1] - 10)) > 0.01)
+
+    def beyond_m(place: Place) -> float:
+        return math.hypot(max(-place[0], 0, place[0] - 10), max(-place[1], 0, place[1] - 10))
+
+    to = (at[0] + velocity[0], at[1] + velocity[1])
+    assert SQUARE.permits(at, 0.0, 0.0, 1.0)
+    if SQUARE.permits(at, *velocity, 1.0) and velocity != STAND:
+        assert beyond_m(to) < beyond_m(at) + 1e-9
+
+
+@pytest.mark.parametrize("corners", [[], [(0, 0), (1, 1)], [(0, 0), (1, 1), (2, 2)]])
+def test_a_fence_encloses_something(corners: list[Place]) -> None:
+    """Three corners that are not on one line."""
+    with pytest.raises(ValueError, match="corners"):
+        Fence(corners)
+
+
+@given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-360, 360), st.floats(-100, 100), st.floats(-100, 100))
+def test_frames_turn_forth_and_back(north_m: float, east_m: float, heading_deg: float, x: float, y: float) -> None:
+    """Without change of length."""
+    frame = LocalFrame(north_m, east_m, heading_deg)
+    north, east = frame.turned_to_ned(x, y)
+    assert math.hypot(north, east) == pytest.approx(math.hypot(x, y))
+    assert frame.turned_to_arena(north, east) == pytest.approx((x, y), abs=1e-9)
+    assert frame.to_arena(north_m + north, east_m + east) == pytest.approx((x, y), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("heading_deg", "north", "east"), [(0.0, 1.0, 0.0), (90.0, 0.0, 1.0), (180.0, -1.0, 0.0), (-90.0, 0.0, -1.0)]
+)
+def test_the_heading_is_the_compass_direction_of_y(heading_deg: float, north: float, east: float) -> None:
+    """0 north, 90 east."""
+    assert LocalFrame(0.0, 0.0, heading_deg).turned_to_ned(0.0, 1.0) == pytest.approx((north, east))
+
+
+def a_guard(now_s: float = 0.0) -> Guard:
+    """One whose vehicle is well, in the middle of the square."""
+    guard = Guard(LIMITS, SQUARE, 0.1)
+    guard.beat(True, "GUIDED", now_s)
+    guard.locate(5.0, 5.0, now_s)
+    return guard
+
+
+def test_a_command_is_cut_to_the_limit_and_keeps_its_direction() -> None:
+    """3-4-5, at 2 m/s."""
+    guard = a_guard()
+    guard.command(3.0, 4.0, 0.0)
+    assert guard.velocity(0.0) == pytest.approx((1.2, 1.6))
+    guard.command(math.inf, 0.0, 0.0)
+    assert guard.velocity(0.0) == STAND
+
+
+def test_a_stalled_agents_vehicle_stands_and_each_stall_counts_once() -> None:
+    """A command holds for its time, not longer; the next one ends the stall."""
+    guard = a_guard()
+    guard.command(1.0, 0.0, 0.0)
+    guard.locate(5.0, 5.0, 1.4)
+    assert guard.velocity(1.4) == (1.0, 0.0)
+    for now_s in (1.6, 1.7, 1.8):
+        guard.locate(5.0, 5.0, now_s)
+        assert guard.velocity(now_s) == STAND
+    assert guard.stalls == 1
+    guard.command(1.0, 0.0, 1.8)
+    assert guard.velocity(1.8) == (1.0, 0.0)
+
+
+def test_no_velocity_without_a_position() -> None:
+    """Neither before the first one, nor on an old one, nor on one that is no number."""
+    guard = Guard(LIMITS, SQUARE, 0.1)
+    guard.command(1.0, 0.0, 0.0)
+    guard.locate(math.nan, 5.0, 0.0)
+    assert guard.velocity(0.0) == STAND
+    guard.locate(5.0, 5.0, 0.0)
+    assert guard.velocity(0.9) == (1.0, 0.0)
+    assert guard.velocity(1.1) == STAND
+
+
+def test_what_leads_out_is_refused_and_counted() -> None:
+    """The vehicle is told to stand."""
+    guard = a_guard()
+    guard.locate(9.0, 5.0, 0.0)
+    guard.command(1.5, 0.0, 0.0)
+    assert guard.velocity(0.0) == STAND
+    assert guard.refused == 1
+    guard.command(0.5, 0.0, 0.0)
+    assert guard.velocity(0.0) == (0.5, 0.0)
+
+
+def test_the_body_says_what_is_wrong() -> None:
+    """One thing after the other, the gravest first; and how certain the place is."""
+    guard = Guard(LIMITS, SQUARE, 0.1)
+    assert "heartbeat" in guard.sensed(0.0).fault
+    guard.beat(False, "LOITER", 0.0)
+    assert "no position" in guard.sensed(0.0).fault
+    guard.locate(5.0, 5.0, 0.0)
+    assert "not armed" in guard.sensed(0.0).fault
+    guard.beat(True, "LOITER", 0.0)
+    assert "mode LOITER" in guard.sensed(0.0).fault
+    guard.beat(True, "GUIDED", 0.0)
+    guard.doubt(0.7)
+    guard.doubt(math.nan)
+    assert guard.sensed(0.5) == (5.0, 5.0, 0.7, (), "")
+    assert "no position" in guard.sensed(2.0).fault
+    assert "heartbeat" in guard.sensed(4.0).fault
+    free = Guard(dataclasses.replace(LIMITS, needs_armed=False, modes=()), SQUARE, 0.1)
+    free.beat(False, "LOITER", 0.0)
+    free.locate(5.0, 5.0, 0.0)
+    assert not free.sensed(0.0).fault
