@@ -17,6 +17,7 @@ from deltaswarm_agent.board.settings import BoardSettings, read_settings
 from deltaswarm_agent.bodies.kinematic import KinematicBody
 from deltaswarm_agent.bodies.loading import find_body
 from deltaswarm_wire.checked import SettingsError, check, load
+from deltaswarm_wire.session import Tls
 
 
 def a_file(folder: Path, **table: Any) -> Path:
@@ -151,6 +152,14 @@ def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:
     config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"}, agent={"seed": 5})))
     assert (config.agent, config.run, config.settings.seed) == (3, "field", 5)
     assert (config.link.endpoint, config.link.user, config.link.password) == ("tcp/10.0.0.1:7447", "agent-3", "word")
+
+
+def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) -> None:
+    """Over TLS the world knows it by that."""
+    files = {name: secret(tmp_path) for name in ("ca_file", "cert_file", "key_file")}
+    air = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": files}
+    config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"})))
+    assert config.link.tls == Tls(files["ca_file"], files["cert_file"], files["key_file"])
 
 
 def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

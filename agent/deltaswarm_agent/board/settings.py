@@ -9,7 +9,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import Link, Pairs, user_name
+from deltaswarm_wire.session import TLS, Link, Pairs, Tls, protocol_of, user_name
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -47,6 +47,7 @@ class TlsSettings:
             ("transport/link/tls/listen_private_key", self.key_file),
             ("transport/link/tls/enable_mtls", True),
             ("transport/link/tls/verify_name_on_connect", self.verify_name),
+            ("transport/link/tls/close_link_on_expiration", True),
         ]
 
 
@@ -92,10 +93,13 @@ class AirSettings:
         return found
 
     def link(self, user: str) -> Link:
-        """The credentials, the user's own settings and the first endpoint; raises as `password_of`."""
+        """The first endpoint with its credentials, and the user's own settings; raises as `password_of`."""
         password = password_of(self.credentials_file, user) if self.credentials_file else ""
         endpoint = self.connect[0] if self.connect else ""
-        return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()))
+        files = self.tls
+        over_tls = protocol_of(endpoint) == TLS and files.ca_file
+        tls = Tls(files.ca_file, files.cert_file, files.key_file) if over_tls else None
+        return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
         """Zenoh's settings for open air: nothing that is missing at the start, or later, ends the session."""
