@@ -21,7 +21,7 @@ log = logging.getLogger("deltaswarm.air")
 
 RETRY_S = 1.0
 CLOSE_S = 1.0
-"""A session that does not close within this is left to the end of the process."""
+"""A session that does not open or close within this is left to the end of the process."""
 
 
 class OpenAir:
@@ -38,6 +38,7 @@ class OpenAir:
         self._inbox = Inbox(settings.id, settings.air.stale_s, settings.air.range_m)
         self._lock = threading.Lock()
         self._closing = threading.Event()
+        self._opener = threading.Thread(target=self._keep_opening, name="air", daemon=True)
         self._session: zenoh.Session | None = None
         self._radio: zenoh.Publisher | None = None
         self._report: zenoh.Publisher | None = None
@@ -49,7 +50,7 @@ class OpenAir:
         self._accelerate = accelerate
         self._start_s = time.monotonic()
         zenoh.init_log_from_env_or("error")
-        threading.Thread(target=self._keep_opening, name="air", daemon=True).start()
+        self._opener.start()
 
     @property
     def counts(self) -> str:
@@ -78,6 +79,8 @@ class OpenAir:
     def close(self) -> None:
         """Leave: the liveliness token goes at once."""
         self._closing.set()
+        if self._opener.is_alive():
+            self._opener.join(CLOSE_S)
         session, self._session = self._session, None
         if session is not None:
             closer = threading.Thread(target=session.close, daemon=True)
