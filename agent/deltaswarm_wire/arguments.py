@@ -6,6 +6,7 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
+from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.session import PASSWORD_VARIABLE, TLS, Link, Tls, protocol_of, user_name
 
@@ -45,6 +46,21 @@ def run_name(text: str) -> str:
         raise argparse.ArgumentTypeError(str(error)) from None
 
 
+def agent_numbers(text: str) -> list[int]:
+    """Agents' numbers, ascending, of numbers and ranges with commas between them."""
+    found: set[int] = set()
+    for part in text.split(","):
+        first, sign, last = part.partition("-")
+        try:
+            low, high = int(first), int(last if sign else first)
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"{text!r}: numbers such as 3,7 or 20-24 are expected") from None
+        if not 0 <= low <= high <= MAX_AGENT_ID:
+            raise argparse.ArgumentTypeError(f"{part!r}: 0 to {MAX_AGENT_ID}, the lower first, is allowed")
+        found.update(range(low, high + 1))
+    return sorted(found)
+
+
 def override(text: str) -> tuple[str, str]:
     """KEY=VALUE as a pair."""
     key, sign, value = text.partition("=")
@@ -65,6 +81,23 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
     user = user_name(role, number) if password else ""
     tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
     return Link(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
+
+
+def password_in(file: Path, user: str) -> str:
+    """A user's password from `user:password` lines, as the world's credentials file has them.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it has no such user, or others than its owner may read it.
+    """
+    mode = stat.S_IMODE(file.stat().st_mode)
+    if mode & 0o077:
+        raise ValueError(f"has mode {mode:04o}; 0600 is needed: chmod 600 {file}")
+    for line in file.read_text().splitlines():
+        name, sign, password = line.strip().partition(":")
+        if sign and name == user:
+            return password
+    raise ValueError(f"has no line {user}:PASSWORD")
 
 
 def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, key: str | None) -> Tls | None:

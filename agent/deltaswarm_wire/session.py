@@ -119,7 +119,25 @@ def client_pairs(link: Link) -> Pairs:
     user, password = (CERTIFIED, CERTIFIED) if link.tls else (link.user, link.password)
     if user:
         pairs += [("transport/auth/usrpwd/user", user), ("transport/auth/usrpwd/password", password)]
-    return pairs + _tls_pairs(link.tls, "connect")
+    return pairs + tls_pairs(link.tls, "connect")
+
+
+def air_pairs(
+    mode: str, connect: Sequence[str], listen: Sequence[str], *, multicast: bool = False, gossip: bool = False
+) -> Pairs:
+    """Open air: nothing that is missing at the start, or later, ends the session."""
+    return [
+        ("mode", mode),
+        ("connect/endpoints", list(connect)),
+        ("connect/timeout_ms", -1),
+        ("connect/exit_on_failure", False),
+        ("connect/retry", {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}),
+        ("listen/endpoints", list(listen)),
+        ("listen/timeout_ms", -1),
+        ("listen/exit_on_failure", False),
+        ("scouting/multicast/enabled", multicast),
+        ("scouting/gossip/enabled", gossip),
+    ]
 
 
 def router_pairs(
@@ -150,7 +168,7 @@ def router_pairs(
     return [
         ("mode", "router"),
         ("listen/endpoints", endpoints),
-        *_tls_pairs(link.tls, "listen"),
+        *tls_pairs(link.tls, "listen"),
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
@@ -164,7 +182,8 @@ def protocol_of(endpoint: str) -> str:
     return endpoint.partition("/")[0]
 
 
-def _tls_pairs(tls: Tls | None, side: str) -> Pairs:
+def tls_pairs(tls: Tls | None, side: str) -> Pairs:
+    """Certificates for one side of its links, `connect` or `listen`; both ends show theirs."""
     if tls is None:
         return []
     return [
@@ -210,7 +229,7 @@ def access_rules(
         receives=[keys.forwarded if uplink else keys.all_reports, keys.clock],
         heard_by=[keys.workload],
         token=keys.token(OPERATOR),
-        watches=world,
+        watches=keys.all_tokens,
     )
     book.allow(
         RECORDER,

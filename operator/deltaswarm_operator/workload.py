@@ -8,7 +8,7 @@ from collections import Counter, deque
 from operator import itemgetter
 from typing import Any
 
-from deltaswarm_wire.codec import MAX_ID, WireError
+from deltaswarm_wire.codec import MAX_ID, MAX_STEP, WireError
 from deltaswarm_wire.digest import REPORT, Digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
@@ -85,26 +85,37 @@ class WorkloadMeter:
         try:
             report = decode_report(data)
         except WireError as error:
-            return self._reject(agent_of_key, str(error))
+            return self.reject(agent_of_key, str(error))
         return self.take(agent_of_key, report, data)
 
     def take(self, agent_of_key: int, report: Report, data: bytes) -> str | None:
         """The same for a report and the bytes that it was decoded from, or encoded to."""
         agent, step = report.agent, report.step
         if agent != agent_of_key:
-            return self._reject(agent_of_key, f"report.agent: {agent} on the key of agent {agent_of_key}")
+            return self.reject(agent_of_key, f"report.agent: {agent} on the key of agent {agent_of_key}")
         if step > self.step + MAX_AHEAD_STEPS and self.step >= 0:
-            return self._reject(agent, f"report.step: {step}, when {self.step} is the newest closed step")
+            return self.reject(agent, f"report.step: {step}, when {self.step} is the newest closed step")
         self._follow_sequence(agent, report.sequence)
         self._hold(step, report, data)
         return None
+
+    def take_now(self, report: Report, data: bytes) -> None:
+        """Take in a report of an agent whose steps are its own: it counts in the next one to be closed here."""
+        self._follow_sequence(report.agent, report.sequence)
+        self._hold(self.step + 1, report, data)
+
+    def reject(self, agent: int, reason: str) -> str:
+        """Count a sample that is dropped; gives the reason back."""
+        self._rejected[agent] += 1
+        self._rejected_in_step += 1
+        return reason
 
     def receive_forwarded(self, data: bytes) -> str | None:
         """Take in one report that the world hands on, in its envelope; the reason if it is dropped."""
         try:
             forwarded = decode_forwarded(data)
         except WireError as error:
-            return self._reject(FORWARDER, str(error))
+            return self.reject(FORWARDER, str(error))
         return self.take_forwarded(forwarded)
 
     def take_forwarded(self, forwarded: Forwarded) -> str | None:
@@ -116,7 +127,7 @@ class WorkloadMeter:
         try:
             report = decode_report(forwarded.report)
         except WireError as error:
-            return self._reject(FORWARDER, str(error))
+            return self.reject(FORWARDER, str(error))
         self._hold(forwarded.step, report, forwarded.report)
         return None
 
@@ -128,11 +139,6 @@ class WorkloadMeter:
             step = self.step + 1
         self._held.setdefault(step, []).append((agent, report.sequence, report, data))
 
-    def _reject(self, agent: int, reason: str) -> str:
-        self._rejected[agent] += 1
-        self._rejected_in_step += 1
-        return reason
-
     def _follow_sequence(self, agent: int, sequence: int) -> None:
         """A gap is a loss on the way; a sequence that goes back belongs to an agent that began anew."""
         missing = sequence - self._newest_sequence.get(agent, -1) - 1
@@ -140,6 +146,10 @@ class WorkloadMeter:
             self._lost[agent] += missing
             self._lost_in_step += missing
         self._newest_sequence[agent] = sequence
+
+    def is_back(self, agent: int) -> None:
+        """What an agent sent while it was away is no loss: its sequence goes on from wherever it is."""
+        self._newest_sequence[agent] = MAX_STEP
 
     def close(self, clock: Clock, backlog: int) -> Workload:
         """Close the clock's step; `backlog` is the number of samples that wait behind the clock.

@@ -113,7 +113,7 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         made.append(CA)
     for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
         if not (folder / f"{name}.pem").exists():
-            _write(folder / name, *authority.sign(name, days, server if name == WORLD else ()))
+            _write(folder / name, *authority.sign(name, days, server if name in (WORLD, OPERATOR) else ()))
             made.append(name)
     return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
 

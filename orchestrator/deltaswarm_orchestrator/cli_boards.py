@@ -1,11 +1,16 @@
-"""The commands that get agents onto boards: `deltaswarm bundle` and `deltaswarm certificates`."""
+"""What the command line has for agents on boards: `bundle`, `certificates`, and `run --boards`."""
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_wire import __version__
-from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.arguments import agent_numbers
+from deltaswarm_wire.checked import Problem, SettingsError
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.boards import Boards
 
 MAX_DAYS = 36_500
 
@@ -29,11 +34,39 @@ def add_certificates(command: argparse.ArgumentParser) -> None:
         "A folder that holds some already is added to."
     )
     command.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for NAME.pem and NAME.key")
-    command.add_argument("--agents", type=_agents, required=True, metavar="N-M,...", help="such as 20-24 or 3,7")
+    command.add_argument("--agents", type=agent_numbers, required=True, metavar="N-M,...", help="such as 20-24 or 3,7")
     command.add_argument(
         "--host", action="append", default=[], metavar="HOST", help="name or address of the world's machine; repeatable"
     )
     command.add_argument("--days", type=_days, default=365, metavar="N", help="how long they are valid (default: 365)")
+
+
+def add_hardware_in_the_loop(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm run` for agents that are started elsewhere."""
+    command.add_argument(
+        "--boards", type=agent_numbers, metavar="N-M,...", help="agents on boards: not started, but waited for"
+    )
+    command.add_argument(
+        "--boards-folder", type=Path, metavar="FOLDER", help="for what each board is given (default: RUN.boards)"
+    )
+
+
+def boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
+    """The boards of a run into the folder `out`, if it has any.
+
+    Raises:
+        SettingsError: a folder for them without them, or boards in a run in one process.
+    """
+    if not arguments.boards:
+        if arguments.boards_folder:
+            raise SettingsError([Problem("--boards-folder", str(arguments.boards_folder), "only with --boards")])
+        return None
+    if arguments.in_process:
+        raise SettingsError([Problem("--boards", "with --in-process", "boards are processes of their own")])
+    from deltaswarm_orchestrator.boards import Boards
+
+    folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
+    return Boards(tuple(arguments.boards), arguments.listen, folder)
 
 
 def bundle(arguments: argparse.Namespace) -> int:
@@ -62,21 +95,6 @@ def certificates(arguments: argparse.Namespace) -> int:
         return USAGE
     print("\n".join(map(str, files)) if files else f"{arguments.out}: all of them are there")
     return OK
-
-
-def _agents(text: str) -> list[int]:
-    """Numbers and ranges with commas between them."""
-    found: set[int] = set()
-    for part in text.split(","):
-        first, sign, last = part.partition("-")
-        try:
-            low, high = int(first), int(last if sign else first)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r}: numbers such as 3,7 or 20-24 are expected") from None
-        if not 0 <= low <= high <= MAX_AGENT_ID:
-            raise argparse.ArgumentTypeError(f"{part!r}: 0 to {MAX_AGENT_ID}, the lower first, is allowed")
-        found.update(range(low, high + 1))
-    return sorted(found)
 
 
 def _days(text: str) -> int:

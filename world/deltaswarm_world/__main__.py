@@ -11,7 +11,7 @@ from pathlib import Path
 import tomli_w
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_tls_arguments, add_zenoh_argument, run_name, tls_of
+from deltaswarm_wire.arguments import LOG_FORMAT, add_tls_arguments, add_zenoh_argument, agent_numbers, run_name, tls_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import CERTIFIED, TLS, Link, protocol_of, user_name
 from deltaswarm_wire.settings import Scenario
@@ -58,6 +58,13 @@ def parser() -> argparse.ArgumentParser:
         choices=(OPERATOR, RECORDER),
         help="who, besides the agents, must be there before the first step (default: operator)",
     )
+    made.add_argument(
+        "--boards",
+        type=agent_numbers,
+        default=[],
+        metavar="N-M,...",
+        help="agents that may leave and come back, such as 20-24",
+    )
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     add_zenoh_argument(made)
     return made
@@ -74,6 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
             raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which has the processes in hand")
+        if arguments.boards and arguments.boards[-1] >= scenario.agents.count:
+            raise ValueError(f"--boards: the scenario has the agents 0 to {scenario.agents.count - 1}")
         listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))
         tls = tls_of(listen, arguments.ca, arguments.certificate, arguments.key)
         if not arguments.credentials.exists():
@@ -91,6 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             expect=tuple(arguments.expect or (OPERATOR,)),
             publish_truth=arguments.truth,
             listen=listen,
+            boards=tuple(arguments.boards),
         )
     except (ValueError, OSError) as error:
         print(f"deltaswarm world: {error}", file=sys.stderr)

@@ -7,10 +7,11 @@ bytes are a stranger's.
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from itertools import accumulate
 from typing import Any
 
-from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.codec import MAX_STEP, WireError
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import (
     FRAME_ROOM_BYTES,
@@ -47,10 +48,10 @@ NONE_DROPPED = (0,) * len(UPLINK_REASONS)
 class WorldCore:
     """The world of one run, with `scenario.agents.count` agents numbered from 0."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, boards: Iterable[int] = ()) -> None:
         self.scenario = scenario
         self.environment = Environment(scenario)
-        self.lockstep = LockStep(range(scenario.agents.count))
+        self.lockstep = LockStep(range(scenario.agents.count), boards)
         self.rejected: Counter[int] = Counter()
         """Samples dropped at the edge, per agent whose key they came on."""
         self.refused_claims = 0
@@ -112,6 +113,7 @@ class WorldCore:
         environment = self.environment
         self._step, self._time_s = step, step * self.scenario.run.step_s
         taking_part = self.lockstep.begin(step)
+        knocked, self.lockstep.knocked = self.lockstep.knocked, []
         alive = self.lockstep.alive
         for agent, there in enumerate(self._present):
             if there != (agent in alive):
@@ -125,10 +127,14 @@ class WorldCore:
         heard = self._hear(taking_part)
         positions = environment.positions_m.tolist()
         self._spoken, self._acts = {}, {}
-        for agent in taking_part:
+        for agent in (*taking_part, *knocked):
             x_m, y_m = positions[agent]
             sensed = tuple(self._sensed[agent][:MAX_SENSED])
             yield agent, Frame(step, self._time_s, last, x_m, y_m, sensed, tuple(heard[agent]))
+
+    def board_is_back(self, agent: int) -> None:
+        """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
+        self._newest_counter[agent] = self._newest_report[agent] = MAX_STEP
 
     def _sense(self) -> list[list[Event]]:
         """What each agent senses, or believes to."""
@@ -367,6 +373,7 @@ class WorldCore:
             "complete": complete,
             "digest": self.digest.hex(),
             "agents_lost": list(self.lockstep.lost),
+            "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             "rejected": {str(agent): count for agent, count in sorted(self.rejected.items())},
             "refused_claims": self.refused_claims,

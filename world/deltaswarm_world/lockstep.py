@@ -1,12 +1,28 @@
 """The lock-step: whose act a step still waits for, who is late, who is gone."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
+
+
+@dataclass
+class Attendance:
+    """How a board took part in a run."""
+
+    late_steps: int = 0
+    """Steps that it was there for and did not close in time."""
+    absences: int = 0
+    """Times that it went."""
+    absent_steps: int = 0
+    """Steps that it was away for."""
 
 
 class LockStep:
-    """Keeps the set of agents that a step waits for. Time is the caller's; this holds no clock."""
+    """Keeps the set of agents that a step waits for. Time is the caller's; this holds no clock.
 
-    def __init__(self, agents: Iterable[int]) -> None:
+    `boards` are agents on machines of their own: they may come and go, and how they did is counted.
+    """
+
+    def __init__(self, agents: Iterable[int], boards: Iterable[int] = ()) -> None:
         self.alive = set(agents)
         """Agents whose process is there."""
         self.waiting: set[int] = set()
@@ -17,12 +33,17 @@ class LockStep:
         """Agents whose process went unasked, in that order."""
         self.frozen: frozenset[int] = frozenset()
         """Agents that are made to stand still; they get no frame, and nobody waits for them."""
+        self.boards = {agent: Attendance() for agent in sorted(boards)}
+        self.knocked: list[int] = []
+        """Boards that hang and get the next frame all the same, unwaited for: who was started anew owes no act."""
         self.step = -1
 
     def begin(self, step: int) -> list[int]:
         """Open a step; the agents that take part in it, ascending."""
         self.step = step
         self.waiting = self.alive - self.hanging - self.frozen
+        for agent, attendance in self.boards.items():
+            attendance.absent_steps += agent not in self.alive
         return sorted(self.waiting)
 
     def close(self, agent: int, step: int) -> bool:
@@ -42,8 +63,14 @@ class LockStep:
         """Go on without those who are waited for; they hang until they are heard again."""
         late = sorted(self.waiting)
         self.hanging |= self.waiting
+        for agent in self.hanging & self.boards.keys():
+            self.boards[agent].late_steps += 1
         self.waiting = set()
         return late
+
+    def knock(self) -> None:
+        """Send the boards that hang a frame, with the next step."""
+        self.knocked = sorted(self.hanging & self.boards.keys())
 
     def gone(self, agent: int) -> None:
         """An agent's liveliness token went."""
@@ -51,7 +78,10 @@ class LockStep:
             self.alive.discard(agent)
             self.waiting.discard(agent)
             self.hanging.discard(agent)
-            self.lost.append(agent)
+            if agent not in self.boards:
+                self.lost.append(agent)
+            elif self.step >= 0:
+                self.boards[agent].absences += 1
 
     def take_out(self, agent: int) -> None:
         """An agent dies as planned: its token's end is no news, and it is not among the lost."""

@@ -58,6 +58,8 @@ class WorldConfig:
     publish_truth: bool = False
     listen: tuple[str, ...] = ()
     """Endpoints; without any, the link's."""
+    boards: tuple[int, ...] = ()
+    """Agents on machines of their own, which may leave and come back."""
 
 
 class WorldProcess:
@@ -65,7 +67,7 @@ class WorldProcess:
 
     def __init__(self, config: WorldConfig, session: zenoh.Session) -> None:
         self._config = config
-        self._core = WorldCore(config.scenario)
+        self._core = WorldCore(config.scenario, config.boards)
         self._keys = keys = Keys(config.run)
         count = config.scenario.agents.count
         self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(8 * count + 64))
@@ -79,7 +81,7 @@ class WorldProcess:
         self._orders = self._publisher(session, keys.orders, "Order")
         self._in_hand: Order | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
-        self._status_due = 0.0
+        self._status_due = self._knock_due = 0.0
         self._ending = False
         self._there: set[tuple[str, int]] = set()
         self._warned: set[int] = set()
@@ -125,6 +127,7 @@ class WorldProcess:
             for order in self._core.strike(step):
                 self._give(order, pace)
             last = step == settings.steps - 1 or self._waker.stop_requested
+            self._knock(last)
             for agent, frame in self._core.begin(step, last):
                 self._frames[agent].put(encode_frame(frame))
             self._collect(pace)
@@ -146,6 +149,14 @@ class WorldProcess:
         output.finish(self._core, complete, overruns=pace.overruns if pace else 0)
         self._send_status(step, "ended")
         return complete
+
+    def _knock(self, last: bool) -> None:
+        """A board that hung for long gets a frame, as does each that hangs at the end, which else it would miss."""
+        now, lockstep = time.monotonic(), self._core.lockstep
+        if last or now >= self._knock_due:
+            lockstep.knock()
+        if now >= self._knock_due or not lockstep.hanging:
+            self._knock_due = now + self._config.scenario.run.step_timeout_s
 
     def _give(self, order: Order, pace: "Pace | None") -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
@@ -232,6 +243,8 @@ class WorldProcess:
                 continue
             if role == AGENT and number < self._config.scenario.agents.count:
                 (lockstep.back if there else lockstep.gone)(number)
+                if there and number in lockstep.boards:
+                    self._core.board_is_back(number)
                 if lockstep.step >= 0 and not self._ending:
                     log.warning("agent %d %s in step %d", number, "is back" if there else "is gone", lockstep.step)
             elif role == OPERATOR and not there and lockstep.step >= 0 and not self._ending:

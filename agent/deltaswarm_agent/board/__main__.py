@@ -56,9 +56,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 1
 
 
+WORLD_LOST_S = 60.0
+"""A board whose link dies waits so long for the world to come back before it ends (and systemd starts it anew)."""
+
+
 def world_config(settings: BoardSettings) -> AgentConfig:
     """The board's file for an agent whose body is the world's: the process is the one of a simulation."""
-    return AgentConfig(settings.run, settings.id, settings.air.link(settings.user), settings.agent)
+    return AgentConfig(
+        settings.run, settings.id, settings.air.link(settings.user), settings.agent, world_lost_s=WORLD_LOST_S
+    )
 
 
 def told(settings: BoardSettings) -> str:

@@ -76,8 +76,8 @@ class OpenAir:
         """Send one report to the operator, with the board's own wall clock [Unix s] beside it."""
         self._put(self._report, data, pack(time.time()))
 
-    def close(self) -> None:
-        """Leave: the liveliness token goes at once."""
+    def close(self) -> bool:
+        """Leave: the liveliness token goes at once. False where links are so bad that the session is not closed yet."""
         self._closing.set()
         if self._opener.is_alive():
             self._opener.join(CLOSE_S)
@@ -86,6 +86,8 @@ class OpenAir:
             closer = threading.Thread(target=session.close, daemon=True)
             closer.start()
             closer.join(CLOSE_S)
+            return not closer.is_alive()
+        return True
 
     def _put(self, publisher: zenoh.Publisher | None, data: bytes, attachment: bytes) -> None:
         try:

@@ -3,6 +3,7 @@
 import contextlib
 import logging
 import logging.handlers
+import os
 import queue
 import signal
 from dataclasses import dataclass
@@ -99,11 +100,14 @@ def run_board(run: BoardRun) -> int:
         # The robot first: whatever else fails, it shall stand.
         body.close()
         notifier.stopping()
-        air.close()
+        is_closed = air.close()
         if recorder:
             with contextlib.suppress(OSError):  # the disk is full, which was said
                 recorder.close()
         notifier.close()
+    if not is_closed:
+        logging.shutdown()
+        os._exit(0)  # a thread that is within Zenoh makes the interpreter's own end an abort
     return 0
 
 

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire import checked
+from deltaswarm_wire.arguments import password_in
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import TLS, Link, Pairs, Tls, protocol_of, user_name
+from deltaswarm_wire.session import TLS, Link, Pairs, Tls, air_pairs, protocol_of, user_name
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -93,8 +94,8 @@ class AirSettings:
         return found
 
     def link(self, user: str) -> Link:
-        """The first endpoint with its credentials, and the user's own settings; raises as `password_of`."""
-        password = password_of(self.credentials_file, user) if self.credentials_file else ""
+        """The first endpoint with its credentials, and the user's own settings; raises as `password_in`."""
+        password = password_in(Path(self.credentials_file), user) if self.credentials_file else ""
         endpoint = self.connect[0] if self.connect else ""
         files = self.tls
         over_tls = protocol_of(endpoint) == TLS and files.ca_file
@@ -102,19 +103,10 @@ class AirSettings:
         return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
-        """Zenoh's settings for open air: nothing that is missing at the start, or later, ends the session."""
+        """Zenoh's settings for open air."""
         link = self.link(user)
         pairs: Pairs = [
-            ("mode", self.mode),
-            ("connect/endpoints", list(self.connect)),
-            ("connect/timeout_ms", -1),
-            ("connect/exit_on_failure", False),
-            ("connect/retry", {"period_init_ms": 200, "period_max_ms": 2000, "period_increase_factor": 2}),
-            ("listen/endpoints", list(self.listen)),
-            ("listen/timeout_ms", -1),
-            ("listen/exit_on_failure", False),
-            ("scouting/multicast/enabled", self.multicast),
-            ("scouting/gossip/enabled", self.gossip),
+            *air_pairs(self.mode, self.connect, self.listen, multicast=self.multicast, gossip=self.gossip),
             *self.tls.pairs(),
         ]
         if link.user:
@@ -175,7 +167,7 @@ class BoardSettings:
             found.append(Problem("agent.control.d_min_m", f"{self.agent.control.d_min_m:g}", allowed))
         if self.air.credentials_file and not _readable("", self.air.credentials_file, secret=True):
             try:
-                password_of(self.air.credentials_file, self.user)
+                password_in(Path(self.air.credentials_file), self.user)
             except ValueError as error:
                 found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
         if self.body.kind == WORLD_BODY and len(self.air.connect) != 1:
@@ -189,27 +181,27 @@ class BoardSettings:
 
 
 def read_settings(file: Path) -> BoardSettings:
-    """A board's file, checked.
+    """A board's file, checked; secrets that it names without a folder's path are beside it.
 
     Raises:
         OSError: it cannot be read.
         ValueError: it is no TOML, or (as SettingsError) has mistakes: all of them.
     """
-    return checked.load(BoardSettings, tomllib.loads(file.read_text()))
+    table = tomllib.loads(file.read_text())
+    air = table.get("air")
+    if type(air) is dict:
+        _find_beside(file.parent, air, "credentials_file")
+        if type(air.get("tls")) is dict:
+            for name in ("ca_file", "cert_file", "key_file"):
+                _find_beside(file.parent, air["tls"], name)
+    return checked.load(BoardSettings, table)
 
 
-def password_of(file: str, user: str) -> str:
-    """A user's password from `user:password` lines, as the world's credentials file has them.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: it has no such user.
-    """
-    for line in Path(file).read_text().splitlines():
-        name, sign, password = line.strip().partition(":")
-        if sign and name == user:
-            return password
-    raise ValueError(f"has no line {user}:PASSWORD")
+def _find_beside(folder: Path, table: dict[str, Any], name: str) -> None:
+    """A bare file name becomes a path; anything else stays as it is."""
+    value = table.get(name)
+    if type(value) is str and value and "/" not in value:
+        table[name] = str(folder / value)
 
 
 def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:

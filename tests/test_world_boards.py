@@ -1,0 +1,134 @@
+"""Boards in the world's books: how they took part, and that their absence is no loss of the fabric."""
+
+from typing import Any
+
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.messages import Act, Frame, Report, encode_act, encode_report
+from deltaswarm_wire.radio import Relocating, encode_radio
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally
+from deltaswarm_world.core import WorldCore
+from deltaswarm_world.lockstep import Attendance, LockStep
+
+AGENT, BOARD = 0, 1
+
+
+def test_a_board_that_goes_is_counted_and_not_lost() -> None:
+    """An agent that goes is lost; before the first step a board may come and go as it likes."""
+    lockstep = LockStep([AGENT, BOARD], [BOARD])
+    lockstep.gone(BOARD)
+    lockstep.back(BOARD)
+    lockstep.begin(0)
+    for _ in range(2):
+        lockstep.gone(BOARD)
+        lockstep.gone(BOARD)
+        lockstep.back(BOARD)
+    lockstep.gone(AGENT)
+    assert lockstep.lost == [AGENT]
+    assert lockstep.boards == {BOARD: Attendance(late_steps=0, absences=2, absent_steps=0)}
+
+
+def test_steps_without_a_board_are_counted() -> None:
+    """Those that it was away for, and those that it was there for and did not close, each once."""
+    lockstep = LockStep([AGENT, BOARD], [BOARD])
+    for step in range(3):  # there, and silent
+        lockstep.begin(step)
+        lockstep.close(AGENT, step)
+        lockstep.give_up()
+    lockstep.gone(BOARD)
+    for step in range(3, 8):
+        assert lockstep.begin(step) == [AGENT]
+        lockstep.close(AGENT, step)
+        lockstep.give_up()
+    lockstep.back(BOARD)
+    assert lockstep.begin(8) == [AGENT, BOARD]
+    for agent in (AGENT, BOARD):
+        lockstep.close(agent, 8)
+    lockstep.give_up()
+    assert lockstep.boards == {BOARD: Attendance(late_steps=3, absences=1, absent_steps=5)}
+
+
+def test_only_boards_that_hang_are_knocked_for() -> None:
+    """An agent of this machine that hangs answers when it can."""
+    lockstep = LockStep([AGENT, BOARD, 2], [BOARD, 2])
+    lockstep.begin(0)
+    lockstep.close(2, 0)
+    lockstep.give_up()
+    lockstep.knock()
+    assert lockstep.hanging == {AGENT, BOARD}
+    assert lockstep.knocked == [BOARD]
+
+
+class Two:
+    """A world with an agent and a board, played by hand."""
+
+    def __init__(self, **tables: Any) -> None:
+        scenario = load(Scenario, {"agents": {"count": 2}, "events": {"rate_hz": 0}, **tables})
+        self.core = WorldCore(scenario, [BOARD])
+        self.step = -1
+
+    def begin(self, last: bool = False) -> dict[int, Frame]:
+        """The next step's frames."""
+        self.step += 1
+        return dict(self.core.begin(self.step, last))
+
+    def say(self, counter: int) -> None:
+        """A frame and a report of the board."""
+        assert self.core.hear_radio(BOARD, encode_radio(Relocating(BOARD, counter, 0, 0))) is None
+        if self.core.has_uplink:
+            report = encode_report(Report(BOARD, counter, self.step, "root", 1.0, 1.0, 0, ()))
+            assert self.core.hear_report(BOARD, report) is None
+
+    def end(self, *silent: int) -> Tally:
+        """Acts of all but the silent, and the end of the step."""
+        for agent in sorted(self.core.lockstep.waiting - set(silent)):
+            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, ())))
+        return self.core.end()
+
+
+def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) -> list[int]:
+    """What counts as lost in each step in which the board says this; it goes and comes back before one of them."""
+    stage = Two(**tables)
+    lost = []
+    for position, counter in enumerate(counters):
+        if position == away_before:
+            stage.core.lockstep.gone(BOARD)
+            stage.core.lockstep.back(BOARD)
+            stage.core.board_is_back(BOARD)
+        stage.begin()
+        stage.say(counter)
+        lost.append(stage.end().transport_lost)
+    return lost
+
+
+def test_what_a_board_said_while_it_was_away_is_no_loss() -> None:
+    """Its process went on, or began anew: both are well; a gap at another time is a loss."""
+    assert lost_over([0, 1, 40, 41, 43], away_before=2) == [0, 0, 0, 0, 1]
+    assert lost_over([0, 1, 0, 1, 3], away_before=2) == [0, 0, 0, 0, 1]
+    assert lost_over([0, 1, 40, 41, 43], away_before=None) == [0, 0, 38, 0, 1]
+
+
+def test_it_is_so_for_its_reports_through_an_uplink() -> None:
+    """Both sequences have the same gap here, so a loss counts twice."""
+    uplink = {"loss": 0.1}
+    assert lost_over([0, 1, 40, 42], away_before=2, uplink=uplink) == [0, 0, 0, 2]
+    assert lost_over([0, 1, 3], away_before=None, uplink=uplink) == [0, 0, 2]
+
+
+def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
+    """Once; and the answer brings the board back into the next step."""
+    stage = Two()
+    stage.begin()
+    stage.end(BOARD)
+    assert set(stage.begin()) == {AGENT}
+    stage.end()
+    stage.core.lockstep.knock()
+    frames = stage.begin(last=True)
+    assert set(frames) == {AGENT, BOARD}
+    assert frames[BOARD].last
+    assert stage.core.lockstep.waiting == {AGENT}
+    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, ())))
+    stage.end()
+    assert set(stage.begin()) == {AGENT, BOARD}
+    stage.end(BOARD)
+    assert set(stage.begin()) == {AGENT}, "a knock is for one step"
