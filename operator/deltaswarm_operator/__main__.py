@@ -1,4 +1,7 @@
-"""`python -m deltaswarm_operator`: the operator of one run, on this machine or on another."""
+"""`python -m deltaswarm_operator`: the operator of one run, on this machine or on another.
+
+With `--no-world` it is the operator of boards in open air.
+"""
 
 import argparse
 import logging
@@ -6,21 +9,36 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_operator.open_air import OpenAirConfig, run_open_air
 from deltaswarm_operator.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of
+from deltaswarm_wire.arguments import (
+    LOG_FORMAT,
+    add_link_arguments,
+    add_tls_arguments,
+    add_zenoh_argument,
+    agent_numbers,
+    link_of,
+    password_in,
+    run_name,
+    tls_of,
+)
 from deltaswarm_wire.keys import OPERATOR
+from deltaswarm_wire.session import Link, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
+
+NO_WORLD = "--no-world"
+MODES = ("peer", "router")
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of the operator."""
-    made = argparse.ArgumentParser(prog="deltaswarm operator", description="Run the operator.")
-    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for operator.csv and operator.json")
-    made.add_argument("--step-s", type=float, default=1.0, help="length of the world's steps [s] (default: 1)")
-    made.add_argument(
-        "--threshold-hz", type=float, default=5.0, help="count the time above this message rate (default: 5)"
+    made = argparse.ArgumentParser(
+        prog="deltaswarm operator",
+        description="Run the operator.",
+        epilog="Of boards without a world: deltaswarm operator --no-world ...; see deltaswarm operator --no-world -h.",
     )
+    _add_measuring(made, "length of the world's steps [s] (default: 1)")
     made.add_argument(
         "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
     )
@@ -29,35 +47,125 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="for a scenario with [uplink]: hear the reports that its model lets through",
     )
+    made.add_argument(
+        "--boards",
+        type=agent_numbers,
+        default=[],
+        metavar="N-M,...",
+        help="agents that may leave and come back, such as 20-24",
+    )
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
 
 
+def _add_measuring(made: argparse.ArgumentParser, step: str) -> None:
+    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for operator.csv and operator.json")
+    made.add_argument("--step-s", type=float, default=1.0, help=step)
+    made.add_argument(
+        "--threshold-hz", type=float, default=5.0, help="count the time above this message rate (default: 5)"
+    )
+
+
+def open_air_parser() -> argparse.ArgumentParser:
+    """The command line of the operator without a world."""
+    made = argparse.ArgumentParser(
+        prog="deltaswarm operator --no-world",
+        description="Hear boards in open air: who is alive, and how much they report. It ends when it is interrupted.",
+    )
+    made.add_argument(NO_WORLD, action="store_true", help=argparse.SUPPRESS)
+    _add_measuring(made, "length of a row's step [wall s] (default: 1)")
+    made.add_argument("--run", required=True, type=run_name, help="name of the run, as in the boards' files")
+    made.add_argument(
+        "--mode",
+        choices=MODES,
+        default=MODES[0],
+        help="peer: boards reach each other by themselves; router: through it",
+    )
+    for name, what in (
+        ("--listen", "where boards connect to it"),
+        ("--connect", "a board, or a router that boards use"),
+    ):
+        made.add_argument(name, action="append", default=[], metavar="ENDPOINT", help=f"{what}; may be repeated")
+    made.add_argument(
+        "--credentials", type=Path, metavar="FILE", help="user:password lines of all who may join; its own is operator"
+    )
+    made.add_argument(
+        "--status-every-s", type=float, default=10.0, metavar="S", help="a line of who is alive (default: every 10 s)"
+    )
+    add_tls_arguments(made)
+    add_zenoh_argument(made)
+    return made
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the operator; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
-    arguments = parser().parse_args(argv)
+    argv = sys.argv[1:] if argv is None else argv
     logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    without_world = NO_WORLD in argv
+    arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
     try:
-        config = OperatorConfig(
-            run=arguments.run,
-            link=link_of(arguments, OPERATOR, low_latency=arguments.low_latency),
-            settings=checked.load(OperatorSettings, {"threshold_hz": arguments.threshold_hz}, "operator"),
-            step_s=checked.load(RunSettings, {"step_s": arguments.step_s}, "run").step_s,
-            out=arguments.out,
-            uplink=arguments.uplink,
-            publish_all=arguments.publish_all,
-        )
+        config = _open_air_config(arguments) if without_world else _config(arguments)
         if (config.out / "operator.csv").exists():
             raise FileExistsError(f"--out {config.out}: operator.csv is there already, and nothing is overwritten")
     except (ValueError, OSError) as error:
         print(f"deltaswarm operator: {error}", file=sys.stderr)
         return 2
     try:
-        return run_operator(config)
+        return run_open_air(config) if isinstance(config, OpenAirConfig) else run_operator(config)
     except Exception as error:
         logging.getLogger("deltaswarm.operator").exception("the operator fails: %s", error)
         return 1
+
+
+def _config(arguments: argparse.Namespace) -> OperatorConfig:
+    return OperatorConfig(
+        run=arguments.run,
+        link=link_of(arguments, OPERATOR, low_latency=arguments.low_latency),
+        settings=_settings(arguments),
+        step_s=_step_s(arguments),
+        out=arguments.out,
+        uplink=arguments.uplink,
+        publish_all=arguments.publish_all,
+        boards=tuple(arguments.boards),
+    )
+
+
+def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
+    """Raises ValueError and OSError for what is wrong with the arguments."""
+    connect, listen = arguments.connect, arguments.listen
+    if not connect and not listen:
+        raise ValueError(f"{NO_WORLD} needs --listen or --connect")
+    if not arguments.status_every_s > 0:
+        raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
+    tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
+    link = Link((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
+    pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect") + tls_pairs(tls, "listen")
+    pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
+    if arguments.credentials:
+        try:
+            password = password_in(arguments.credentials, OPERATOR)
+        except ValueError as error:
+            raise ValueError(f"--credentials {arguments.credentials} {error}") from None
+        pairs += [("transport/auth/usrpwd/user", OPERATOR), ("transport/auth/usrpwd/password", password)]
+        pairs.append(("transport/auth/usrpwd/dictionary_file", str(arguments.credentials)))
+    return OpenAirConfig(
+        run=arguments.run,
+        link=link,
+        pairs=pairs,
+        settings=_settings(arguments),
+        step_s=_step_s(arguments),
+        out=arguments.out,
+        status_every_s=arguments.status_every_s,
+    )
+
+
+def _settings(arguments: argparse.Namespace) -> OperatorSettings:
+    return checked.load(OperatorSettings, {"threshold_hz": arguments.threshold_hz}, "operator")
+
+
+def _step_s(arguments: argparse.Namespace) -> float:
+    return checked.load(RunSettings, {"step_s": arguments.step_s}, "run").step_s
 
 
 if __name__ == "__main__":

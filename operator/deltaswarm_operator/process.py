@@ -1,7 +1,5 @@
 """The operator's process: receives reports and the clock. The one file of the operator that touches Zenoh."""
 
-import csv
-import json
 import logging
 import queue
 import signal
@@ -9,13 +7,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from pathlib import Path
-from types import FrameType, TracebackType
-from typing import Any, Self, cast
+from types import FrameType
+from typing import Any, cast
 
+from deltaswarm_operator.output import FLUSH_EVERY_S, Output
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.keys import OPERATOR, WORLD, Keys, parse_agent_key
+from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys, parse_agent_key
 from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
@@ -24,9 +24,6 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.operator")
-
-FLUSH_EVERY_S = 1.0
-"""Rows reach the file at least this often [wall s]."""
 
 PUBLISH_EVERY_S = 0.5
 """Unless every workload is asked for, one is published this often [wall s], for those who watch."""
@@ -49,6 +46,8 @@ class OperatorConfig:
     """Whether reports come through the world's uplink model: by its own key, as it lets them arrive."""
     publish_all: bool = False
     """Publish the workload of every step, for a recorder, and be ready only once one listens."""
+    boards: tuple[int, ...] = ()
+    """Agents that may leave and come back; what they send while they are away is no loss."""
 
 
 class Arrival(Enum):
@@ -57,6 +56,7 @@ class Arrival(Enum):
     REPORT = "report"
     FORWARDED = "forwarded report"
     CLOCK = "clock"
+    BOARD = "board is there"
     LISTENER = "listener"
     WORLD_GONE = "world gone"
     STOP = "stop"
@@ -72,45 +72,6 @@ class End(Enum):
 
 
 Inbox = queue.SimpleQueue[tuple[Arrival, Any]]
-
-
-class Output:
-    """`operator.csv`, a row per step, and at the end `operator.json`. Nothing there is overwritten."""
-
-    def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self._totals_file = folder / "operator.json"
-        self._stream = (folder / "operator.csv").open("x", newline="")
-        self._table = csv.writer(self._stream)
-        self._table.writerow(Workload._fields)
-        self._flush_due = 0.0
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._stream.close()
-
-    def row(self, workload: Workload) -> None:
-        """Add a step's row."""
-        self._table.writerow(workload)
-        if time.monotonic() >= self._flush_due:
-            self.flush()
-
-    def flush(self) -> None:
-        """Hand what was written to the operating system."""
-        self._stream.flush()
-        self._flush_due = time.monotonic() + FLUSH_EVERY_S
-
-    def finish(self, meter: WorkloadMeter, end: End) -> None:
-        """Write the totals, whole or not at all."""
-        self.flush()
-        found = {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
-        part = self._totals_file.with_name("operator.json.part")
-        part.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n")
-        part.replace(self._totals_file)
 
 
 class OperatorProcess:
@@ -132,6 +93,9 @@ class OperatorProcess:
             session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
             session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
         ]
+        for board in config.boards:
+            token, note = keys.token(AGENT, board), self._direct(partial(self._on_board, board))
+            self._subscribers.append(session.liveliness().declare_subscriber(token, note, history=True))
         self._workload = session.declare_publisher(
             keys.workload,
             encoding=zenoh.Encoding("application/msgpack;deltaswarm.Workload.v1"),
@@ -162,6 +126,10 @@ class OperatorProcess:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._inbox.put((Arrival.WORLD_GONE, None))
 
+    def _on_board(self, board: int, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._inbox.put((Arrival.BOARD, board))
+
     def _on_listener(self, status: zenoh.MatchingStatus) -> None:
         if status.matching:
             self._inbox.put((Arrival.LISTENER, None))
@@ -191,6 +159,8 @@ class OperatorProcess:
             elif arrival is Arrival.CLOCK:
                 if self._take_clock(sample.payload.to_bytes()):
                     return End.LAST_CLOCK
+            elif arrival is Arrival.BOARD:
+                self.meter.is_back(sample)
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
             else:
@@ -242,7 +212,7 @@ def run_operator(config: OperatorConfig) -> int:
     """
     zenoh.init_log_from_env_or("error")
     inbox: Inbox = queue.SimpleQueue()
-    _stop_on_signals(inbox)
+    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))  # behind what has arrived
     link = config.link
     settings = configured(zenoh.Config, client_pairs(link), link)
     try:
@@ -250,25 +220,28 @@ def run_operator(config: OperatorConfig) -> int:
     except zenoh.ZError as error:
         log.error("cannot join the world at %s (is it up, is the password right?): %s", link.endpoint, error)
         return 1
-    with session, Output(config.out) as output:
+    with session, Output(config.out, Workload._fields) as output:
         process = OperatorProcess(config, session, inbox, output)
         end = End.FAILED
         try:
             end = process.run()
         finally:
-            output.finish(process.meter, end)
+            meter = process.meter
+            output.finish(
+                {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
+            )
     totals = process.meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR
     log.log(level, "%s: %d steps, %d messages", end.value, totals["steps"], totals["messages"])
     return 0 if end is End.LAST_CLOCK else 1
 
 
-def _stop_on_signals(inbox: Inbox) -> None:
-    """A signal joins the queue behind what has arrived; `SimpleQueue.put` may be called from a handler."""
+def stop_on_signals(stop: Callable[[], None]) -> None:
+    """Call `stop` at a signal; `SimpleQueue.put` may be called from a handler."""
 
-    def stop(number: int, frame: FrameType | None) -> None:
-        inbox.put((Arrival.STOP, None))
+    def handle(number: int, frame: FrameType | None) -> None:
+        stop()
 
     for number in (signal.SIGTERM, signal.SIGINT):
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, stop)
+            signal.signal(number, handle)

@@ -1,0 +1,154 @@
+"""The operator without a world: hears boards in open air, by its own clock. The other file that touches Zenoh."""
+
+import logging
+import queue
+import time
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_operator.output import Output
+from deltaswarm_operator.presence import OpenAirMeter
+from deltaswarm_operator.process import stop_on_signals
+from deltaswarm_wire.keys import AGENT, Keys, parse_agent_key, parse_token
+from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.session import Link, Pairs, configured, use_one_worker_thread
+from deltaswarm_wire.settings import OperatorSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.operator")
+
+COLUMNS = (*Workload._fields, "agents_alive")
+
+
+@dataclass(frozen=True)
+class OpenAirConfig:
+    """What the operator is told where there is no world."""
+
+    run: str
+    link: Link
+    pairs: Pairs
+    """How its session is opened."""
+    settings: OperatorSettings
+    step_s: float
+    out: Path
+    status_every_s: float
+    """A line of how it goes, this often."""
+
+
+class Arrival(Enum):
+    """What the main thread finds in its inbox."""
+
+    REPORT = "report"
+    TOKEN = "token"
+    STOP = "stop"
+
+
+Inbox = queue.SimpleQueue[tuple[Arrival, Any]]
+
+
+class OpenAirOperator:
+    """The operator over an open session."""
+
+    def __init__(self, config: OpenAirConfig, session: zenoh.Session, inbox: Inbox, output: Output) -> None:
+        self.meter = OpenAirMeter(config.settings, config.step_s)
+        self._config = config
+        self._inbox = inbox
+        self._output = output
+        self._warned: set[str] = set()
+        self._start_s = time.monotonic()
+        self._status_due_s = config.status_every_s
+        keys = Keys(config.run)
+        self._subscribers = [
+            session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
+            session.liveliness().declare_subscriber(
+                keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
+            ),
+        ]
+
+    def _into_inbox(self, arrival: Arrival) -> Any:
+        put = self._inbox.put
+        return zenoh.handlers.Callback(lambda sample: put((arrival, sample)), indirect=False)
+
+    def run(self) -> None:
+        """Take what arrives and close steps, until told to stop."""
+        while True:
+            now_s = self._now_s()
+            workload = self.meter.close(now_s, self._inbox.qsize())
+            if workload is not None:
+                self._output.row((*workload, len(self.meter.alive)))
+                if now_s >= self._status_due_s:
+                    self._status_due_s = now_s + self._config.status_every_s
+                    log.info("%s", self._line(workload))
+            try:
+                arrival, sample = self._inbox.get(timeout=self.meter.wait_s(self._now_s()))
+            except queue.Empty:
+                continue
+            if arrival is Arrival.STOP:
+                return
+            if arrival is Arrival.REPORT:
+                self._take_report(sample)
+            else:
+                self._take_token(sample)
+
+    def _now_s(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def _line(self, workload: Workload) -> str:
+        alive = self.meter.alive
+        totals = self.meter.totals
+        return (
+            f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
+            f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
+            f"{totals['messages']} in all, {totals['lost']} lost"
+        )
+
+    def _take_report(self, sample: zenoh.Sample) -> None:
+        source = parse_agent_key(str(sample.key_expr))
+        sent = sample.attachment
+        reason = self.meter.hear(
+            source[0] if source else None,
+            sample.payload.to_bytes(),
+            None if sent is None else sent.to_bytes(),
+            self._now_s(),
+        )
+        if reason is not None and str(sample.key_expr) not in self._warned:
+            self._warned.add(str(sample.key_expr))
+            log.warning("dropped (further ones on %s are only counted): %s", sample.key_expr, reason)
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        source = parse_token(str(sample.key_expr))
+        if source is None:
+            return
+        is_there = sample.kind == zenoh.SampleKind.PUT
+        (self.meter.came if is_there else self.meter.went)(source[1])
+        log.info("agent %d is %s", source[1], "there" if is_there else "gone")
+
+
+def run_open_air(config: OpenAirConfig) -> int:
+    """Be the operator until a signal; the process's exit code. Call it in the main thread.
+
+    Raises:
+        FileExistsError: the folder holds an operator's table already.
+        ValueError: the user's own Zenoh settings are refused.
+    """
+    zenoh.init_log_from_env_or("error")
+    inbox: Inbox = queue.SimpleQueue()
+    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))
+    settings = configured(zenoh.Config, config.pairs, config.link)
+    try:
+        session = zenoh.open(settings)
+    except zenoh.ZError as error:
+        log.error("no session: %s", error)
+        return 1
+    with session, Output(config.out, COLUMNS) as output:
+        operator = OpenAirOperator(config, session, inbox, output)
+        log.info("the operator hears run %s", config.run)
+        operator.run()
+        totals = operator.meter.totals
+        output.finish({"complete": True, "end": "stopped by a signal", **totals})
+    log.info("stopped: %d steps, %d messages, %d lost", totals["steps"], totals["messages"], totals["lost"])
+    return 0

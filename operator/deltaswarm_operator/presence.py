@@ -1,0 +1,116 @@
+"""The operator's side of open air: who is alive, what they report, at which rate. No world tells it the step.
+
+Pure: tokens, reports and times in [s since the operator's start], one `Workload` per step of its own out.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.codec import WireError, number, unpack
+from deltaswarm_wire.messages import Clock, Report, Workload, decode_report
+from deltaswarm_wire.settings import OperatorSettings
+
+MAX_SENT_S = 1e11
+"""Unix time; well beyond this millennium."""
+
+
+@dataclass
+class Known:
+    """One agent: whether its token is there, how often it went, what came from it and when.
+
+    `reports` counts what was taken, `stale` duplicates and what came after a newer one.
+    """
+
+    is_alive: bool = False
+    absences: int = 0
+    reports: int = 0
+    stale: int = 0
+    restarts: int = 0
+    last_heard_s: float | None = None
+    newest: Report | None = None
+    newest_sent_s: float = -math.inf
+
+
+class OpenAirMeter:
+    """Counts reports in steps of the operator's own clock; a report's own step and clock are its board's."""
+
+    def __init__(self, settings: OperatorSettings, step_s: float) -> None:
+        self.agents: dict[int, Known] = {}
+        """Whoever was there or reported, by number."""
+        self._meter = WorkloadMeter(settings, step_s)
+        self._step_s = step_s
+
+    @property
+    def alive(self) -> list[int]:
+        """Agents whose liveliness token is there, ascending."""
+        return sorted(agent for agent, known in self.agents.items() if known.is_alive)
+
+    def came(self, agent: int) -> None:
+        """An agent's token is there."""
+        self._known(agent).is_alive = True
+
+    def went(self, agent: int) -> None:
+        """An agent's token went."""
+        known = self._known(agent)
+        known.absences += known.is_alive
+        known.is_alive = False
+
+    def hear(self, agent: int | None, data: bytes, sent: bytes | None, now_s: float) -> str | None:
+        """Take in one report, from the key of an agent (None: no agent's key); the reason if it is dropped.
+
+        `sent` is the board's own calendar time beside it, if any. A sequence number that goes back is an agent that
+        began anew, if it was sent later than the newest, and else an old report that comes once more.
+        """
+        try:
+            report = decode_report(data)
+            sent_s = None if sent is None else number(unpack(sent, 16), 0.0, MAX_SENT_S, "sent_s")
+        except WireError as error:
+            return self._meter.reject(-1 if agent is None else agent, str(error))
+        if report.agent != agent:
+            where = "no agent's key" if agent is None else f"the key of agent {agent}"
+            return self._meter.reject(-1 if agent is None else agent, f"report.agent: {report.agent} on {where}")
+        known = self._known(agent)
+        if known.newest is None:
+            self._meter.is_back(report.agent)  # what it sent before anybody listened is no loss
+        elif report.sequence <= known.newest.sequence:
+            if report.sequence == known.newest.sequence or (sent_s is not None and sent_s <= known.newest_sent_s):
+                known.stale += 1
+                return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
+            known.restarts += 1
+        known.newest, known.last_heard_s = report, now_s
+        known.newest_sent_s = -math.inf if sent_s is None else sent_s
+        known.reports += 1
+        self._meter.take_now(report, data)
+        return None
+
+    def wait_s(self, now_s: float) -> float:
+        """Until the next step ends; 0 if it has ended."""
+        return max(0.0, (self._meter.step + 2) * self._step_s - now_s)
+
+    def close(self, now_s: float, backlog: int) -> Workload | None:
+        """Close the newest step that has ended, and with it those before; None if there is none."""
+        step = math.floor(now_s / self._step_s + 1e-9) - 1
+        if step <= self._meter.step:
+            return None
+        return self._meter.close(Clock(step, step * self._step_s, False), backlog)
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The figures so far, as JSON has them; `agents` says who was there."""
+        agents = {
+            str(agent): {
+                "alive": known.is_alive,
+                "absences": known.absences,
+                "restarts": known.restarts,
+                "last_heard_s": known.last_heard_s,
+                "reports": known.reports,
+                "stale": known.stale,
+            }
+            for agent, known in sorted(self.agents.items())
+        }
+        return {**self._meter.totals, "agents": agents}
+
+    def _known(self, agent: int) -> Known:
+        return self.agents.setdefault(agent, Known())

@@ -1,0 +1,168 @@
+"""The operator without a world as a real process: peers and clients over loopback, TCP and TLS."""
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltaswarm_operator.__main__ import main
+from deltaswarm_orchestrator import certificates
+from tests.boards import tls_arguments
+from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
+from tests.swarms import wait_until
+
+FAST = ("--accelerate", "20")
+
+
+class Operator:
+    """One under way."""
+
+    def __init__(self, process: subprocess.Popen[bytes], folder: Path) -> None:
+        self.process = process
+        self.out = folder / "operator"
+        self._said = folder / "operator.err"
+
+    @property
+    def said(self) -> str:
+        """What it has written to standard error."""
+        return self._said.read_text()
+
+    def wait_for(self, text: str, within_s: float = 60.0) -> None:
+        """Until it has said this."""
+        wait_until(lambda: text in self.said, f"the operator says {text!r}: {self.said}", within_s)
+
+    def end(self, by: signal.Signals = signal.SIGTERM) -> tuple[list[dict[str, str]], dict[str, Any]]:
+        """Its table and its totals."""
+        self.process.send_signal(by)
+        assert self.process.wait(10) == 0, self.said
+        with (self.out / "operator.csv").open(newline="") as table:
+            return list(csv.DictReader(table)), json.loads((self.out / "operator.json").read_text())
+
+
+@contextmanager
+def operating(folder: Path, *arguments: str) -> Iterator[Operator]:
+    """An operator that is gone afterwards."""
+    command = [sys.executable, "-P", "-m", "deltaswarm_orchestrator", "operator", "--no-world", "--run", RUN]
+    with (folder / "operator.err").open("wb") as said:
+        command += ["--out", str(folder / "operator"), "--step-s", "0.2", "--status-every-s", "0.2", *arguments]
+        process = subprocess.Popen(command, stderr=said)
+    try:
+        yield Operator(process, folder)
+    finally:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_boards_report_to_an_operator_that_they_connect_to(mode: str, tmp_path: Path) -> None:
+    """It sees who comes, who goes and who comes back, and its table has every report."""
+    port = free_port()
+    air = {"connect": [endpoint(port)], "mode": "client" if mode == "router" else "peer"}
+    tables = [board_table(agent, (10.0 + agent, 10.0), air, tmp_path) for agent in range(2)]
+    with operating(tmp_path, "--mode", mode, "--listen", endpoint(port)) as operator, boards(tmp_path) as running:
+        for table in tables:
+            running.start(table, *FAST)
+        operator.wait_for("2 agents alive (0, 1), ")
+        assert running.stop(1) == 0
+        operator.wait_for("1 agents alive (0), ")
+        running.start(tables[1], *FAST)
+        wait_until(lambda: operator.said.count("agent 1 is there") == 2, "agent 1 is back")
+        wait_until(lambda: operator.said.splitlines()[-1].count("2 agents alive"), "both, at last")
+        assert [running.stop(agent) for agent in (0, 1)] == [0, 0]
+        operator.wait_for("0 agents alive (nobody), ")
+        rows, totals = operator.end()
+    assert (totals["complete"], totals["end"], totals["rejected"]) == (True, "stopped by a signal", 0)
+    assert sum(int(row["messages"]) for row in rows) == totals["messages"] > 0
+    assert sum(agent["reports"] for agent in totals["agents"].values()) == totals["messages"] + totals["held"]
+    assert (totals["agents"]["1"]["absences"], totals["agents"]["0"]["absences"]) == (2, 1)
+    assert {0, 1, 2} <= {int(row["agents_alive"]) for row in rows}
+
+
+@pytest.mark.processes
+def test_it_connects_to_boards_and_ends_on_an_interrupt(tmp_path: Path) -> None:
+    """They may come later than it does."""
+    port = free_port()
+    with operating(tmp_path, "--connect", endpoint(port)) as operator, boards(tmp_path) as running:
+        operator.wait_for("0 agents alive (nobody), ")
+        running.start(board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path), *FAST)
+        operator.wait_for("1 agents alive (0), ")
+        wait_until(lambda: ", 0 in all" not in operator.said.splitlines()[-1], "a report")
+        _, totals = operator.end(signal.SIGINT)
+    assert totals["agents"]["0"]["reports"] > 0
+
+
+@pytest.mark.processes
+def test_over_tls_only_certified_boards_come_in(tmp_path: Path) -> None:
+    """The second board's certificate is another authority's."""
+    port = free_port()
+    own, other = tmp_path / "own", tmp_path / "other"
+    certificates.make(own, [0], [], 1)
+    certificates.make(other, [1], [], 1)
+    listen = f"tls/127.0.0.1:{port}"
+    with (
+        operating(tmp_path, "--listen", listen, *tls_arguments(own, "operator")) as operator,
+        boards(tmp_path) as running,
+    ):
+        for agent, folder in ((1, other), (0, own)):
+            name = str(folder / f"agent-{agent}")
+            tls = {"ca_file": str(own / "ca.pem"), "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+            air = {"connect": [listen], "tls": tls}
+            running.start(board_table(agent, EVENT_AT, air, tmp_path), *FAST)
+        operator.wait_for("1 agents alive (0), ")
+        wait_until(lambda: running.said(1).count("first step"), "the other board runs")
+        _, totals = operator.end()
+    assert set(totals["agents"]) == {"0"}
+
+
+@pytest.mark.processes
+def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> None:
+    """Only who is in the file comes in."""
+    port = free_port()
+    everyone, wrong = tmp_path / "everyone", tmp_path / "wrong"
+    everyone.write_text("operator:o\nagent-0:a\nagent-1:b\n")
+    wrong.write_text("operator:o\nagent-1:c\n")
+    for file in (everyone, wrong):
+        file.chmod(0o600)
+    arguments = ("--mode", "router", "--listen", endpoint(port), "--credentials", str(everyone))
+    with operating(tmp_path, *arguments) as operator, boards(tmp_path) as running:
+        for agent, file in ((1, wrong), (0, everyone)):
+            air = {"mode": "client", "connect": [endpoint(port)], "credentials_file": str(file)}
+            running.start(board_table(agent, EVENT_AT, air, tmp_path), *FAST)
+        operator.wait_for("1 agents alive (0), ")
+        wait_until(lambda: "first step" in running.said(1), "the other board runs")
+        _, totals = operator.end()
+    assert set(totals["agents"]) == {"0"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "--no-world needs --listen or --connect"),
+        (["--listen", "tls/127.0.0.1:7447"], "needs ca, certificate and key"),
+        (["--listen", "tcp/127.0.0.1:7447", "--step-s", "0"], "step_s"),
+        (["--listen", "tcp/127.0.0.1:7447", "--status-every-s", "0"], "above 0 is allowed"),
+        (["--listen", "tcp/127.0.0.1:7447", "--credentials", "/dev/null"], "0600 is needed"),
+        (["--listen", "tcp/127.0.0.1:7447", "--credentials", "/nowhere"], "/nowhere"),
+    ],
+)
+def test_it_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """With exit code 2 and the reason."""
+    assert main(["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A table that is there stays."""
+    (tmp_path / "operator.csv").touch()
+    assert main(["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:0"]) == 2
+    assert "nothing is overwritten" in capsys.readouterr().err
+    assert os.listdir(tmp_path) == ["operator.csv"]

@@ -1,0 +1,145 @@
+"""The operator's books in open air: who is alive, what came, what was lost, by its own clock."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_operator.presence import OpenAirMeter
+from deltaswarm_wire.codec import pack
+from deltaswarm_wire.messages import Report, encode_report
+from deltaswarm_wire.settings import OperatorSettings
+
+
+def report(agent: int, sequence: int, step: int = 0) -> bytes:
+    return encode_report(Report(agent, sequence, step, "root", 1.0, 2.0, 3, ()))
+
+
+def meter(step_s: float = 1.0) -> OpenAirMeter:
+    return OpenAirMeter(OperatorSettings(), step_s)
+
+
+def hear(books: OpenAirMeter, agent: int, sequence: int, sent_s: float, now_s: float = 0.0) -> str | None:
+    return books.hear(agent, report(agent, sequence), pack(sent_s), now_s)
+
+
+def test_a_report_counts_when_it_comes_whatever_its_own_step() -> None:
+    """Two boards are at step 7 and at step 90,000, and the operator is in its first one."""
+    books = meter()
+    assert books.hear(1, report(1, 0, 7), pack(100.0), 0.2) is None
+    assert books.hear(2, report(2, 5, 90_000), None, 0.3) is None
+    assert books.close(0.9, 0) is None
+    workload = books.close(1.0, 0)
+    assert workload is not None
+    assert (workload.step, workload.messages, workload.senders, workload.rate_1s_hz) == (0, 2, 2, 2.0)
+    assert books.totals["lost"] == 0, "what was sent before anybody listened is no loss"
+
+
+def test_steps_are_the_wall_clocks() -> None:
+    """An operator that was held up closes the newest step that has ended, and says how many it missed."""
+    books = meter(0.5)
+    assert books.wait_s(0.1) == pytest.approx(0.4)
+    first = books.close(0.5, 0)
+    hear(books, 1, 0, 10.0, 0.7)
+    second = books.close(2.6, 3)
+    assert first is not None
+    assert second is not None
+    assert (first.step, second.step, second.time_s, second.messages, second.backlog) == (0, 4, 2.0, 1, 3)
+    assert books.totals["steps_missed"] == 3
+    assert books.wait_s(2.6) == pytest.approx(0.4)
+    assert books.close(2.9, 0) is None
+
+
+def test_rates_are_over_a_second_and_a_minute() -> None:
+    """Two reports a second for a while, then none: the last minute remembers."""
+    books = meter()
+    for second in range(60):
+        for number in range(2):
+            hear(books, 1, 2 * second + number, 10.0 + second + number / 2, second + number / 2)
+        workload = books.close(second + 1.0, 0)
+    assert workload is not None
+    assert (workload.rate_1s_hz, workload.rate_60s_hz) == (2.0, 2.0)
+    for second in range(60, 90):
+        workload = books.close(second + 1.0, 0)
+    assert workload is not None
+    assert (workload.rate_1s_hz, workload.rate_60s_hz) == (0.0, 1.0)
+
+
+def test_who_is_alive_follows_the_tokens() -> None:
+    """Coming twice is being there once; who reports without a token is known and not alive."""
+    books = meter()
+    for agent in (3, 1, 3):
+        books.came(agent)
+    hear(books, 2, 0, 10.0, 4.5)
+    assert books.alive == [1, 3]
+    books.went(3)
+    books.went(3)
+    assert books.alive == [1]
+    books.came(3)
+    found = books.totals["agents"]
+    assert (found["3"]["absences"], found["1"]["absences"]) == (1, 0)
+    assert (found["2"]["alive"], found["2"]["last_heard_s"], found["2"]["reports"]) == (False, 4.5, 1)
+
+
+def test_a_gap_is_a_loss() -> None:
+    """In the sequence of one sender, once it is known."""
+    books = meter()
+    for sequence in (10, 11, 15):
+        assert hear(books, 1, sequence, 100.0 + sequence) is None
+    assert books.totals["lost"] == 3
+    assert books.totals["per_sender"]["1"]["lost"] == 3
+
+
+def test_a_report_that_comes_again_is_not_counted_again() -> None:
+    """The same one, and an older one after it."""
+    books = meter()
+    assert hear(books, 1, 4, 100.0) is None
+    assert hear(books, 1, 5, 101.0) is None
+    assert hear(books, 1, 5, 101.0) is not None
+    assert hear(books, 1, 4, 100.0) is not None
+    books.close(1.0, 0)
+    found = books.totals
+    assert (found["messages"], found["lost"], found["agents"]["1"]["stale"]) == (2, 0, 2)
+
+
+def test_an_agent_that_began_anew_is_heard_at_once() -> None:
+    """Its numbers go back, its clock does not."""
+    books = meter()
+    for sequence, sent_s in ((7, 100.0), (8, 101.0), (0, 130.0), (1, 131.0)):
+        assert hear(books, 1, sequence, sent_s) is None
+    books.close(1.0, 0)
+    found = books.totals
+    assert (found["messages"], found["lost"], found["agents"]["1"]["restarts"]) == (4, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("agent", "data", "sent", "reason"),
+    [
+        (1, report(2, 0), None, "2 on the key of agent 1"),
+        (None, report(2, 0), None, "2 on no agent's key"),
+        (1, b"\xc1", None, ""),
+        (1, report(1, 0), b"\xc1", ""),
+        (1, report(1, 0), pack("noon"), "sent_s"),
+        (1, report(1, 0), pack(float("nan")), "sent_s"),
+    ],
+)
+def test_what_is_forged_or_malformed_is_dropped(
+    agent: int | None, data: bytes, sent: bytes | None, reason: str
+) -> None:
+    """And counted."""
+    books = meter()
+    said = books.hear(agent, data, sent, 0.0)
+    assert said is not None
+    assert reason in said
+    books.close(1.0, 0)
+    assert (books.totals["rejected"], books.totals["messages"]) == (1, 0)
+
+
+@given(st.lists(st.tuples(st.integers(0, 30), st.floats(0, 100)), max_size=40))
+def test_every_report_is_counted_or_stale(arrivals: list[tuple[int, float]]) -> None:
+    """In whatever order they come."""
+    books = meter()
+    taken = sum(hear(books, 1, sequence, sent_s) is None for sequence, sent_s in arrivals)
+    books.close(1.0, 0)
+    found = books.totals
+    assert found["messages"] == taken
+    assert sum(agent["stale"] for agent in found["agents"].values()) == len(arrivals) - taken
