@@ -6,7 +6,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -86,10 +86,13 @@ class RunningSwarm:
 
 
 @contextmanager
-def running(out: Path, *arguments: str, scenario: str = "smoke") -> Iterator[RunningSwarm]:
-    """A run by the command line, with nothing left of it afterwards, whatever the test does."""
+def running(out: Path, *arguments: str, scenario: str = "smoke", inside: Sequence[str] = ()) -> Iterator[RunningSwarm]:
+    """A run by the command line, with nothing left of it afterwards, whatever the test does.
+
+    `inside` is the command that runs another one elsewhere.
+    """
     process = subprocess.Popen(
-        [*COMMAND, "run", scenario, "--out", str(out), *arguments],
+        [*inside, *COMMAND, "run", scenario, "--out", str(out), *arguments],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,

@@ -24,6 +24,9 @@ from deltaswarm_wire.settings import RECORDS, Scenario
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
 
+ANYWHERE = "tcp/127.0.0.1:0"
+"""On this machine, any free port."""
+
 
 def parser() -> argparse.ArgumentParser:
     """The whole command line."""
@@ -67,7 +70,10 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument("--force", action="store_true", help="replace the run folder if it is there")
     command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
     command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
-    command.add_argument("--listen", default="tcp/127.0.0.1:0", metavar="ENDPOINT", help="where the router listens")
+    command.add_argument(
+        "--listen", default=ANYWHERE, metavar="ENDPOINT", help=f"where the router listens (default: {ANYWHERE})"
+    )
+    cli_boards.add_hardware_in_the_loop(command)
     command.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
@@ -151,7 +157,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.run import RunOptions, run
 
     out = arguments.out or _default_folder(scenario)
-    options = RunOptions(out, arguments.in_process, arguments.force, arguments.listen, tuple(arguments.zenoh))
+    boards = cli_boards.boards_of(arguments, out)
+    listen = ANYWHERE if boards else arguments.listen
+    options = RunOptions(out, arguments.in_process, arguments.force, listen, tuple(arguments.zenoh), boards)
     try:
         with Display(scenario.run.step_s) as display:
             result = run(scenario, options, display)

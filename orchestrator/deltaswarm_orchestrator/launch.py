@@ -20,7 +20,7 @@ from typing import Self
 from deltaswarm_orchestrator import child
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, Order
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, user_name
+from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls, user_name
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE
 
@@ -65,9 +65,20 @@ class Part:
 class Swarm:
     """World, operator and agents of one run, as a context manager that leaves nothing behind."""
 
-    def __init__(self, scenario: Scenario, run: str, folder: Path, zenoh: Sequence[tuple[str, str]] = ()) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        run: str,
+        folder: Path,
+        zenoh: Sequence[tuple[str, str]] = (),
+        boards: Sequence[int] = (),
+    ) -> None:
         self.parts: list[Part] = []
         self.endpoint = ""
+        """Where the parts on this machine join."""
+        self.endpoints: list[str] = []
+        """All on which the router listens."""
+        self._boards = boards
         self._scenario = scenario
         self._run = run
         self._folder = folder
@@ -85,8 +96,10 @@ class Swarm:
     def __exit__(self, *_: object) -> None:
         self.end()
 
-    def start_world(self, scenario_file: Path, *, listen: str, record: bool) -> None:
-        """Start the world and wait until its router listens.
+    def start_world(
+        self, scenario_file: Path, *, listen: str, record: bool, for_boards: str = "", tls: Tls | None = None
+    ) -> None:
+        """Start the world and wait until its router listens: here, and for boards at another endpoint, if given.
 
         Raises:
             LaunchError: it ended instead; with the last lines of its log.
@@ -95,14 +108,18 @@ class Swarm:
         reader, writer = multiprocessing.Pipe(duplex=False)
         argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
         argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
+        argv += ["--listen", for_boards] if for_boards else []
+        argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
+        argv += self._told_of_boards()
         part = self._start(WORLD, 0, [*argv, *self._overrides(), *(["--truth"] if record else [])], stdout=writer)
         writer.close()
         with open(reader.fileno(), closefd=False) as lines:
-            self.endpoint = lines.readline().strip()
+            self.endpoints = lines.readline().split()
         reader.close()
-        if not self.endpoint:
+        if not self.endpoints:
             part.process.join(END_WITHIN_S)
             raise LaunchError(f"the world did not come up:\n{part.log_tail()}")
+        self.endpoint = self.endpoints[0]
         pairs = (line.partition(":") for line in credentials.read_text().splitlines())
         self._passwords = {user: password for user, _, password in pairs}
 
@@ -112,12 +129,14 @@ class Swarm:
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
         argv += ["--uplink"] if scenario.uplink.is_on else []
+        argv += self._told_of_boards()
         self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
-        """Start all agents, or those given; each gets its own number, password and log."""
+        """Start all agents that are no boards, or those given; each gets its own number, password and log."""
         settings = str(self._folder / "agent.toml")  # written by the world
-        for agent in range(self._scenario.agents.count) if agents is None else agents:
+        everyone = (agent for agent in range(self._scenario.agents.count) if agent not in self._boards)
+        for agent in everyone if agents is None else agents:
             argv = ["--id", str(agent), "--settings", settings, "--low-latency", *self._joining()]
             if self._restarts[agent]:
                 argv += ["--restart", str(self._restarts[agent])]
@@ -130,6 +149,9 @@ class Swarm:
     def recorder_link(self) -> Link:
         """How the orchestrator itself joins."""
         return Link(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
+
+    def _told_of_boards(self) -> list[str]:
+        return [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
 
     def _joining(self) -> list[str]:
         return ["--run", self._run, "--connect", self.endpoint, *self._overrides()]

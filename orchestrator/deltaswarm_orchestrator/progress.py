@@ -20,11 +20,17 @@ class Reporter(Protocol):
     def update(self, status: Status, messages_per_s: float | None) -> None:
         """The newest state."""
 
+    def say(self, text: str) -> None:
+        """Something that the user has to do."""
+
 
 class Quiet:
     """Tells nobody."""
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
+        """Nothing."""
+
+    def say(self, text: str) -> None:
         """Nothing."""
 
 
@@ -54,6 +60,10 @@ class Display:
     ) -> None:
         if self._bar is not None:
             self._bar.stop()
+
+    def say(self, text: str) -> None:
+        """Print it at once."""
+        self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
         """Show the newest state."""

@@ -249,6 +249,7 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "real_time_factor": simulated_s / wall_s if wall_s else None,
         "digest": outcome.digest,
         "agents_lost": outcome.world.get("agents_lost", []),
+        "boards": outcome.world.get("boards", {}),
         "faults": outcome.world.get("faults", []),
         "agents_late": sum(t.agents_late for t in outcome.tallies),
         "refused_claims": outcome.world.get("refused_claims"),

@@ -11,6 +11,7 @@ from types import FrameType
 from typing import Any
 
 from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.boards import Boards, commands
 from deltaswarm_orchestrator.in_process import run_in_process
 from deltaswarm_orchestrator.launch import END_WITHIN_S, LaunchError, Part, Swarm
 from deltaswarm_orchestrator.observer import Observer
@@ -34,6 +35,8 @@ class RunOptions:
     force: bool = False
     listen: str = "tcp/127.0.0.1:0"
     zenoh: tuple[tuple[str, str], ...] = ()
+    boards: Boards | None = None
+    """Agents that are started elsewhere, by hand."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +65,10 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
 
     Raises:
         FolderError: the folder is there and `force` was not given.
+        SettingsError: the scenario cannot be run with these boards.
     """
+    if options.boards:
+        options.boards.prepare(scenario)
     folder = RunFolder(options.out, force=options.force)
     engine = "in-process" if options.in_process else "processes"
     manifest = results.new_manifest(scenario, engine, scenario.record)
@@ -121,11 +127,21 @@ def _run_processes(
     messages: list[str],
 ) -> tuple[Outcome, str]:
     """Launch, watch, end; the outcome and the exit reason."""
-    name = f"{scenario.name}-{secrets.token_hex(4)}"
+    boards = options.boards
+    # A board's file holds for the next run too; the router, with its own port, is one run's alone.
+    name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
     reason = "finished"
-    with Swarm(scenario, name, folder, options.zenoh) as swarm:
+    with Swarm(scenario, name, folder, options.zenoh, boards.agents if boards else ()) as swarm:
         try:
-            swarm.start_world(folder / "scenario.toml", listen=options.listen, record=recorder is not None)
+            swarm.start_world(
+                folder / "scenario.toml",
+                listen=options.listen,
+                record=recorder is not None,
+                for_boards=boards.listen if boards else "",
+                tls=boards.tls if boards else None,
+            )
+            if boards:
+                reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
             with Observer(
                 name, swarm.recorder_link(), recorder, wire=scenario.record == "wire", uplink=scenario.uplink.is_on
             ) as observer:

@@ -1,0 +1,115 @@
+"""Hardware in the loop: what each board of a run is given, in one folder, and how it is started."""
+
+import ipaddress
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomli_w
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.keys import AGENT, WORLD
+from deltaswarm_wire.session import TLS, Tls, protocol_of, user_name
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import TO_PROCESSES
+
+CERTIFICATE_DAYS = 365
+
+
+@dataclass(frozen=True)
+class Boards:
+    """Agents of a run that are started elsewhere: their numbers, where they reach the world, and their folder."""
+
+    agents: tuple[int, ...]
+    listen: str
+    folder: Path
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Make the folder, and certificates where the world is reached over TLS and they are missing.
+
+        Raises:
+            SettingsError: there is no such agent, no address to reach the world at, a fault that needs the process;
+                or the folder cannot be made.
+        """
+        found = []
+        if self.agents[-1] >= scenario.agents.count:
+            allowed = f"0 to {scenario.agents.count - 1} is allowed (agents.count)"
+            found.append(Problem("--boards", str(self.agents[-1]), allowed))
+        protocol, sign, address = self.listen.partition("/")
+        if not (protocol and sign and address):
+            found.append(Problem("--listen", repr(self.listen), "PROTOCOL/ADDRESS:PORT is allowed"))
+        elif _is_any(self._host):
+            found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
+        found += [
+            Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
+            for number, fault in enumerate(scenario.fault)
+            if fault.kind in TO_PROCESSES
+        ]
+        if found:
+            raise SettingsError(found)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._is_over_tls:
+                from deltaswarm_orchestrator import certificates  # others need no cryptography
+
+                for ending in ("pem", "key"):  # the world's is for this address, whatever it was
+                    (self.folder / f"{WORLD}.{ending}").unlink(missing_ok=True)
+                certificates.make(self.folder, self.agents, [self._host], CERTIFICATE_DAYS)
+        except (OSError, ValueError) as error:
+            raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
+
+    @property
+    def tls(self) -> Tls | None:
+        """The world's certificate, over TLS."""
+        files = [str(self.folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
+        return Tls(*files) if self._is_over_tls else None
+
+    @property
+    def _is_over_tls(self) -> bool:
+        return protocol_of(self.listen) == TLS
+
+    @property
+    def _host(self) -> str:
+        return self.listen.partition("/")[2].rpartition(":")[0].strip("[]")
+
+    def write(self, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]) -> list[Path]:
+        """Each board's settings, and its password where it goes by one; the settings' files."""
+        return [self._write_one(agent, run, endpoint, scenario, password) for agent in self.agents]
+
+    def _write_one(
+        self, agent: int, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]
+    ) -> Path:
+        name = user_name(AGENT, agent)
+        air: dict[str, object] = {"mode": "client", "connect": [endpoint]}
+        if self._is_over_tls:
+            air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+        else:
+            air["credentials_file"] = f"{name}.password"
+            _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
+        told = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}}
+        file = self.folder / f"{agent}.toml"
+        file.write_text(tomli_w.dumps({**told, "agent": checked.plain(scenario.for_agent())}))
+        return file
+
+
+def _is_any(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return not host
+
+
+def _write_secret(file: Path, text: str) -> None:
+    """Readable by its owner alone from the first byte on."""
+    file.unlink(missing_ok=True)
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
+        stream.write(text)
+
+
+def commands(files: Sequence[Path]) -> str:
+    """How to start the boards, for people."""
+    lines = [f"    deltaswarm-agent board {file.name}" for file in files]
+    where = files[0].parent
+    return "\n".join([f"waits for {len(files)} boards; on each, with its files of {where} beside it:", *lines])

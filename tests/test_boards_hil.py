@@ -1,0 +1,141 @@
+"""Hardware in the loop on loopback: some agents are boards, and may be late, leave and come back."""
+
+import os
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.boards import Boards
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.checked import SettingsError
+from tests.cable import cable
+from tests.loops import loop, mode
+from tests.swarms import run, running, wait_until
+
+BOARDS = (4, 5)
+"""The last two of the scenario `smoke`."""
+
+SHORT = ("--set", "run.duration_s=60", "--record", "off")
+REAL = ("--record", "off", "--set", "run.clock=realtime", "--set", "run.real_time_factor=20")
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("listen", ["tcp/127.0.0.1:0", "tls/127.0.0.1:0"])
+def test_boards_are_agents_of_the_run(listen: str, tmp_path: Path) -> None:
+    """Over TCP by password and over TLS by certificate: the digest is that of the run in one process."""
+    with loop(tmp_path, BOARDS, "--listen", listen, *SHORT) as made:
+        secrets = [f"agent-{board}.{'key' if listen.startswith('tls') else 'password'}" for board in BOARDS]
+        assert [mode(made.folder / secret) for secret in secrets] == [0o600] * len(BOARDS)
+        for board in BOARDS:
+            made.start(board)
+        summary = made.finish()
+    assert summary["digest"] == run(tmp_path / "inside", "--in-process", *SHORT)["digest"]
+    calm = {"late_steps": 0, "absences": 0, "absent_steps": 0}
+    assert summary["boards"] == {str(board): calm for board in BOARDS}
+
+
+@pytest.mark.processes
+def test_a_board_may_stand_still_or_be_started_anew(tmp_path: Path) -> None:
+    """It is late or absent, others are not, and the run is valid."""
+    with loop(tmp_path, BOARDS, *REAL, "--set", "run.duration_s=400") as made:
+        for board in BOARDS:
+            made.start(board)
+        made.swarm.wait_for_steps(1)
+        os.kill(made.processes[5].pid, signal.SIGSTOP)
+        made.kill(4)
+        made.wait_for_the_world("agent 4 is gone")
+        made.wait_for_the_world("goes on without agent 5")
+        made.swarm.wait_for_steps(1)
+        os.kill(made.processes[5].pid, signal.SIGCONT)
+        made.start(4)
+        made.wait_for_the_world("agent 4 is back")
+        summary = made.finish()
+    found = summary["boards"]
+    assert found["4"]["absences"] == 1
+    assert found["4"]["absent_steps"] > 0
+    assert found["5"]["late_steps"] > 0
+    assert found["5"]["absences"] == 0
+    assert (summary["agents_lost"], summary["transport_lost"], summary["steps"]) == ([], 0, 400)
+
+
+@pytest.mark.processes
+def test_a_board_whose_link_was_cut_goes_on(tmp_path: Path) -> None:
+    """The same process comes back, and what it said meanwhile is no loss of the fabric."""
+    with loop(tmp_path, BOARDS, *REAL, "--set", "run.duration_s=400") as made:
+        endpoint = made.settings(4)["air"]["connect"][0]
+        with cable(int(endpoint.rpartition(":")[2])) as link:
+            made.start(4, connect=[f"tcp/127.0.0.1:{link.port}"])
+            made.start(5)
+            made.swarm.wait_for_steps(1)
+            link.cut()
+            made.wait_for_the_world("agent 4 is gone")
+            made.swarm.wait_for_steps(1)
+            link.mend()
+            made.wait_for_the_world("agent 4 is back")
+            made.swarm.wait_for_steps(1)
+            summary = made.finish()
+        assert made.said(4).count("is ready") == 1
+    assert summary["boards"]["4"]["absences"] == 1
+    assert summary["boards"]["5"]["absences"] == 0
+    assert (summary["valid"], summary["transport_lost"], summary["agents_lost"]) == (True, 0, [])
+
+
+@pytest.mark.processes
+def test_a_board_started_anew_behind_a_dead_link_is_found(tmp_path: Path) -> None:
+    """Its old link has not been given up yet, so its token never went: it gets a frame all the same."""
+    patience = ("--set", "run.step_timeout_s=0.5", "--set", "run.duration_s=500")
+    with loop(tmp_path, BOARDS, *REAL, *patience) as made:
+        endpoint = made.settings(4)["air"]["connect"][0]
+        with cable(int(endpoint.rpartition(":")[2])) as link:
+            made.start(4, connect=[f"tcp/127.0.0.1:{link.port}"])
+            made.start(5)
+            made.swarm.wait_for_steps(1)
+            link.hold()
+            made.wait_for_the_world("goes on without agent 4")
+            made.kill(4)
+            made.start(4, connect=[endpoint])
+            wait_until(lambda: made.said(4).count("is ready") == 2, "the second process is there")
+            summary = made.finish()
+            assert "ends after step 499" in made.said(4)
+    assert summary["boards"]["4"]["late_steps"] > 0
+    assert summary["valid"]
+
+
+@pytest.mark.processes
+def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
+    """By its commands at once, and by their numbers when it gives up."""
+    with running(tmp_path / "run", "--boards", "4-5", "--set", "run.start_timeout_s=1", *SHORT) as swarm:
+        code, _, errors = swarm.finish()
+    assert code == 1
+    assert "deltaswarm-agent board 4.toml" in errors
+    assert "not there after 1 s: agent 4, agent 5" in errors
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--boards", "4-6"], "--boards: 6; 0 to 5 is allowed (agents.count)"),
+        (["--boards", "4", "--listen", "tcp/0.0.0.0:7447"], "give this machine's address"),
+        (["--boards", "4", "--listen", "tls/[::]:7447"], "give this machine's address"),
+        (["--boards", "4", "--listen", "7447"], "PROTOCOL/ADDRESS:PORT is allowed"),
+        (["--boards", "4", "--in-process"], "boards are processes of their own"),
+        (["--boards-folder", "there"], "only with --boards"),
+    ],
+)
+def test_what_cannot_be_is_refused(
+    arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With exit code 2, and nothing is started or written."""
+    assert main(["run", "smoke", "--out", str(tmp_path / "run"), *arguments]) == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_faults_that_need_all_processes_are_refused(tmp_path: Path) -> None:
+    """A board cannot be killed from here."""
+    scenario = load_scenario("smoke", ['fault=[{kind="kill", at_s=10, agents=[1]}]'])
+    with pytest.raises(SettingsError, match="not all processes are in hand"):
+        Boards((4,), "tcp/127.0.0.1:0", tmp_path).prepare(scenario)
