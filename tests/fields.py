@@ -7,7 +7,7 @@ import subprocess
 import sys
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ import tomli_w
 
 from deltaswarm_wire.keys import Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Report, decode_report
-from deltaswarm_wire.radio import Member, RadioFrame, decode_radio
+from deltaswarm_wire.radio import Member, RadioFrame, Relocating, decode_radio
 from deltaswarm_wire.session import use_one_worker_thread
 from tests.swarms import wait_until
 
@@ -67,15 +67,19 @@ class Boards:
         self.processes: dict[int, subprocess.Popen[str]] = {}
 
     def start(
-        self, table: Mapping[str, Any], *arguments: str, environment: Mapping[str, str] | None = None
+        self,
+        table: Mapping[str, Any],
+        *arguments: str,
+        environment: Mapping[str, str] | None = None,
+        inside: Sequence[str] = (),
     ) -> subprocess.Popen[str]:
-        """One board by its settings."""
+        """One board by its settings; `inside` is the command that runs another one elsewhere."""
         agent = table["id"]
         file = self.folder / f"board-{agent}.toml"
         file.write_text(tomli_w.dumps(table))
         with (self.folder / f"board-{agent}.err").open("a") as errors:
             process = subprocess.Popen(
-                [sys.executable, "-m", "deltaswarm_agent", "board", str(file), *arguments],
+                [*inside, sys.executable, "-m", "deltaswarm_agent", "board", str(file), *arguments],
                 stdout=subprocess.DEVNULL,
                 stderr=errors,
                 text=True,
@@ -120,6 +124,8 @@ class Listener:
         self.frames: Counter[int] = Counter()
         self.reports: list[tuple[Report, bytes]] = []
         self.alive: set[int] = set()
+        self.moved: dict[int, tuple[float, float]] = {}
+        """Where each recruited leaf was when it was first heard to be on its way [m]."""
         self.session = session
         keys = Keys(RUN)
         self._lock = threading.Lock()
@@ -135,6 +141,8 @@ class Listener:
         frame = decode_radio(sample.payload.to_bytes())
         self.radio[source[0]] = frame
         self.frames[source[0]] += 1
+        if type(frame) is Relocating:
+            self.moved.setdefault(source[0], (frame.x_cm / 100, frame.y_cm / 100))
 
     def _on_report(self, sample: zenoh.Sample) -> None:
         assert sample.attachment is not None
