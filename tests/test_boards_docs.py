@@ -3,8 +3,10 @@
 import os
 import re
 import shutil
+import signal
 import subprocess
 import sys
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ import pytest
 from deltaswarm_agent.board.settings import read_settings
 from deltaswarm_orchestrator import certificates
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from tests.swarms import wait_until
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "agent" / "systemd"
@@ -140,6 +143,16 @@ def test_the_links_lead_somewhere() -> None:
         assert target.startswith("http") or (ROOT / "agent" / target).exists(), target
 
 
+def test_the_boards_file_on_the_page_is_one(tmp_path: Path) -> None:
+    """As it stands, with certificates as `deltaswarm certificates` makes them."""
+    [block] = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
+    certificates.make(tmp_path, [3], [], 1)
+    file = tmp_path / "3.toml"
+    file.write_text(block.replace("/etc/deltaswarm", str(tmp_path)))
+    settings = read_settings(file)
+    assert (settings.id, len(settings.air.connect), settings.air.tls.verify_name) == (3, 2, False)
+
+
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
     scenario = load_scenario("smoke", ["run.start_timeout_s=60"])
@@ -154,8 +167,15 @@ def test_the_commands_work(place: Path) -> None:
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     python = f"{sys.version_info[0]}.{sys.version_info[1]}"
     lines = [line for line in commands() if not line.startswith(ON_A_BOARD) and not re.search("armv7l|aarch64", line)]
-    assert len(lines) == 5
+    assert len(lines) == 7
     for line in lines:
+        if line.startswith("deltaswarm operator"):
+            hear_nobody(re.sub(r":744\d", ":0", line), place, environment)
+            continue
+        if line.startswith("deltaswarm run"):
+            short = re.sub(r"192.168.1.10:744\d", "127.0.0.1:0", line)
+            run_with_boards(f"{short} --set run.duration_s=20 --set run.real_time_factor=10", place, environment)
+            continue
         if line.startswith("deltaswarm world"):
             announced = start_world(re.sub(r":744\d", ":0", line), place, environment)
             assert [endpoint.rpartition(":")[0] for endpoint in announced] == ["tcp/127.0.0.1", "tls/0.0.0.0"]
@@ -177,3 +197,32 @@ def start_world(command: str, place: Path, environment: dict[str, str]) -> list[
             return world.stdout.readline().split()
         finally:
             world.terminate()
+
+
+def run_with_boards(command: str, place: Path, environment: dict[str, str]) -> None:
+    """Start it, start the boards that it waits for, and let all end."""
+    with ExitStack() as stack:
+        swarm = stack.enter_context(subprocess.Popen(command.split(), cwd=place, env=environment))
+        stack.callback(swarm.terminate)
+        files = [place / "boards" / f"{agent}.toml" for agent in range(20, 25)]
+        wait_until(lambda: files[-1].exists() or swarm.poll() is not None, "the boards' files")
+        wait_until(lambda: "[agent.control]" in files[-1].read_text(), "whole files")
+        parts = [swarm]
+        for file in files:
+            board = subprocess.Popen([sys.executable, "-P", "-m", "deltaswarm_agent", "board", str(file)])
+            stack.enter_context(board)
+            stack.callback(board.kill)
+            parts.append(board)
+        assert [part.wait(120) for part in parts] == [0] * len(parts)
+
+
+def hear_nobody(command: str, place: Path, environment: dict[str, str]) -> None:
+    """Start an operator, wait until it listens, and interrupt it."""
+    said = place / "operator.err"
+    with said.open("w") as errors, subprocess.Popen(command.split(), cwd=place, env=environment, stderr=errors) as it:
+        try:
+            wait_until(lambda: "the operator hears run field" in said.read_text(), "the operator is up")
+            it.send_signal(signal.SIGINT)
+            assert it.wait(20) == 0, said.read_text()
+        finally:
+            it.kill()
