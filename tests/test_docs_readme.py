@@ -16,7 +16,7 @@ SHORTER = {
     "run hard.toml": "--in-process --set run.duration_s=4501",
     "sweep": "--set run.duration_s=20 --repeats 1 --prove 0",
     "limits network-loss": "--quick --repeats 1 --prove 0 --set run.duration_s=60",
-    "limits --quick": "--repeats 1 --prove 0 --set run.duration_s=4600 --set agents.count=4",
+    "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set run.duration_s=4501 --set agents.count=3",
     "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
