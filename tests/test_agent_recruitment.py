@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_agent.core import ARRIVAL_STEPS, ARRIVAL_STRICT_STEPS, Decision
-from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, Recruiter, best_place, weakest_leaf
+from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, best_place, weakest_leaf
 from deltaswarm_agent.states import State
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, Relocating, Sighting
@@ -24,7 +24,6 @@ from tests.cores import (
     Place,
     a_member,
     a_root,
-    agent_settings,
     child,
     cm,
     event,
@@ -191,27 +190,6 @@ def test_a_movers_place_is_blocked_for_the_next() -> None:
     assert {leaf for leaf, _, _ in found} == {3}
 
 
-def test_a_place_is_blocked_until_the_mover_must_be_there() -> None:
-    """The order goes down, the leaf travels and finds a parent, its row comes up: 12 + 1 + the way + 8 + 12 steps.
-
-    However long the interval, and no longer than that: the order may have been lost.
-    """
-    recruiter = Recruiter(agent_settings(), random.Random(1))
-    leaf, other = Descendant(LEAF, ME, 0, 0, 0), Descendant(3, ME, 5000, 5800, 1)
-    first = recruiter.order([leaf, other], (50.0, 50.0), [event(1, 50, 42)], 0)
-    assert first is not None
-    place = (first.x_cm / 100, first.y_cm / 100)
-    steps = ORDER_TTL_STEPS + 1 + math.ceil(distance((0, 0), place)) + ARRIVAL_STEPS + ORDER_TTL_STEPS
-    assert steps > 90
-
-    def next_order(now: int) -> Order | None:
-        """Another leaf, for an event that can be sensed from that place alone."""
-        return recruiter.order([other], (50.0, 50.0), [event(1, *place)], now)
-
-    assert next_order(steps - 1) is None
-    assert next_order(steps) is not None
-
-
 # The order on its way
 
 
@@ -264,13 +242,6 @@ def sent(place: Place = (56.0, 56.0), **control: Any) -> Lone:
     decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place)))
     assert isinstance(decision.radio, Relocating)
     return lone
-
-
-def test_a_mover_says_so_once_before_it_goes() -> None:
-    """Else a parent at the edge of range would not hear it, and keep it in its table."""
-    lone = a_member()
-    acts = [lone.step(parent_says(101, order_to(ME, (56.0, 56.0)))).act, lone.step().act]
-    assert [math.hypot(act.vx_mps, act.vy_mps) for act in acts] == [0.0, pytest.approx(1.0)]
 
 
 def test_a_mover_travels_says_so_and_does_nothing_else() -> None:

@@ -219,13 +219,6 @@ def test_leaving_is_said_in_four_frames() -> None:
     assert said == [True] * (LEAVING_STEPS - 1) + [False] * (11 - LEAVING_STEPS)
 
 
-def test_who_leaves_stands_still_for_one_step() -> None:
-    """Else a neighbour at the edge of range would not hear the first frame, nor any later one."""
-    lone = a_member()
-    acts = [lone.step(leaving(PARENT, PARENT_AT)).act, lone.step().act]
-    assert [math.hypot(act.vx_mps, act.vy_mps) for act in acts] == [0.0, pytest.approx(1.0)]
-
-
 def test_leaving_comes_before_anything_else() -> None:
     """Who attends an event at once says first that it has left."""
     lone = a_member()

@@ -115,9 +115,12 @@ def test_nobody_believes_in_a_dead_root_for_long(watched: tuple[Trees, float, bo
 
 
 def test_ghosts_leave_the_tables(watched: tuple[Trees, float, bool]) -> None:
-    """A step per level without loss, since whoever goes is heard to go; else 12 steps of silence besides."""
-    trees, loss, kills = watched
-    assert trees.ghost.longest <= (32 if loss or kills else 8)
+    """Who is below an agent no more is in its table for a while: mostly 12 steps of silence and a step per level.
+
+    Without loss too, since a leaver at the edge may walk out of range before its first frame is heard.
+    """
+    trees, _, _ = watched
+    assert trees.ghost.longest <= 32
 
 
 def test_a_root_soon_knows_who_is_below_it(watched: tuple[Trees, float, bool]) -> None:

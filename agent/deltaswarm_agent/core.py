@@ -73,7 +73,6 @@ class AgentCore:
         self._target: Event | None = None
         self._place: Place = (0.0, 0.0)
         self._since = 0
-        self._parted = -1
         self._farewells = 0
         self._former: Former | None = None
         self._order: Order | None = None
@@ -192,7 +191,6 @@ class AgentCore:
         self._former = self.membership.former(self._now)
         self.membership = None
         self._farewells = LEAVING_STEPS
-        self._parted = self._now
         self._change(cause)
 
     def _step_in_tree(self, membership: Membership, sensed: Sequence[Event], heard: list[RadioFrame]) -> None:
@@ -273,7 +271,6 @@ class AgentCore:
         self._last_order = number
         self._place = place
         self._since = self._now + 1
-        self._parted = self._now
         self._change(Cause.ORDERED)
         return True
 
@@ -318,8 +315,6 @@ class AgentCore:
         return Decision(Act(frame.step, vx_mps, vy_mps, observed), radio, report)
 
     def _velocity(self) -> Velocity:
-        if self._parted == self._now:
-            return STAND  # else those at the edge of range would not hear that it goes
         if self.state is WALKING:
             return self._walk.velocity(self._here.x_m, self._here.y_m)
         if self.state is GOING and self._target is not None:

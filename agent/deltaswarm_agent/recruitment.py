@@ -6,13 +6,16 @@ from functools import cache
 from random import Random
 
 from deltaswarm_agent.beliefs import to_cm
-from deltaswarm_agent.tree import ARRIVAL_STEPS, RANGE_MARGIN_M
+from deltaswarm_agent.tree import RANGE_MARGIN_M
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.radio import Descendant, Order
 from deltaswarm_wire.settings import AgentSettings
 
 ORDER_TTL_STEPS = 12
 """An order is sent, and relayed, for so long."""
+
+BLOCKED_S = 60.0
+"""For so long the place of a mover under way counts as taken."""
 
 Place = tuple[float, float]
 
@@ -23,7 +26,7 @@ class Recruiter:
     def __init__(self, settings: AgentSettings, rng: Random) -> None:
         self._settings = settings
         self._rng = rng
-        self._stride_m = settings.speed_mps * settings.step_s
+        self._blocked_steps = round(BLOCKED_S / settings.step_s)
         self._orders_given = 0
         self._movers: dict[int, tuple[Place, int]] = {}
 
@@ -51,13 +54,8 @@ class Recruiter:
         if place is None:
             return None
         self._orders_given += 1
-        self._movers[leaf.agent] = (place, now + self._blocked_steps(leaf, place))
+        self._movers[leaf.agent] = (place, now + self._blocked_steps)
         return Order(leaf.agent, to_cm(place[0]), to_cm(place[1]), self._orders_given, ORDER_TTL_STEPS)
-
-    def _blocked_steps(self, leaf: Descendant, place: Place) -> int:
-        """The order goes down, the leaf says so, travels and looks for a parent, and its row comes up again."""
-        way_m = math.dist((leaf.x_cm * 0.01, leaf.y_cm * 0.01), place)
-        return ORDER_TTL_STEPS + 1 + math.ceil(way_m / self._stride_m) + ARRIVAL_STEPS + ORDER_TTL_STEPS
 
 
 def weakest_leaf(table: Sequence[Descendant], rng: Random) -> Descendant | None:
