@@ -73,15 +73,13 @@ class Field:
         self.listener.wait_for(lambda: self.listener.table(ROOT) == wanted, f"a tree of {wanted}", WITHIN_S)
 
     def wait_for_a_recruit(self) -> None:
-        """Until some leaf was told to move to another place, and has."""
-        self.listener.wait_for(lambda: bool(self.listener.moved), "a leaf that was recruited", WITHIN_S)
-        agent, from_m = next(iter(self.listener.moved.items()))
+        """Until some leaf was told to move to another place, and is 1 m from where it was; some have less far to go."""
 
         def has_moved() -> bool:
-            frame = self.listener.radio[agent]
-            return math.dist(from_m, (frame.x_cm / 100, frame.y_cm / 100)) > 1.0
+            pairs = [(self.listener.radio[agent], from_m) for agent, from_m in list(self.listener.moved.items())]
+            return any(math.dist((frame.x_cm / 100, frame.y_cm / 100), from_m) > 1.0 for frame, from_m in pairs)
 
-        self.listener.wait_for(has_moved, f"agent {agent} is 1 m from {from_m}", WITHIN_S)
+        self.listener.wait_for(has_moved, "a leaf that was recruited and has moved", WITHIN_S)
 
     def end(self) -> tuple[list[dict[str, str]], dict[str, Any]]:
         """Stop everybody; the operator's table and totals."""
