@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -35,6 +36,23 @@ def test_boards_are_agents_of_the_run(listen: str, tmp_path: Path) -> None:
     assert summary["digest"] == run(tmp_path / "inside", "--in-process", *SHORT)["digest"]
     calm = {"late_steps": 0, "absences": 0, "absent_steps": 0}
     assert summary["boards"] == {str(board): calm for board in BOARDS}
+
+
+@pytest.mark.processes
+def test_systemd_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An agent of a world may run under the same unit: ready, alive all the time, stopping."""
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd, loop(tmp_path, (5,), *SHORT) as made:
+        systemd.bind(str(tmp_path / "notify"))
+        systemd.settimeout(20)
+        monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
+        monkeypatch.setenv("WATCHDOG_USEC", "20000")
+        made.start(5)
+        told = [systemd.recv(1000).decode()]
+        while told[-1] != "STOPPING=1":
+            told.append(systemd.recv(1000).decode())
+        made.finish()
+    assert told.count("READY=1") == 1
+    assert "WATCHDOG=1" in told
 
 
 @pytest.mark.processes

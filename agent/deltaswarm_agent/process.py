@@ -3,6 +3,7 @@
 import logging
 import os
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
@@ -110,8 +111,8 @@ class Outbox:
         self._act.put(encode_act(decision.act))
 
 
-def run_agent(config: AgentConfig) -> int:
-    """Run one agent until its last frame; the process's exit code.
+def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
+    """Run one agent until its last frame; the process's exit code. `on_ready` is called once the world knows of it.
 
     Raises:
         zenoh.ZError: the router cannot be reached, or refuses the credentials.
@@ -127,6 +128,7 @@ def run_agent(config: AgentConfig) -> int:
         outbox.wait_until_heard()
         token = session.liveliness().declare_token(keys.token(AGENT, config.agent))
         log.info("agent %d is ready", config.agent)
+        on_ready()
         rejected = 0
         newest = -1
         while True:

@@ -3,9 +3,11 @@
 import argparse
 import logging
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.process import BoardRun, run_board
 from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
@@ -50,7 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
         return 2
     try:
-        return run_board(run) if config is None else run_agent(config)
+        return run_board(run) if config is None else run_in_world(config)
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1
@@ -65,6 +67,28 @@ def world_config(settings: BoardSettings) -> AgentConfig:
     return AgentConfig(
         settings.run, settings.id, settings.air.link(settings.user), settings.agent, world_lost_s=WORLD_LOST_S
     )
+
+
+def run_in_world(config: AgentConfig) -> int:
+    """Be an agent of a world, watched by systemd as any board; the process's exit code.
+
+    The world may pause for as long as it likes, so what is told of is that the process lives, not that it steps.
+    """
+    notifier = Notifier.from_environment()
+    ended = threading.Event()
+
+    def tell() -> None:
+        while not ended.wait(notifier.alive_every_s):
+            notifier.alive()
+
+    if notifier.alive_every_s is not None:
+        threading.Thread(target=tell, name="alive", daemon=True).start()
+    try:
+        return run_agent(config, notifier.ready)
+    finally:
+        ended.set()
+        notifier.stopping()
+        notifier.close()
 
 
 def told(settings: BoardSettings) -> str:
