@@ -41,7 +41,7 @@ class DaskEngine:
             EngineError: there is no scheduler at the address.
             EngineLostError: there is none any more.
         """
-        for name in ("distributed", "distributed.client"):  # their tracebacks say less than our one line
+        for name in ("distributed", "distributed.client", "asyncio"):  # their tracebacks say less than our one line
             logging.getLogger(name).setLevel(logging.CRITICAL)
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack)
@@ -72,7 +72,7 @@ class DaskEngine:
                 )
             )
             client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, AssertionError) as error:  # the last: Dask's own thread was not up within 10 s
             where = self._scheduler or "this machine"
             raise EngineError(f"no Dask scheduler could be reached at {where}: {error}") from None
         return client
