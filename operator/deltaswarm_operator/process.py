@@ -1,4 +1,4 @@
-"""The operator's process: receives reports and the clock. The one file of the operator that touches Zenoh."""
+"""The operator's process: receives reports and the clock. With `open_air.py` all of the operator that touches Zenoh."""
 
 import logging
 import queue

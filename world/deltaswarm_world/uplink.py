@@ -14,12 +14,11 @@ import numpy as np
 
 from deltaswarm_wire.radio import RadioFrame
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_radio import BlackoutSettings
 from deltaswarm_world.channel.chance import Bursts, Loss
-from deltaswarm_world.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.channel.links import Ends, Finding, Links, Piece
 from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
 from deltaswarm_world.channel.reach import RangeDisc
-from deltaswarm_world.channel.zones import is_on
+from deltaswarm_world.channel.zones import Blackouts
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
 from deltaswarm_world.relay import Moment, Relay, roots_of
@@ -29,28 +28,6 @@ LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
 
 EAR = 0
 """The operator's one radio, among the ends of its queue."""
-
-
-class Outages:
-    """Times in which no report gets through."""
-
-    reason = "outage"
-
-    def __init__(self, zones: Sequence[BlackoutSettings]) -> None:
-        self._zones = zones
-
-    def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
-        return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
-
-    def explain(self, links: Links, time_s: float) -> Finding:
-        """Which one it is."""
-        for index, zone in enumerate(self._zones):
-            if is_on(zone, time_s):
-                until = "" if zone.until_s is None else f" to {zone.until_s:g} s"
-                says = f"outage {index}, from {zone.from_s:g} s{until}"
-                return Finding(self.reason, True, says, {"outage": index})
-        return Finding(self.reason, False, "no outage now", {})
 
 
 class Uplink:
@@ -70,7 +47,7 @@ class Uplink:
         self._relay = Relay(scenario) if uplink.relay else None
         self._pieces: list[Piece] = []
         if uplink.outages:
-            self._pieces.append(Outages(uplink.outages))
+            self._pieces.append(Blackouts(uplink.outages, "outage"))
         if uplink.loss > 0:
             self._pieces.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
         if uplink.burst.is_on:

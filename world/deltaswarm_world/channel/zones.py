@@ -21,11 +21,10 @@ def _when(zone: BlackoutSettings | JammerSettings | WallSettings) -> str:
 
 
 class Blackouts:
-    """Times in which nobody hears anybody."""
+    """Times in which nobody hears anybody; the operator's uplink calls them outages."""
 
-    reason = "blackout"
-
-    def __init__(self, zones: Sequence[BlackoutSettings]) -> None:
+    def __init__(self, zones: Sequence[BlackoutSettings], reason: str = "blackout") -> None:
+        self.reason = reason
         self._zones = zones
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
@@ -36,8 +35,8 @@ class Blackouts:
         """Which one it is."""
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
-                return Finding(self.reason, True, f"blackout {index}, {_when(zone)}", {"blackout": index})
-        return Finding(self.reason, False, "no blackout now", {})
+                return Finding(self.reason, True, f"{self.reason} {index}, {_when(zone)}", {self.reason: index})
+        return Finding(self.reason, False, f"no {self.reason} now", {})
 
 
 class Walls:
