@@ -61,6 +61,17 @@ def agent_numbers(text: str) -> list[int]:
     return sorted(found)
 
 
+def add_boards_argument(parser: argparse.ArgumentParser) -> None:
+    """`--boards`, for the parts that must know who is on a machine of its own."""
+    parser.add_argument(
+        "--boards",
+        type=agent_numbers,
+        default=[],
+        metavar="N-M,...",
+        help="agents that may leave and come back, such as 20-24",
+    )
+
+
 def override(text: str) -> tuple[str, str]:
     """KEY=VALUE as a pair."""
     key, sign, value = text.partition("=")

@@ -14,10 +14,10 @@ from deltaswarm_operator.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import (
     LOG_FORMAT,
+    add_boards_argument,
     add_link_arguments,
     add_tls_arguments,
     add_zenoh_argument,
-    agent_numbers,
     link_of,
     password_in,
     run_name,
@@ -47,13 +47,7 @@ def parser() -> argparse.ArgumentParser:
         action="store_true",
         help="for a scenario with [uplink]: hear the reports that its model lets through",
     )
-    made.add_argument(
-        "--boards",
-        type=agent_numbers,
-        default=[],
-        metavar="N-M,...",
-        help="agents that may leave and come back, such as 20-24",
-    )
+    add_boards_argument(made)
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made

@@ -11,7 +11,14 @@ from pathlib import Path
 import tomli_w
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_tls_arguments, add_zenoh_argument, agent_numbers, run_name, tls_of
+from deltaswarm_wire.arguments import (
+    LOG_FORMAT,
+    add_boards_argument,
+    add_tls_arguments,
+    add_zenoh_argument,
+    run_name,
+    tls_of,
+)
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import CERTIFIED, TLS, Link, protocol_of, user_name
 from deltaswarm_wire.settings import Scenario
@@ -58,13 +65,7 @@ def parser() -> argparse.ArgumentParser:
         choices=(OPERATOR, RECORDER),
         help="who, besides the agents, must be there before the first step (default: operator)",
     )
-    made.add_argument(
-        "--boards",
-        type=agent_numbers,
-        default=[],
-        metavar="N-M,...",
-        help="agents that may leave and come back, such as 20-24",
-    )
+    add_boards_argument(made)
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     add_zenoh_argument(made)
     return made
