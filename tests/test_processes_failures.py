@@ -5,6 +5,7 @@ import os
 import signal
 import socket
 import subprocess
+import tempfile
 import time
 from pathlib import Path
 
@@ -101,14 +102,17 @@ def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) ->
         assert read_recording(swarm.out / "recording.mcap").tallies
 
 
-def test_no_orphan_survives_the_orchestrator(tmp_path: Path) -> None:
-    """SIGKILL of the orchestrator itself: all others end within 5 s, and the recording can be read."""
-    with running(tmp_path / "run", *LONG) as swarm:
+def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SIGKILL of the orchestrator itself: all others end within 5 s, the recording can be read, no secret is left."""
+    temporary = tempfile.TemporaryDirectory()  # a short path: there are sockets in it
+    monkeypatch.setenv("TMPDIR", temporary.name)
+    with temporary, running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1500)
         pids = swarm.pids
         os.kill(swarm.process.pid, signal.SIGKILL)
         all_gone(pids)
+        assert not list(Path(temporary.name).rglob("credentials"))
         found = read_recording(swarm.part / "recording.mcap.part")
         assert found.tallies
         assert not found.complete

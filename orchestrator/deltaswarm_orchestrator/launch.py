@@ -122,6 +122,7 @@ class Swarm:
         self.endpoint = self.endpoints[0]
         pairs = (line.partition(":") for line in credentials.read_text().splitlines())
         self._passwords = {user: password for user, _, password in pairs}
+        self._forget_secrets()  # the router has read them, and a killed orchestrator could not
 
     def start_operator(self, *, publish_all: bool) -> None:
         """Start the operator."""
@@ -239,6 +240,9 @@ class Swarm:
             part.process.join()
         self._kept_end.close()
         self._lifeline.close()
+        self._forget_secrets()
+
+    def _forget_secrets(self) -> None:
         shutil.rmtree(self._secrets_folder, ignore_errors=True)
 
 
