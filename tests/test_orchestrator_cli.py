@@ -1,6 +1,7 @@
 """The command line: exit codes, JSON that can be parsed, results on standard output and the rest beside it."""
 
 import json
+import os
 import subprocess
 import tomllib
 from pathlib import Path
@@ -41,6 +42,27 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
 
 
 # Usage
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    """As `head`: the command ends with exit code 1 and says nothing."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing) as output:
+        command = [*COMMAND, "run", "paper-25", "--dry-run"]
+        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
+    assert (done.returncode, done.stderr) == (1, "")
+
+
+def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Standard output is still read, so it was something else."""
+
+    def broken(arguments: object) -> int:
+        raise BrokenPipeError
+
+    monkeypatch.setattr("deltaswarm_orchestrator.cli._run", broken)
+    with pytest.raises(BrokenPipeError):
+        main(["run", "paper-25"])
 
 
 def test_the_version_is_the_packages(capsys: Printed) -> None:

@@ -3,6 +3,8 @@
 import argparse
 import importlib
 import json
+import os
+import select
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -138,13 +140,29 @@ def main(argv: Sequence[str] | None = None) -> int:
         "certificates": cli_boards.certificates,
     }[arguments.command]
     try:
-        return command(arguments)
+        code = command(arguments)
+        sys.stdout.flush()
+        return code
     except SettingsError as error:
         for problem in error.problems:
             complain(str(problem))
         return USAGE
+    except BrokenPipeError:
+        if not _reader_is_gone():
+            raise
+        return FAILED
     except KeyboardInterrupt:
         return FAILED
+
+
+def _reader_is_gone() -> bool:
+    """Whether nobody reads standard output any more, as `head` does not; what is left of it then goes nowhere."""
+    output = select.poll()
+    output.register(sys.stdout.fileno(), 0)
+    if not output.poll(0):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return True
 
 
 def _run(arguments: argparse.Namespace) -> int:
