@@ -1,7 +1,6 @@
 """The pieces of the air, one by one: reach, chance, places and times, queues."""
 
 from collections import deque
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +16,7 @@ from deltaswarm_wire.settings_radio import (
     WallSettings,
 )
 from deltaswarm_world.channel.chance import Bursts, Contention
-from deltaswarm_world.channel.links import Ends, LinkDice, Links, Numbers
+from deltaswarm_world.channel.links import Ends, LinkDice, Links
 from deltaswarm_world.channel.queues import Packet, Pipes
 from deltaswarm_world.channel.reach import SHADOWING_CUT, Asymmetry, PathLoss, RangeDisc
 from deltaswarm_world.channel.zones import Blackouts, Jammers, Walls
@@ -74,7 +73,8 @@ def test_dice_are_fair(mutual: bool) -> None:
     """Uniform and normal, over 90,000 links; those of one end, or of the other direction, tell nothing of a link."""
     dice = LinkDice(rng(3))
     one, other = (dice.ends(axis.ravel()) for axis in np.meshgrid(np.arange(300), np.arange(300, 600)))
-    uniform, normal, back = (draw(*ends, mutual) for draw, ends in _draws(dice, one, other))
+    uniform = dice.uniform(one, other, mutual)
+    normal, back = (dice.normals[dice.pick(*ends, mutual)] for ends in ((one, other), (other, one)))
     assert uniform.min() >= 0
     assert uniform.max() < 1
     assert uniform.mean() == pytest.approx(0.5, abs=0.005)
@@ -85,10 +85,6 @@ def test_dice_are_fair(mutual: bool) -> None:
     assert abs(np.corrcoef(square[1:].ravel(), square[:-1].ravel())[0, 1]) < 0.02
     assert abs(np.corrcoef(square[:, 1:].ravel(), square[:, :-1].ravel())[0, 1]) < 0.02
     assert np.corrcoef(normal, back)[0, 1] == pytest.approx(float(mutual), abs=0.02)
-
-
-def _draws(dice: LinkDice, one: Numbers, other: Numbers) -> list[tuple[Any, tuple[Numbers, Numbers]]]:
-    return [(dice.uniform, (one, other)), (dice.normal, (one, other)), (dice.normal, (other, one))]
 
 
 # Path loss

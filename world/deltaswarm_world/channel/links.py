@@ -136,7 +136,7 @@ class LinkDice:
 
     @cached_property
     def normals(self) -> Floats:
-        """The standard normal draws that there are."""
+        """The standard normal draws that there are: 65,536."""
         return self._rng.standard_normal(1 << _POOL_BITS)
 
     def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Numbers:
@@ -155,10 +155,6 @@ class LinkDice:
         """From 0 to 1, 1 excluded, for each link; if mutual, the same from either end."""
         drawn: Floats = (self._of(senders, receivers, mutual) >> np.uint64(11)).astype(np.float64) * 2.0**-53
         return drawn
-
-    def normal(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Floats:
-        """Standard normal, for each link: one of 65,536 draws."""
-        return self.normals[self.pick(senders, receivers, mutual)]
 
     def pick(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Indices:
         """Which one of `normals` each link has."""
