@@ -44,6 +44,7 @@ class Guard:
         self._at_s = -math.inf
         self._heard_s = -math.inf
         self._is_armed = False
+        self._objection = ""
         self._mode = ""
         self._wanted = STAND
         self._wanted_s = -math.inf
@@ -71,13 +72,17 @@ class Guard:
         """The vehicle lives."""
         self._is_armed, self._mode, self._heard_s = is_armed, mode, now_s
 
+    def object(self, objection: str) -> None:
+        """Why the vehicle may not move, in a few words; empty: it may."""
+        self._objection = objection
+
     def velocity(self, now_s: float) -> Velocity:
         """What to send now: what the agent wants, or to stand."""
         if now_s - self._wanted_s > self._limits.command_s:
             self.stalls += not self._is_stalled
             self._is_stalled = True
             return STAND
-        if self._at is None or now_s - self._at_s > self._limits.position_s:
+        if self._objection or self._at is None or now_s - self._at_s > self._limits.position_s:
             return STAND
         if not self._fence.permits(self._at, *self._wanted, self._limits.ahead_s):
             self.refused += 1
@@ -99,4 +104,4 @@ class Guard:
             return "the vehicle is not armed"
         if limits.modes and self._mode not in limits.modes:
             return f"the vehicle is in mode {self._mode}"
-        return ""
+        return self._objection

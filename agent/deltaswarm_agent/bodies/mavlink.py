@@ -3,23 +3,27 @@
 It neither arms nor takes off nor changes the flight mode: a pilot does, and takes the vehicle back by leaving the
 mode. A thread of its own speaks to the vehicle, ten times a second: when the agent stalls, this thread has the
 vehicle stand. When the whole process dies, set-points cease, and the vehicle's own failsafe must act: COM_OF_LOSS_T
-in PX4 (1 s by default), GUID_TIMEOUT in ArduPilot (3 s). Set it before flying.
+in PX4 (1 s by default), GUID_TIMEOUT in ArduPilot's copters (3 s); its rovers stop after 3 s, whatever is set.
 
-The one file that speaks MAVLink.
+The one file that speaks MAVLink. Of pymavlink it takes a dialect, which is the protocol itself, and not `mavutil`,
+which loads another dialect, numpy and more, and takes three times the memory.
 """
 
 import logging
-import os
+import math
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, ClassVar
 
 from deltaswarm_agent.bodies.events_file import file_problems, surroundings
 from deltaswarm_agent.bodies.fence import Fence, Place
-from deltaswarm_agent.bodies.guard import Guard, Limits
+from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
+from deltaswarm_agent.bodies.mavlink_link import open_link, parse_device
+from deltaswarm_agent.bodies.mavlink_modes import PX4, ROVERS, SUBMARINE, mode_name
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_wire.checked import Problem, key
 
@@ -28,7 +32,20 @@ log = logging.getLogger("deltaswarm.mavlink")
 VELOCITY_ONLY = 0b0000_1101_1100_0111
 """The set-point's mask: position, acceleration, yaw and yaw rate are to be ignored."""
 
+STAND_STILL = 0b0000_0101_1100_0111
+"""The same with a yaw rate, of zero: a rover that is given no yaw turns to where its velocity points, and a velocity
+of zero points north."""
+
 HEARTBEAT_EVERY_S = 1.0
+ASK_AFTER_S = 2.0
+"""What did not come for so long is asked for, again and again: the autopilot may have restarted."""
+
+STATE_EVERY_S = 0.5
+RESTARTED_MS = 1000
+"""A clock of the autopilot that goes back by more has begun anew; by less, a datagram was overtaken."""
+
+NOT_IN_THE_AIR = "the vehicle is not in the air"
+RESTARTED = "the autopilot restarted, and its local frame may have moved: the agent must be started anew"
 CLOSE_S = 1.0
 RETRY_S = 1.0
 
@@ -37,7 +54,9 @@ RETRY_S = 1.0
 class MavlinkSettings:
     """The vehicle, its place in the arena, and its limits."""
 
-    device: str = key("udpin:0.0.0.0:14540", "as pymavlink spells it: udpin:, udpout:, tcp:, or a serial device")
+    device: str = key(
+        "udpin:0.0.0.0:14540", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device (/dev/...)"
+    )
     baud: int = key(115200, "of a serial device", low=1200, high=10_000_000)
     system_id: int = key(245, "this board's own MAVLink number", low=1, high=255)
     origin_north_m: float = key(0.0, "the arena's corner (0, 0), north in the vehicle's local frame [m]")
@@ -66,8 +85,14 @@ class MavlinkSettings:
                 Fence(self._corners())
             except ValueError as error:
                 found.append(Problem("fence_m", str([list(corner) for corner in self.fence_m])[:200], str(error)))
-        if find_spec("pymavlink") is None:
-            found.append(Problem("device", repr(self.device), "needs the package pymavlink (extra mavlink)"))
+        try:
+            kind = parse_device(self.device, self.baud).kind
+        except ValueError as error:
+            found.append(Problem("device", repr(self.device), str(error)))
+        else:
+            for module, package in (("pymavlink", "pymavlink"), ("serial", "pyserial")):
+                if (module != "serial" or kind == "serial") and find_spec(module) is None:
+                    found.append(Problem("device", repr(self.device), f"needs the package {package} (extra mavlink)"))
         return found + file_problems(self.events)
 
     def _corners(self) -> list[Place]:
@@ -116,8 +141,17 @@ class MavlinkBody:
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._target: tuple[int, int] | None = None
+        self._flies = False
+        self._is_grounded = False
+        self._is_px4 = False
+        self._has_restarted = False
+        self._boot_ms: int | None = None
+        self._came_s: dict[int, float] = {}
         self._told = ""
-        self._mavutil, self._link = self._opened()
+        self._mavlink = _dialect()
+        self._link = open_link(parse_device(options.device, options.baud))
+        self._mav = self._mavlink.MAVLink(self._link, options.system_id, self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+        self._mav.robust_parsing = True  # bytes that are no message are passed over
         self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
         self._thread.start()
 
@@ -151,22 +185,6 @@ class MavlinkBody:
 
     # The vehicle's thread
 
-    def _opened(self) -> tuple[Any, Any]:
-        os.environ.setdefault("MAVLINK20", "1")  # read at import
-        from pymavlink import mavutil
-
-        options = self._options
-        component = mavutil.mavlink.MAV_COMP_ID_ONBOARD_COMPUTER
-        link = mavutil.mavlink_connection(
-            options.device,
-            baud=options.baud,
-            source_system=options.system_id,
-            source_component=component,
-            dialect="common",
-            autoreconnect=True,
-        )
-        return mavutil, link
-
     def _serve(self) -> None:
         """Hear the vehicle, and tell it what to do at the rate asked for; a broken link is tried for ever."""
         set_point_due_s = heartbeat_due_s = time.monotonic()
@@ -177,13 +195,14 @@ class MavlinkBody:
                 if now_s >= heartbeat_due_s:
                     heartbeat_due_s = now_s + HEARTBEAT_EVERY_S
                     self._send_heartbeat()
+                    self._ask(now_s)
                 if now_s >= set_point_due_s or is_last:
                     set_point_due_s = now_s + 1.0 / self._options.rate_hz
                     self._send_set_point(now_s)
                 if is_last:
                     return
-                message = self._link.recv_match(blocking=True, timeout=max(0.001, set_point_due_s - now_s))
-                if message is not None:
+                data = self._link.receive(max(0.001, min(set_point_due_s, heartbeat_due_s) - now_s))
+                for message in self._messages(data):
                     self._take(message, time.monotonic())
             except OSError as error:
                 self._tell(f"the link to the vehicle: {error}")
@@ -195,49 +214,91 @@ class MavlinkBody:
             self._told = text
             log.warning("%s", text)
 
-    def _take(self, message: Any, now_s: float) -> None:
-        kind = message.get_type()
-        source = (message.get_srcSystem(), message.get_srcComponent())
-        mavlink = self._mavutil.mavlink
-        if (
-            kind == "HEARTBEAT"
-            and message.autopilot != mavlink.MAV_AUTOPILOT_INVALID
-            and self._target in (None, source)
-        ):
-            if self._target is None:
-                self._target = source
-                log.info("vehicle %d is there", source[0])
-                self._ask_for_positions(source)
-            is_armed = bool(message.base_mode & mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
-            mode = self._mavutil.mode_string_v10(message)
-            with self._lock:
-                self._guard.beat(is_armed, mode, now_s)
-        elif source != self._target:
-            return
-        elif kind == "LOCAL_POSITION_NED":
-            at = self._frame.to_arena(message.x, message.y)
-            with self._lock:
-                self._guard.locate(*at, now_s)
-        elif kind == "ESTIMATOR_STATUS":
-            with self._lock:
-                self._guard.doubt(message.pos_horiz_accuracy)
+    def _messages(self, data: bytes) -> Iterator[Any]:
+        """The messages in what came; never more than the parser wants, whose buffer would else grow."""
+        at = 0
+        while at < len(data):
+            until = at + self._mav.bytes_needed()
+            message = self._mav.parse_char(data[at:until])
+            at = until
+            if message is not None:
+                yield message
 
-    def _ask_for_positions(self, target: tuple[int, int]) -> None:
-        """Positions as often as set-points."""
-        mavlink = self._mavutil.mavlink
-        interval_us = 1e6 / self._options.rate_hz
-        self._link.mav.command_long_send(
-            *target,
-            mavlink.MAV_CMD_SET_MESSAGE_INTERVAL,
-            0,
-            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED,
-            interval_us,
-            *(0.0,) * 5,
+    def _take(self, message: Any, now_s: float) -> None:
+        mavlink = self._mavlink
+        source = (message.get_srcSystem(), message.get_srcComponent())
+        match message.get_msgId():
+            case mavlink.MAVLINK_MSG_ID_HEARTBEAT if self._is_of_the_vehicle(message, source):
+                self._hear_heartbeat(message, source, now_s)
+            case _ if source != self._target:
+                return
+            case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED as kind:
+                self._came_s[kind] = now_s
+                self._note_boot_time(message.time_boot_ms)
+                at = self._frame.to_arena(message.x, message.y)
+                with self._lock:
+                    self._guard.locate(*at, now_s)
+            case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE as kind:
+                self._came_s[kind] = now_s
+                self._hear_state(message.landed_state)
+            case mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
+                with self._lock:
+                    self._guard.doubt(message.pos_horiz_accuracy)
+
+    def _is_of_the_vehicle(self, heartbeat: Any, source: tuple[int, int]) -> bool:
+        # The autopilot that was heard first; not a ground station, nor another companion.
+        return heartbeat.autopilot != self._mavlink.MAV_AUTOPILOT_INVALID and self._target in (None, source)
+
+    def _hear_heartbeat(self, heartbeat: Any, source: tuple[int, int], now_s: float) -> None:
+        if self._target is None:
+            self._target = source
+            log.info("vehicle %d is there", source[0])
+            self._ask(now_s)
+        self._is_px4 = heartbeat.autopilot == PX4
+        self._flies = heartbeat.type not in (*ROVERS, SUBMARINE)
+        is_armed = bool(heartbeat.base_mode & self._mavlink.MAV_MODE_FLAG_SAFETY_ARMED)
+        mode = mode_name(heartbeat.autopilot, heartbeat.type, heartbeat.base_mode, heartbeat.custom_mode)
+        with self._lock:
+            self._guard.beat(is_armed, mode, now_s)
+
+    def _hear_state(self, landed_state: int) -> None:
+        mavlink = self._mavlink
+        grounded = (
+            mavlink.MAV_LANDED_STATE_ON_GROUND,
+            mavlink.MAV_LANDED_STATE_TAKEOFF,
+            mavlink.MAV_LANDED_STATE_LANDING,
         )
+        self._is_grounded = self._flies and landed_state in grounded
+        self._object()
+
+    def _note_boot_time(self, boot_ms: int) -> None:
+        before_ms, self._boot_ms = self._boot_ms, boot_ms
+        if before_ms is not None and RESTARTED_MS < (before_ms - boot_ms) & 0xFFFF_FFFF < 0x8000_0000:
+            self._has_restarted = True
+            self._object()
+
+    def _object(self) -> None:
+        objection = RESTARTED if self._has_restarted else NOT_IN_THE_AIR if self._is_grounded else ""
+        if objection:
+            self._tell(objection)
+        with self._lock:
+            self._guard.object(objection)
+
+    def _ask(self, now_s: float) -> None:
+        # For what does not come: positions as often as set-points, and whether it flies.
+        mavlink = self._mavlink
+        wanted = {
+            mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0 / self._options.rate_hz,
+            mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: STATE_EVERY_S,
+        }
+        for kind, every_s in wanted.items():
+            if self._target is not None and now_s - self._came_s.get(kind, -math.inf) > ASK_AFTER_S:
+                command = mavlink.MAV_CMD_SET_MESSAGE_INTERVAL
+                self._mav.command_long_send(*self._target, command, 0, kind, every_s * 1e6, *(0.0,) * 5)
 
     def _send_heartbeat(self) -> None:
-        mavlink = self._mavutil.mavlink
-        self._link.mav.heartbeat_send(
+        mavlink = self._mavlink
+        self._mav.heartbeat_send(
             mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
         )
 
@@ -246,15 +307,23 @@ class MavlinkBody:
             velocity, stalls = self._guard.velocity(now_s), self._guard.stalls
         if stalls:
             self._tell(f"the agent has stalled {stalls} times: the vehicle was told to stand")
-        if self._target is None:
+        # A set-point ends an ArduPilot's take-off; a PX4 wants them before it changes to OFFBOARD.
+        if self._target is None or (self._is_grounded and not self._is_px4):
             return
         north_mps, east_mps = self._frame.turned_to_ned(*velocity)
-        self._link.mav.set_position_target_local_ned_send(
+        self._mav.set_position_target_local_ned_send(
             int(now_s * 1000) & 0xFFFF_FFFF,
             *self._target,
-            self._mavutil.mavlink.MAV_FRAME_LOCAL_NED,
-            VELOCITY_ONLY,
+            self._mavlink.MAV_FRAME_LOCAL_NED,
+            STAND_STILL if velocity == STAND else VELOCITY_ONLY,
             *(0.0, 0.0, 0.0),
             *(north_mps, east_mps, 0.0),
             *(0.0,) * 5,
         )
+
+
+def _dialect() -> Any:
+    # MAVLink 2, and no messages of one autopilot alone: the smallest dialect that has set-points.
+    from pymavlink.dialects.v20 import common
+
+    return common
