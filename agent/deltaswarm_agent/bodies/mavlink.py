@@ -148,6 +148,7 @@ class MavlinkBody:
         self._boot_ms: int | None = None
         self._came_s: dict[int, float] = {}
         self._told = ""
+        self._told_stalls = 0
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
         self._mav = self._mavlink.MAVLink(self._link, options.system_id, self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
@@ -276,11 +277,10 @@ class MavlinkBody:
         if before_ms is not None and RESTARTED_MS < (before_ms - boot_ms) & 0xFFFF_FFFF < 0x8000_0000:
             self._has_restarted = True
             self._object()
+            log.warning("%s", RESTARTED)
 
     def _object(self) -> None:
         objection = RESTARTED if self._has_restarted else NOT_IN_THE_AIR if self._is_grounded else ""
-        if objection:
-            self._tell(objection)
         with self._lock:
             self._guard.object(objection)
 
@@ -305,8 +305,9 @@ class MavlinkBody:
     def _send_set_point(self, now_s: float) -> None:
         with self._lock:
             velocity, stalls = self._guard.velocity(now_s), self._guard.stalls
-        if stalls:
-            self._tell(f"the agent has stalled {stalls} times: the vehicle was told to stand")
+        if stalls > self._told_stalls:
+            self._told_stalls = stalls
+            log.warning("the agent has stalled %d times: the vehicle was told to stand", stalls)
         # A set-point ends an ArduPilot's take-off; a PX4 wants them before it changes to OFFBOARD.
         if self._target is None or (self._is_grounded and not self._is_px4):
             return
