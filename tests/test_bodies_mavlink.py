@@ -77,10 +77,10 @@ class Flight:
 
 
 @contextmanager
-def flying(port: int) -> Iterator[Flight]:
+def flying(port: int, kind: str = "copter") -> Iterator[Flight]:
     """A vehicle that speaks to a port, with nothing left of it afterwards."""
-    pipe = subprocess.PIPE
-    process = subprocess.Popen([sys.executable, "-m", "tests.vehicle", str(port)], stdin=pipe, stdout=pipe, text=True)
+    command = [sys.executable, "-m", "tests.vehicle", str(port), kind]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     flight = Flight(process)
     try:
         yield flight
@@ -89,14 +89,14 @@ def flying(port: int) -> Iterator[Flight]:
 
 
 @contextmanager
-def a_body(**options: Any) -> Iterator[tuple[MavlinkBody, Flight]]:
+def a_body(kind: str = "copter", **options: Any) -> Iterator[tuple[MavlinkBody, Flight]]:
     """A body with its vehicle, once it is well."""
     port = free_port()
     table = {"device": f"udpin:127.0.0.1:{port}", "stall_s": 0.3, "max_speed_mps": 2.0, **options}
     context = BodyContext(1, load(AgentSettings, TASK), Random(1))
     body = MavlinkBody(load(MavlinkSettings, table), context)
     try:
-        with flying(port) as flight:
+        with flying(port, kind) as flight:
             wait_until(lambda: not body.sense(0.0).fault, "a vehicle that is well")
             yield body, flight
     finally:
@@ -141,6 +141,59 @@ def test_a_vehicle_stands_within_a_second_of_the_agents_stall() -> None:
         assert stood[0] - stalled_s < 1.0
         assert stood[5] > 0, "set-points go on, of zero"
         go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed again, once the agent is back")
+
+
+def test_a_rover_that_stands_keeps_its_heading() -> None:
+    """A velocity of zero has no direction, and a rover would take it for north."""
+    with a_body("rover") as (body, flight):
+        go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed")
+        assert flight.track[-1][6] == pytest.approx(math.pi / 2), "east"
+        sent = flight.track[-1][5]
+        go(body, 0.0, 0.0, lambda: flight.speed_mps == 0.0 and flight.track[-1][5] > sent + 10, "a stand")
+        assert flight.track[-1][6] == pytest.approx(math.pi / 2)
+
+
+def test_a_copter_takes_off_undisturbed_and_only_then_obeys_the_agent() -> None:
+    """ArduPilot ends a take-off at the first set-point, so there is none until the copter is in the air."""
+    with a_body() as (body, flight):
+        flight.tell("land")
+        wait_until(lambda: "not in the air" in body.sense(0.0).fault, "a fault")
+        flight.tell("takeoff")
+        go(body, 1.0, 0.0, lambda: not body.sense(0.0).fault, "the end of the take-off")
+        go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed")
+
+
+def test_a_px4_gets_set_points_on_the_ground_too_so_that_it_can_change_to_offboard() -> None:
+    """It refuses the mode without them; they are of zero until it is in the air."""
+    with a_body("px4") as (body, flight):
+        for word in ("land", "loiter"):
+            flight.tell(word)
+        wait_until(lambda: "mode LOITER" in body.sense(0.0).fault, "the pilot's mode")
+        sent = flight.track[-1][5]
+        go(body, 1.0, 0.0, lambda: flight.track[-1][5] > sent + 10, "set-points")
+        flight.tell("guided")
+        wait_until(lambda: "not in the air" in body.sense(0.0).fault, "OFFBOARD")
+        flight.tell("takeoff")
+        go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed")
+
+
+def test_what_a_rebooted_autopilot_forgot_is_asked_for_and_its_place_is_not_trusted() -> None:
+    """Its local frame begins where it booted: fence and arena may lie elsewhere now. A new agent begins anew."""
+    with a_body() as (body, flight):
+        flight.tell("reboot")
+        wait_until(lambda: "no position" in body.sense(0.0).fault, "the end of its positions")
+        wait_until(lambda: "restarted" in body.sense(0.0).fault, "positions, with a clock that went back")
+        sent = flight.track[-1][5]
+        go(body, 1.0, 0.0, lambda: flight.track[-1][5] > sent + 10, "set-points")
+        assert flight.speed_mps == 0.0
+
+
+def test_bytes_that_are_no_message_do_no_harm() -> None:
+    """As from a serial line at the wrong rate, or a stranger on the port."""
+    with a_body() as (body, flight):
+        flight.tell("noise")
+        go(body, 1.0, 0.0, lambda: flight.at[0] > 1.0, "a metre to the east")
+        assert body.sense(0.0).fault == ""
 
 
 def test_no_set_point_leads_out_of_the_fence() -> None:
