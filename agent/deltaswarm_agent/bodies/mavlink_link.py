@@ -179,13 +179,10 @@ class SerialLink:
         try:
             if not select.select([self._port], [], [], wait_s)[0]:
                 return b""
-            data: bytes = self._port.read(READ_BYTES)
+            data: bytes = self._port.read(READ_BYTES)  # raises if there is nothing after all: the device is gone
         except OSError:
             self.close()
             raise
-        if not data:
-            self.close()
-            raise ConnectionResetError(f"{self._path} is gone")
         return data
 
     def write(self, data: bytes) -> None:

@@ -37,7 +37,7 @@ SUBMARINE = 12
 
 _ARDUPILOT = {
     **dict.fromkeys((2, 3, 4, 13, 14, 15, 29, 35), _COPTER),
-    **dict.fromkeys((1, 19, 20, 21, 22, 23), _PLANE),
+    **dict.fromkeys((1, 19, 20, 21), _PLANE),
     **dict.fromkeys(ROVERS, _ROVER),
     SUBMARINE: _SUB,
 }

@@ -1,0 +1,145 @@
+"""The links to an autopilot, and the names of its modes, by themselves."""
+
+import os
+import socket
+import tty
+
+import pytest
+
+from deltaswarm_agent.bodies.mavlink import MavlinkSettings
+from deltaswarm_agent.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
+from deltaswarm_agent.bodies.mavlink_modes import mode_name
+from deltaswarm_wire.checked import SettingsError, load
+
+WAIT_S = 10.0
+LOCAL = "127.0.0.1"
+
+
+@pytest.mark.parametrize(
+    ("text", "device"),
+    [
+        ("udpin:0.0.0.0:14540", Device("udpin", "0.0.0.0", 14540)),
+        ("udp:127.0.0.1:14550", Device("udpin", "127.0.0.1", 14550)),
+        ("udpout:autopilot.local:14555", Device("udpout", "autopilot.local", 14555)),
+        ("tcp:127.0.0.1:5760", Device("tcp", "127.0.0.1", 5760)),
+        ("/dev/ttyACM0", Device("serial", "/dev/ttyACM0", 57600)),
+        ("/dev/serial/by-id/usb-a,b:c", ValueError),
+        ("/dev/ttyAMA0,921600", Device("serial", "/dev/ttyAMA0", 921600)),
+        ("udpin:14540", ValueError),
+        ("tcp:127.0.0.1:0", ValueError),
+        ("tcp:127.0.0.1:65536", ValueError),
+        ("tcp", ValueError),
+        ("ttyACM0", ValueError),
+        ("", ValueError),
+    ],
+)
+def test_connection_strings_mean_what_they_do_elsewhere(text: str, device: Device | type[Exception]) -> None:
+    """A string that means nothing here is a mistake in the board's file, found before anything moves."""
+    if isinstance(device, Device):
+        assert parse_device(text, 57600) == device
+    else:
+        with pytest.raises(ValueError, match=r"is allowed|such as"):
+            parse_device(text, 57600)
+        with pytest.raises(SettingsError, match="device"):
+            load(MavlinkSettings, {"device": text})
+
+
+def received(link: Link, length: int) -> bytes:
+    """So many bytes."""
+    data = b""
+    while len(data) < length:
+        more = link.receive(WAIT_S)
+        assert more, f"nothing within {WAIT_S} s after {data!r}"
+        data += more
+    return data
+
+
+def test_udp_answers_whoever_spoke_last() -> None:
+    """An autopilot that restarts speaks from another port; before anyone has spoken, what is said is lost."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind((LOCAL, 0))
+        port = probe.getsockname()[1]
+    link = open_link(Device("udpin", LOCAL, port))
+    try:
+        assert isinstance(link, UdpLink)
+        link.write(b"lost")
+        assert link.receive(0.01) == b""
+        for _ in range(2):
+            autopilot = UdpLink(LOCAL, port, listens=False)
+            autopilot.write(b"hello")
+            assert received(link, 5) == b"hello"
+            link.write(b"go")
+            assert received(autopilot, 2) == b"go"
+            autopilot.close()
+    finally:
+        link.close()
+
+
+def test_tcp_opens_again_after_the_other_end_hung_up() -> None:
+    """The break is told, what is written meanwhile is lost, and the next one is tried by itself."""
+    with socket.create_server((LOCAL, 0)) as server:
+        link = open_link(Device("tcp", *server.getsockname()))
+        try:
+            assert isinstance(link, TcpLink)
+            for _ in range(2):
+                autopilot, _ = server.accept()
+                with autopilot:
+                    autopilot.sendall(b"hello")
+                    assert received(link, 5) == b"hello"
+                    link.write(b"go")
+                    assert autopilot.recv(10) == b"go"
+                    assert link.receive(0.01) == b""
+                with pytest.raises(ConnectionResetError, match="hung up"):
+                    link.receive(WAIT_S)
+                link.write(b"lost")
+                assert link.receive(0.01) == b"", "open again"
+        finally:
+            link.close()
+
+
+def test_a_serial_line_that_is_pulled_out_is_told_of_and_found_again() -> None:
+    """Played by a pseudo-terminal, whose other end goes."""
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    link = open_link(Device("serial", os.ttyname(theirs), 57600))
+    try:
+        assert isinstance(link, SerialLink)
+        os.write(ours, b"hello")
+        assert received(link, 5) == b"hello"
+        link.write(b"go")
+        assert os.read(ours, 10) == b"go"
+        assert link.receive(0.01) == b""
+        os.close(theirs)
+        os.close(ours)
+        with pytest.raises(OSError, match=r"disconnected|error"):
+            link.receive(WAIT_S)
+        link.write(b"lost")
+        with pytest.raises(OSError, match="open"):
+            link.receive(WAIT_S)
+    finally:
+        link.close()
+
+
+def test_modes_have_the_names_that_pymavlink_gives_them() -> None:
+    """By its own function, which costs a board too much memory: for all vehicles and modes that it can name here."""
+    from pymavlink import mavutil
+
+    from deltaswarm_agent.bodies import mavlink_modes
+
+    vehicles = mavlink_modes._ARDUPILOT
+    ardupilot, px4 = mavutil.mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavutil.mavlink.MAV_AUTOPILOT_PX4
+
+    def theirs(autopilot: int, vehicle: int, base_mode: int, custom_mode: int) -> str:
+        heartbeat = mavutil.mavlink.MAVLink_heartbeat_message(vehicle, autopilot, base_mode, custom_mode, 4, 3)
+        name: str = mavutil.mode_string_v10(heartbeat)
+        return name
+
+    for vehicle, modes in vehicles.items():
+        for number in [*modes, 200]:
+            said = (ardupilot, vehicle, 1, number)
+            assert mode_name(*said) == theirs(*said), said
+    for main in range(12):
+        for sub in range(12):
+            said = (px4, 2, 1, main << 16 | sub << 24)
+            assert mode_name(*said) == theirs(*said), said
+    assert mode_name(ardupilot, 2, 0x40, 4) == theirs(ardupilot, 2, 0x40, 4)
