@@ -166,3 +166,15 @@ def test_the_body_says_what_is_wrong() -> None:
     free.beat(False, "LOITER", 0.0)
     free.locate(5.0, 5.0, 0.0)
     assert not free.sensed(0.0).fault
+
+
+def test_a_vehicle_that_objects_stands_and_says_why() -> None:
+    """Until it objects no more."""
+    guard = Guard(LIMITS, SQUARE, 0.1)
+    guard.beat(True, "GUIDED", 0.0)
+    guard.locate(5.0, 5.0, 0.0)
+    guard.command(1.0, 0.0, 0.0)
+    guard.object("it is on the ground")
+    assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "it is on the ground")
+    guard.object("")
+    assert (guard.velocity(0.1), guard.sensed(0.1).fault) == ((1.0, 0.0), "")

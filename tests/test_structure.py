@@ -42,7 +42,8 @@ ADAPTERS = {
     *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py"),
 }
 """They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
-waker.py is what wakes the world's process. On a board: its air, its vehicle and the link to it, systemd, and its own recording."""
+waker.py is what wakes the world's process. On a board: its air, its vehicle and the link to
+it, systemd, and its own recording."""
 
 
 def modules(*folders: str) -> list[Path]:

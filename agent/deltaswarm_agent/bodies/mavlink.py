@@ -142,7 +142,7 @@ class MavlinkBody:
         self._closing = threading.Event()
         self._target: tuple[int, int] | None = None
         self._flies = False
-        self._is_grounded = False
+        self._landed_state: int | None = None
         self._is_px4 = False
         self._has_restarted = False
         self._boot_ms: int | None = None
@@ -241,7 +241,8 @@ class MavlinkBody:
                     self._guard.locate(*at, now_s)
             case mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE as kind:
                 self._came_s[kind] = now_s
-                self._hear_state(message.landed_state)
+                self._landed_state = message.landed_state
+                self._object()
             case mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
                 with self._lock:
                     self._guard.doubt(message.pos_horiz_accuracy)
@@ -261,16 +262,19 @@ class MavlinkBody:
         mode = mode_name(heartbeat.autopilot, heartbeat.type, heartbeat.base_mode, heartbeat.custom_mode)
         with self._lock:
             self._guard.beat(is_armed, mode, now_s)
+        self._object()
 
-    def _hear_state(self, landed_state: int) -> None:
+    @property
+    def _is_grounded(self) -> bool:
+        # What flies is taken to be on the ground until it says otherwise: a take-off may be under way.
         mavlink = self._mavlink
         grounded = (
+            None,
             mavlink.MAV_LANDED_STATE_ON_GROUND,
             mavlink.MAV_LANDED_STATE_TAKEOFF,
             mavlink.MAV_LANDED_STATE_LANDING,
         )
-        self._is_grounded = self._flies and landed_state in grounded
-        self._object()
+        return self._flies and self._landed_state in grounded
 
     def _note_boot_time(self, boot_ms: int) -> None:
         before_ms, self._boot_ms = self._boot_ms, boot_ms
