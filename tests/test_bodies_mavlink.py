@@ -4,6 +4,7 @@ import json
 import math
 import os
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -15,6 +16,7 @@ from random import Random
 from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.body import BodyContext
@@ -186,6 +188,24 @@ def test_what_a_rebooted_autopilot_forgot_is_asked_for_and_its_place_is_not_trus
         sent = flight.track[-1][5]
         go(body, 1.0, 0.0, lambda: flight.track[-1][5] > sent + 10, "set-points")
         assert flight.speed_mps == 0.0
+
+
+def test_a_board_speaks_mavlink_2_as_a_companion_and_numbers_what_it_says() -> None:
+    """From the first message on: an autopilot answers in the version it hears."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
+        autopilot.bind(("127.0.0.1", 0))
+        autopilot.settimeout(10.0)
+        options = load(MavlinkSettings, {"device": f"udpout:127.0.0.1:{autopilot.getsockname()[1]}", "system_id": 7})
+        body = MavlinkBody(options, BodyContext(1, load(AgentSettings, TASK), Random(1)))
+        try:
+            said = [autopilot.recv(300) for _ in range(2)]
+        finally:
+            body.close()
+    heartbeats = [common.MAVLink(None).decode(bytearray(data)) for data in said]
+    assert [data[0] for data in said] == [common.PROTOCOL_MARKER_V2] * 2
+    assert [message.get_seq() for message in heartbeats] == [0, 1]
+    assert {(message.get_srcSystem(), message.get_srcComponent()) for message in heartbeats} == {(7, 191)}
+    assert {message.type for message in heartbeats} == {common.MAV_TYPE_ONBOARD_CONTROLLER}
 
 
 def test_bytes_that_are_no_message_do_no_harm() -> None:

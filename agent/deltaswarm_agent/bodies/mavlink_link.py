@@ -1,6 +1,6 @@
 """The bytes between a board and its autopilot: UDP, TCP or a serial line, spelled as MAVLink's tools spell them.
 
-pymavlink's own `mavutil` has such links too, but costs an agent 15 to 27 MB, and its TCP holds up the thread that
+pymavlink's own `mavutil` has such links too, but costs an agent 15 to 26 MB, and its TCP holds up the thread that
 must have the vehicle stand. Here nothing waits longer than asked, and a link that broke is opened again at the next
 `receive`.
 """
