@@ -33,6 +33,9 @@ CERTIFIED = "certificate"
 MAX_RECEIVED_BYTES = 32 * 1024 * 1024
 """The router cuts off whoever sends more in one sample."""
 
+MAX_AIR_BYTES = 1024 * 1024
+"""So does a board in open air: a sample is put together in its memory before anybody looks at it."""
+
 Pairs = list[tuple[str, Any]]
 R = TypeVar("R")
 
@@ -137,6 +140,7 @@ def air_pairs(
         ("listen/exit_on_failure", False),
         ("scouting/multicast/enabled", multicast),
         ("scouting/gossip/enabled", gossip),
+        ("transport/link/rx/max_message_size", MAX_AIR_BYTES),
     ]
 
 

@@ -59,7 +59,7 @@ class AirSettings:
     mode: str = key("peer", "a peer among boards, or a client of a router", choices=MODES)
     connect: tuple[str, ...] = key((), "endpoints to connect to, for ever, such as tcp/192.168.1.10:7447")
     listen: tuple[str, ...] = key((), "peer: endpoints to listen on, such as tcp/0.0.0.0:7447")
-    multicast: bool = key(False, "peer: find others on the local network by multicast")
+    multicast: bool = key(False, "peer: find others on the local network by multicast; listens on any port")
     gossip: bool = key(False, "peer: connect to the peers of one's peers as well")
     range_m: float = key(0.0, "drop frames whose sender says it is farther off [m]; 0: the radio decides", low=0)
     stale_s: float = key(3.0, "drop frames that were under way for longer than usual by this [s]", above=0, high=3600)
@@ -105,10 +105,15 @@ class AirSettings:
     def pairs(self, user: str) -> Pairs:
         """Zenoh's settings for open air."""
         link = self.link(user)
+        listen = self.listen
+        if self.mode == "peer" and self.multicast and not listen:
+            listen = (f"{TLS if self.tls.ca_file else 'tcp'}/0.0.0.0:0",)  # where one is found one must be reached
         pairs: Pairs = [
-            *air_pairs(self.mode, self.connect, self.listen, multicast=self.multicast, gossip=self.gossip),
+            *air_pairs(self.mode, self.connect, listen, multicast=self.multicast, gossip=self.gossip),
             *self.tls.pairs(),
         ]
+        if self.tls.ca_file:  # who is found has certificates too, or shares an endpoint that was named
+            pairs.append(("transport/link/protocols", sorted({TLS, *map(protocol_of, (*self.connect, *listen))})))
         if link.user:
             pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
             if self.mode == "peer":
