@@ -9,12 +9,18 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
+from unittest.mock import MagicMock
 
 import pytest
 
 from deltaswarm_operator.__main__ import main
+from deltaswarm_operator.open_air import MAX_WAITING, Arrival, Inbox, OpenAirConfig, OpenAirOperator
 from deltaswarm_orchestrator import certificates
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
+from deltaswarm_wire.session import Link
+from deltaswarm_wire.settings import OperatorSettings
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
 from tests.swarms import wait_until
@@ -88,15 +94,16 @@ def test_boards_report_to_an_operator_that_they_connect_to(mode: str, tmp_path: 
 
 
 @pytest.mark.processes
-def test_it_connects_to_boards_and_ends_on_an_interrupt(tmp_path: Path) -> None:
-    """They may come later than it does."""
+@pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGHUP])
+def test_it_connects_to_boards_and_ends_on_an_interrupt(by: signal.Signals, tmp_path: Path) -> None:
+    """They may come later than it does; a closed terminal is an end as well."""
     port = free_port()
     with operating(tmp_path, "--connect", endpoint(port)) as operator, boards(tmp_path) as running:
         operator.wait_for("0 agents alive (nobody), ")
         running.start(board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path), *FAST)
         operator.wait_for("1 agents alive (0), ")
         wait_until(lambda: ", 0 in all" not in operator.said.splitlines()[-1], "a report")
-        _, totals = operator.end(signal.SIGINT)
+        _, totals = operator.end(by)
     assert totals["agents"]["0"]["reports"] > 0
 
 
@@ -166,3 +173,31 @@ def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:0"]) == 2
     assert "nothing is overwritten" in capsys.readouterr().err
     assert os.listdir(tmp_path) == ["operator.csv"]
+
+
+class Payload(bytes):
+    """As Zenoh has it."""
+
+    def to_bytes(self) -> bytes:
+        """The same."""
+        return self
+
+
+def sample(key: str, data: bytes) -> Any:
+    """What Zenoh would hand over."""
+    return SimpleNamespace(key_expr=f"deltaswarm/{RUN}/agent/{key}/report", payload=Payload(data), attachment=None)
+
+
+def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    """So many reports wait and no more, none is larger than reports are, and each agent's key is named once."""
+    inbox = Inbox()
+    config = OpenAirConfig(RUN, Link(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
+    operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
+    inbox.put(Arrival.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
+    for number in range(MAX_WAITING + 5):
+        inbox.put(Arrival.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
+    inbox.put(Arrival.STOP)
+    operator.run()
+    assert inbox.refused == 6
+    assert operator.meter.totals["rejected"] == MAX_WAITING
+    assert len(caplog.records) == 2

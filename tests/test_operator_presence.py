@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.presence import OpenAirMeter
+from deltaswarm_operator.presence import INSISTS, OpenAirMeter
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Report, encode_report
 from deltaswarm_wire.settings import OperatorSettings
@@ -143,3 +143,26 @@ def test_every_report_is_counted_or_stale(arrivals: list[tuple[int, float]]) -> 
     found = books.totals
     assert found["messages"] == taken
     assert sum(agent["stale"] for agent in found["agents"].values()) == len(arrivals) - taken
+
+
+def test_a_board_whose_clock_was_set_back_is_believed_when_it_goes_on() -> None:
+    """It began anew an hour in the past, as one without a battery-backed clock; nobody waits for that hour."""
+    books = meter()
+    for sequence in (50, 51):
+        assert hear(books, 1, sequence, 7200.0 + sequence) is None
+    answers = [hear(books, 1, sequence, 3600.0 + sequence) for sequence in range(8)]
+    assert [answer is None for answer in answers] == [False] * (INSISTS - 1) + [True] * (9 - INSISTS)
+    found = books.totals["agents"]["1"]
+    assert (found["restarts"], found["stale"], found["reports"]) == (1, INSISTS - 1, 2 + 9 - INSISTS)
+
+
+def test_copies_of_old_reports_are_never_a_new_beginning() -> None:
+    """Each report twice, the copies late: as many were taken as were sent."""
+    books = meter()
+    for sequence in range(40):
+        assert hear(books, 1, sequence, 100.0 + sequence) is None
+        if sequence >= 3:
+            assert hear(books, 1, sequence - 3, 97.0 + sequence) is not None
+    for _ in range(2 * INSISTS):
+        assert hear(books, 1, 39, 139.0) is not None
+    assert books.totals["agents"]["1"]["restarts"] == 0

@@ -11,6 +11,7 @@ from typing import Any
 from deltaswarm_operator.output import Output
 from deltaswarm_operator.presence import OpenAirMeter
 from deltaswarm_operator.process import stop_on_signals
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import AGENT, Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.session import Link, Pairs, configured, use_one_worker_thread
@@ -47,7 +48,31 @@ class Arrival(Enum):
     STOP = "stop"
 
 
-Inbox = queue.SimpleQueue[tuple[Arrival, Any]]
+MAX_WAITING = 10_000
+"""So many reports may wait: bounds the memory that strangers can take, and how long an end takes."""
+
+
+class Inbox:
+    """What has arrived, in order, for the main thread; filled by Zenoh's threads and by signals."""
+
+    def __init__(self) -> None:
+        self.refused = 0
+        """Reports that came while too many waited, or that are larger than any report."""
+        self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
+
+    def put(self, arrival: Arrival, sample: Any = None) -> None:
+        """Add one; a report is refused where there is no room."""
+        if arrival is Arrival.REPORT and (len(self) >= MAX_WAITING or len(sample.payload) > MAX_SAMPLE_BYTES):
+            self.refused += 1
+        else:
+            self._queue.put((arrival, sample))
+
+    def get(self, timeout_s: float) -> tuple[Arrival, Any]:
+        """The first one; raises queue.Empty after this time [s]."""
+        return self._queue.get(timeout=timeout_s)
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
 
 
 class OpenAirOperator:
@@ -58,7 +83,7 @@ class OpenAirOperator:
         self._config = config
         self._inbox = inbox
         self._output = output
-        self._warned: set[str] = set()
+        self._warned: set[int | None] = set()
         self._start_s = time.monotonic()
         self._status_due_s = config.status_every_s
         keys = Keys(config.run)
@@ -70,21 +95,20 @@ class OpenAirOperator:
         ]
 
     def _into_inbox(self, arrival: Arrival) -> Any:
-        put = self._inbox.put
-        return zenoh.handlers.Callback(lambda sample: put((arrival, sample)), indirect=False)
+        return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
 
     def run(self) -> None:
         """Take what arrives and close steps, until told to stop."""
         while True:
             now_s = self._now_s()
-            workload = self.meter.close(now_s, self._inbox.qsize())
+            workload = self.meter.close(now_s, len(self._inbox))
             if workload is not None:
                 self._output.row((*workload, len(self.meter.alive)))
                 if now_s >= self._status_due_s:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
             try:
-                arrival, sample = self._inbox.get(timeout=self.meter.wait_s(self._now_s()))
+                arrival, sample = self._inbox.get(self.meter.wait_s(self._now_s()))
             except queue.Empty:
                 continue
             if arrival is Arrival.STOP:
@@ -103,21 +127,23 @@ class OpenAirOperator:
         return (
             f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
             f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
-            f"{totals['messages']} in all, {totals['lost']} lost"
+            f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused} refused"
         )
 
     def _take_report(self, sample: zenoh.Sample) -> None:
         source = parse_agent_key(str(sample.key_expr))
+        agent = source[0] if source else None
         sent = sample.attachment
         reason = self.meter.hear(
-            source[0] if source else None,
+            agent,
             sample.payload.to_bytes(),
             None if sent is None else sent.to_bytes(),
             self._now_s(),
         )
-        if reason is not None and str(sample.key_expr) not in self._warned:
-            self._warned.add(str(sample.key_expr))
-            log.warning("dropped (further ones on %s are only counted): %s", sample.key_expr, reason)
+        if reason is not None and agent not in self._warned:
+            self._warned.add(agent)
+            whose = "no agent's key" if agent is None else f"agent {agent}'s key"
+            log.warning("dropped (further ones on %s are only counted): %s", whose, reason)
 
     def _take_token(self, sample: zenoh.Sample) -> None:
         source = parse_token(str(sample.key_expr))
@@ -136,8 +162,8 @@ def run_open_air(config: OpenAirConfig) -> int:
         ValueError: the user's own Zenoh settings are refused.
     """
     zenoh.init_log_from_env_or("error")
-    inbox: Inbox = queue.SimpleQueue()
-    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))
+    inbox = Inbox()
+    stop_on_signals(lambda: inbox.put(Arrival.STOP))
     settings = configured(zenoh.Config, config.pairs, config.link)
     try:
         session = zenoh.open(settings)
@@ -149,6 +175,6 @@ def run_open_air(config: OpenAirConfig) -> int:
         log.info("the operator hears run %s", config.run)
         operator.run()
         totals = operator.meter.totals
-        output.finish({"complete": True, "end": "stopped by a signal", **totals})
+        output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused, **totals})
     log.info("stopped: %d steps, %d messages, %d lost", totals["steps"], totals["messages"], totals["lost"])
     return 0

@@ -16,11 +16,16 @@ MAX_SENT_S = 1e11
 """Unix time; well beyond this millennium."""
 
 
+INSISTS = 5
+"""So many old reports in a row, in order, and they are not old: the agent began anew with its clock set back."""
+
+
 @dataclass
 class Known:
     """One agent: whether its token is there, how often it went, what came from it and when.
 
-    `reports` counts what was taken, `stale` duplicates and what came after a newer one.
+    `reports` counts what was taken, `stale` duplicates and what came after a newer one, of which `stale_run` came
+    last, in order, up to the sequence number `newest_stale`.
     """
 
     is_alive: bool = False
@@ -31,6 +36,24 @@ class Known:
     last_heard_s: float | None = None
     newest: Report | None = None
     newest_sent_s: float = -math.inf
+    stale_run: int = 0
+    newest_stale: int = -1
+
+    def is_old(self, sequence: int, sent_s: float | None) -> bool:
+        """Whether a report with a sequence number that went back is an old one."""
+        assert self.newest is not None
+        if sequence != self.newest.sequence and (sent_s is None or sent_s > self.newest_sent_s):
+            return False
+        self.stale_run = self.stale_run + 1 if sequence > self.newest_stale else 1
+        self.newest_stale = sequence
+        return self.stale_run < INSISTS
+
+    def take(self, report: Report, sent_s: float | None, now_s: float) -> None:
+        """A report is the newest now."""
+        self.newest, self.last_heard_s = report, now_s
+        self.newest_sent_s = -math.inf if sent_s is None else sent_s
+        self.reports += 1
+        self.stale_run, self.newest_stale = 0, -1
 
 
 class OpenAirMeter:
@@ -61,7 +84,8 @@ class OpenAirMeter:
         """Take in one report, from the key of an agent (None: no agent's key); the reason if it is dropped.
 
         `sent` is the board's own calendar time beside it, if any. A sequence number that goes back is an agent that
-        began anew, if it was sent later than the newest, and else an old report that comes once more.
+        began anew, if it was sent later than the newest, and else an old report that comes once more; a board without
+        a clock of its own may begin anew in the past, and is believed when it goes on.
         """
         try:
             report = decode_report(data)
@@ -75,13 +99,11 @@ class OpenAirMeter:
         if known.newest is None:
             self._meter.is_back(report.agent)  # what it sent before anybody listened is no loss
         elif report.sequence <= known.newest.sequence:
-            if report.sequence == known.newest.sequence or (sent_s is not None and sent_s <= known.newest_sent_s):
+            if known.is_old(report.sequence, sent_s):
                 known.stale += 1
                 return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
             known.restarts += 1
-        known.newest, known.last_heard_s = report, now_s
-        known.newest_sent_s = -math.inf if sent_s is None else sent_s
-        known.reports += 1
+        known.take(report, sent_s, now_s)
         self._meter.take_now(report, data)
         return None
 

@@ -204,7 +204,7 @@ class OperatorProcess:
 def run_operator(config: OperatorConfig) -> int:
     """Be the operator of one run; the process's exit code: 0 after the last clock, else 1.
 
-    Call it in the main thread: it ends on SIGTERM, and on SIGINT where that is not ignored.
+    Call it in the main thread: it ends on SIGTERM, SIGINT and SIGHUP where they are not ignored.
 
     Raises:
         FileExistsError: the folder holds an operator's table already.
@@ -242,6 +242,6 @@ def stop_on_signals(stop: Callable[[], None]) -> None:
     def handle(number: int, frame: FrameType | None) -> None:
         stop()
 
-    for number in (signal.SIGTERM, signal.SIGINT):
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, handle)
