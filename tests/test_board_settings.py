@@ -142,8 +142,9 @@ def test_a_real_body_has_real_time(tmp_path: Path, capsys: pytest.CaptureFixture
 def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
     """Exit code 2."""
     assert main(["board", str(tmp_path / "none.toml")]) == 2
-    (tmp_path / "bad.toml").write_text("id = = 3")
-    assert main(["board", str(tmp_path / "bad.toml")]) == 2
+    for data in (b"id = = 3", b"\xff\xfe", b"id = " + b"[" * 10_000):
+        (tmp_path / "bad.toml").write_bytes(data)
+        assert main(["board", str(tmp_path / "bad.toml")]) == 2
 
 
 def test_the_worlds_body_is_an_agent_of_a_simulation(tmp_path: Path) -> None:

@@ -150,6 +150,7 @@ def test_an_event_is_seen_from_the_believed_place(tmp_path: Path) -> None:
         ("event,x_m,y_m\n1.5,2,3\n", "an integer"),
         ("event,x_m,y_m\n-1,2,3\n", "event is '-1'"),
         ("event,x_m,y_m\n1,2,3\n1,2,3\n", "line 3: event 1 is there already"),
+        ("event,x_m,y_m\n1,2," + "3" * 200_000, "field limit"),
         ("event,x_m,y_m,from_s,until_s\n1,2,3,5,5\n", "above from_s"),
         ("event,x_m,y_m,work_s\n1,2,3,soon\n", "work_s is 'soon'"),
         ("event,x_m,y_m\n" + "".join(f"{n},0,0\n" for n in range(MAX_ROWS + 1)), f"at most {MAX_ROWS}"),

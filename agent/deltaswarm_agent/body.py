@@ -44,7 +44,10 @@ class BodyContext:
 
 
 class Body(Protocol):
-    """One robot, for one agent. All calls come from one thread; none may block for as long as a step."""
+    """One robot, for one agent. All calls come from one thread; none may block for as long as a step.
+
+    A call that raises, or gives what it may not, is a fault of that step; after ten such steps in a row the agent ends.
+    """
 
     Settings: ClassVar[type[Any]]
     """A frozen dataclass whose fields are made by `deltaswarm_wire.checked.key`: the options in the board's file."""

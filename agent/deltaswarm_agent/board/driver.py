@@ -5,13 +5,36 @@ The core is the same as in a simulation and does not know the difference.
 
 import math
 from collections.abc import Callable
+from typing import Any
 
-from deltaswarm_agent.body import Body, Sensed
+from deltaswarm_agent.body import NOWHERE, Body, Sensed
 from deltaswarm_agent.core import AgentCore, Decision
-from deltaswarm_wire.codec import MAX_ABS_M
-from deltaswarm_wire.messages import Frame
+from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
+from deltaswarm_wire.messages import MAX_SENSED, Event, Frame
 
 Place = tuple[float, float]
+
+MAX_FAILURES = 10
+"""A body whose calls fail in so many steps in a row is given up, and the agent with it."""
+
+
+def checked_sensed(found: Any) -> Sensed:
+    """What a body gave, as plain numbers; a body may be anybody's.
+
+    Raises:
+        TypeError, ValueError, AttributeError: it is not what a body may give.
+    """
+    if not isinstance(found, Sensed):
+        raise TypeError(f"it gives {type(found).__name__} and no Sensed")
+    if found.fault:
+        return NOWHERE._replace(fault=str(found.fault))
+    if len(found.events) > MAX_SENSED:
+        raise ValueError(f"it senses {len(found.events)} events; at most {MAX_SENSED} are allowed")
+    events = tuple([Event(int(event), float(x_m), float(y_m)) for event, x_m, y_m in found.events])
+    for event in events:
+        if not (0 <= event.event <= MAX_ID and abs(event.x_m) <= MAX_ABS_M and abs(event.y_m) <= MAX_ABS_M):
+            raise ValueError(f"it senses event {event.event} at ({event.x_m:g}, {event.y_m:g}) m")
+    return Sensed(float(found.x_m), float(found.y_m), float(found.std_m), events)
 
 
 class SetPoint:
@@ -50,32 +73,66 @@ class Driver:
         self._body = body
         self._set_point = SetPoint(arrive_m)
         self._max_std_m = max_std_m
+        self._failures = 0
 
     def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[bytes, ...]]) -> Decision | None:
         """Sense, decide, move. None where the body is not well: then it stands, and the agent says nothing.
 
         `hear` gives the frames that were heard at a place [m].
+
+        Raises:
+            Exception: what the body raises, when its calls failed in `MAX_FAILURES` steps in a row.
         """
-        sensed = self._body.sense(time_s)
-        self.fault = sensed.fault or self._doubt(sensed)
+        before, self.fault = self._failures, ""
+        decision = self._step(step, time_s, hear)
+        if self._failures == before:
+            self._failures = 0
+        return decision
+
+    def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[bytes, ...]]) -> Decision | None:
+        sensed = self._sense(time_s)
+        self.fault = self.fault or sensed.fault or self._doubt(sensed)
         if self.fault:
             self.faulty_steps += 1
             self.place_m = (math.nan, math.nan)
             hear(self.place_m)
-            self._body.move(0.0, 0.0, ())
+            self._move(0.0, 0.0, ())
             return None
         self.place_m = self._set_point.settled(sensed.x_m, sensed.y_m)
         decision = self.core.step(Frame(step, time_s, False, *self.place_m, sensed.events, hear(self.place_m)))
         act = decision.act
-        self._body.move(act.vx_mps, act.vy_mps, act.observed)
-        self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self.core.settings.step_s)
+        if self._move(act.vx_mps, act.vy_mps, act.observed):
+            self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self.core.settings.step_s)
         return decision
+
+    def _sense(self, time_s: float) -> Sensed:
+        try:
+            return checked_sensed(self._body.sense(time_s))
+        except Exception as error:  # whatever a plug-in may raise
+            self._fails(error)
+            return NOWHERE
+
+    def _move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> bool:
+        try:
+            self._body.move(vx_mps, vy_mps, observed)
+        except Exception as error:
+            self._fails(error)
+            return False
+        return True
+
+    def _fails(self, error: Exception) -> None:
+        """A call of the body failed, in its code or by what it gave."""
+        if not self.fault:
+            self._failures += 1
+            if self._failures >= MAX_FAILURES:
+                raise error
+            self.fault = f"its code fails: {type(error).__name__}: {error}"
 
     def _doubt(self, sensed: Sensed) -> str:
         if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
             return "the place is no number"
         if max(abs(sensed.x_m), abs(sensed.y_m)) > MAX_ABS_M:
             return "the place is not on this Earth"
-        if not sensed.std_m <= self._max_std_m:
+        if not 0.0 <= sensed.std_m <= self._max_std_m:
             return f"the place is uncertain by {sensed.std_m:g} m"
         return ""

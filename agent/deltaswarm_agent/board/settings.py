@@ -192,7 +192,10 @@ def read_settings(file: Path) -> BoardSettings:
         OSError: it cannot be read.
         ValueError: it is no TOML, or (as SettingsError) has mistakes: all of them.
     """
-    table = tomllib.loads(file.read_text())
+    try:
+        table = tomllib.loads(file.read_text())
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
     air = table.get("air")
     if type(air) is dict:
         _find_beside(file.parent, air, "credentials_file")

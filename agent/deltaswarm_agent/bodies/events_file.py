@@ -38,6 +38,13 @@ def read_events(lines: Iterable[str]) -> tuple[Happening, ...]:
         ValueError: what is wrong, with its line.
     """
     reader = csv.DictReader(lines)
+    try:
+        return _happenings(reader)
+    except csv.Error as error:
+        raise ValueError(f"line {reader.line_num + 1}: {error}") from None
+
+
+def _happenings(reader: "csv.DictReader[str]") -> tuple[Happening, ...]:
     names = tuple(reader.fieldnames or ())
     unknown = [name for name in names if name not in _NEEDED + _OPTIONAL]
     if unknown or any(name not in names for name in _NEEDED):

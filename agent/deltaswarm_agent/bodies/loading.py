@@ -1,6 +1,7 @@
 """Finds the body that a board's file names."""
 
 import importlib
+from dataclasses import is_dataclass
 from typing import Any
 
 from deltaswarm_agent.body import ENTRY_POINTS, Body, BodyContext
@@ -26,11 +27,14 @@ def find_body(kind: str, path: str = "body.kind") -> type[Body]:
     module, _, name = target.partition(":")
     try:
         found: Any = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise SettingsError([Problem(path, repr(kind), f"cannot be imported: {error}")]) from None
+    except Exception as error:  # whatever a plug-in's module may raise
+        told = f"cannot be imported: {type(error).__name__}: {error}"
+        raise SettingsError([Problem(path, repr(kind), told)]) from None
     missing = [needed for needed in _NEEDED if not hasattr(found, needed)]
     if missing:
         raise SettingsError([Problem(path, repr(kind), f"is no body: it lacks {', '.join(missing)}")])
+    if not is_dataclass(found.Settings):
+        raise SettingsError([Problem(path, repr(kind), "is no body: its Settings are no dataclass")])
     body: type[Body] = found
     return body
 
