@@ -81,6 +81,8 @@ class OpenAir:
         self._closing.set()
         if self._opener.is_alive():
             self._opener.join(CLOSE_S)
+            if self._opener.is_alive():
+                return False
         session, self._session = self._session, None
         if session is not None:
             closer = threading.Thread(target=session.close, daemon=True)

@@ -1,8 +1,8 @@
 """The board's process: body, core and air, step by step by the wall clock."""
 
 import contextlib
+import faulthandler
 import logging
-import logging.handlers
 import os
 import queue
 import signal
@@ -13,14 +13,14 @@ from types import FrameType
 from typing import TYPE_CHECKING, Protocol
 
 from deltaswarm_agent.board.driver import Driver
+from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.open_air import OpenAir
 from deltaswarm_agent.board.pace import Pace
-from deltaswarm_agent.board.settings import BoardSettings, LogSettings
+from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.core import AgentCore, Decision, agent_rng
-from deltaswarm_wire.arguments import LOG_FORMAT
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from deltaswarm_agent.board.recording import FrameRecorder
 
 log = logging.getLogger("deltaswarm.board")
+
+ENDS_WITHIN_S = 3.0
+"""A body that hangs is left behind so long after a signal (systemd kills after 5 s)."""
 
 Stop = queue.SimpleQueue[int]
 """Signals that have come; one may be put from within a signal's handler."""
@@ -73,38 +76,41 @@ class BoardRun:
 
 
 def run_board(run: BoardRun) -> int:
-    """Be an agent on a board until told to stop, by SIGTERM or SIGINT; the process's exit code.
+    """Be an agent on a board until told to stop, by SIGTERM, SIGINT or SIGHUP; the process's exit code.
 
     Call it in the main thread.
 
     Raises:
-        SettingsError, ValueError, OSError: what `BoardRun.check` would find, or the body or the log cannot be opened.
+        SettingsError, ValueError: what `BoardRun.check` would find.
+        Exception: what the body raises, as it is made or later.
     """
     settings = run.settings
-    _log_to(settings.log, settings.id)
+    log_to(settings.log, settings.id)
     stop = _stop_on_signals()
     notifier = Notifier.from_environment()
     body_class = find_body(settings.body.kind)
     options = options_of(body_class, settings.body.options)
     air = OpenAir(settings)
-    recorder = _recorder(settings)
     seed, agent = settings.agent.seed, settings.id
     core = AgentCore(agent, settings.agent, agent_rng(seed, agent))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
     driver = Driver(core, body, arrive_m=settings.body.arrive_m, max_std_m=settings.body.max_std_m)
+    recorder = _recorder(settings)
     try:
         air.open(run.accelerate)
         _Loop(run, driver, air, notifier, recorder).go(stop)
     finally:
-        # The robot first: whatever else fails, it shall stand.
-        body.close()
+        _end_in_time()
         notifier.stopping()
-        is_closed = air.close()
-        if recorder:
-            with contextlib.suppress(OSError):  # the disk is full, which was said
-                recorder.close()
-        notifier.close()
+        try:
+            body.close()  # the robot first: whatever else fails, it shall stand
+        finally:
+            is_closed = air.close()
+            if recorder:
+                with contextlib.suppress(OSError):  # the disk is full, which was said
+                    recorder.close()
+            notifier.close()
     if not is_closed:
         logging.shutdown()
         os._exit(0)  # a thread that is within Zenoh makes the interpreter's own end an abort
@@ -206,27 +212,18 @@ def _stop_on_signals() -> Stop:
     stop: Stop = queue.SimpleQueue()
 
     def note(number: int, frame: FrameType | None) -> None:
+        _end_in_time()
         stop.put(number)
 
-    for number in (signal.SIGTERM, signal.SIGINT):
-        signal.signal(number, note)
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, note)
     return stop
 
 
-def _log_to(settings: LogSettings, agent: int) -> None:
-    """To standard error, which systemd keeps; with a folder to rotating files instead, errors to both."""
-    root = logging.getLogger()
-    root.setLevel(settings.level)
-    if settings.folder:
-        folder = Path(settings.folder)
-        folder.mkdir(parents=True, exist_ok=True)
-        for handler in root.handlers:
-            handler.setLevel(logging.ERROR)
-        rotating = logging.handlers.RotatingFileHandler(
-            folder / f"agent-{agent}.log", maxBytes=settings.max_bytes, backupCount=settings.backups, delay=True
-        )
-        rotating.setFormatter(logging.Formatter(LOG_FORMAT))
-        root.addHandler(rotating)
+def _end_in_time() -> None:
+    """Let the process end soon, whatever hangs: then with word of where, and exit code 1."""
+    faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
 
 
 def _recorder_class() -> "type[FrameRecorder]":
@@ -241,4 +238,8 @@ def _recorder(settings: BoardSettings) -> Recorder | None:
     told = settings.log
     if told.record == "off":
         return None
-    return _recorder_class()(Path(told.folder), f"agent-{settings.id}", told.max_bytes, told.backups)
+    try:
+        return _recorder_class()(Path(told.folder), f"agent-{settings.id}", told.max_bytes, told.backups)
+    except OSError as error:
+        log.error("nothing is recorded: %s", error)
+        return None

@@ -1,0 +1,129 @@
+"""A board ends when it is told to, whatever its body does, and does not end because a disk is full."""
+
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+
+from tests.fields import EVENT_AT, Boards, board_table, boards, endpoint, free_port
+from tests.swarms import wait_until
+
+pytestmark = pytest.mark.processes
+
+BODIES = """
+import sys, threading, time
+from dataclasses import dataclass
+from deltaswarm_agent.body import Sensed
+
+@dataclass(frozen=True)
+class Nothing:
+    pass
+
+class Well:
+    Settings, REAL_TIME = Nothing, True
+    def __init__(self, options, context):
+        print("made", file=sys.stderr, flush=True)
+    def sense(self, time_s):
+        return Sensed(5.0, 5.0, 0.1)
+    def move(self, vx_mps, vy_mps, observed):
+        pass
+    def close(self):
+        print("stands", file=sys.stderr, flush=True)
+
+def hang():
+    print("hangs", file=sys.stderr, flush=True)
+    time.sleep(1000)
+
+class HangsAsItIsMade(Well):
+    def __init__(self, options, context):
+        hang()
+
+class HangsAsItSenses(Well):
+    def sense(self, time_s):
+        hang()
+
+class HangsAsItCloses(Well):
+    def close(self):
+        hang()
+
+class HangsAfterwards(Well):
+    def close(self):
+        threading.Thread(target=hang).start()
+
+class FailsToClose(Well):
+    def close(self):
+        raise OSError("no way to reach it")
+"""
+
+
+def start(running: Boards, kinds: Sequence[str], *arguments: str, **tables: Any) -> None:
+    """A board with each of these bodies."""
+    (running.folder / "bodies_of_a_test.py").write_text(BODIES)
+    for agent, kind in enumerate(kinds):
+        table = board_table(agent, EVENT_AT, {"listen": [endpoint(free_port())]}, running.folder)
+        body = {"kind": f"bodies_of_a_test:{kind}"}
+        running.start({**table, "body": body, **tables}, *arguments, environment={"PYTHONPATH": str(running.folder)})
+
+
+def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
+    """In whatever it hangs: it is left behind, with word of where, and exit code 1."""
+    kinds = ("HangsAsItIsMade", "HangsAsItSenses", "HangsAsItCloses", "HangsAfterwards")
+    where = ("__init__", "sense", "close", "hang")
+    with boards(tmp_path) as running:
+        start(running, kinds)
+        for agent, text in enumerate(("hangs", "hangs", "first step", "first step")):
+            wait_until(lambda agent=agent, text=text: text in running.said(agent), f"{kinds[agent]}: {text}")
+        for process in running.processes.values():
+            process.terminate()
+        for agent, process in running.processes.items():
+            assert process.wait(10) == 1
+            assert f"in {where[agent]}\n" in running.said(agent)
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])
+def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) -> None:
+    """Also that of a terminal that is closed."""
+    with boards(tmp_path) as running:
+        start(running, ["Well"])
+        wait_until(lambda: "made" in running.said(0), "a body")
+        running.processes[0].send_signal(number)
+        assert running.processes[0].wait(5) == 0
+        assert f"stopped by {number.name}" in running.said(0)
+        assert "stands\n" in running.said(0)
+
+
+def test_what_is_left_to_do_is_done_where_a_body_fails_to_close(tmp_path: Path) -> None:
+    """The recording is whole; the exit code tells."""
+    with boards(tmp_path) as running:
+        start(running, ["FailsToClose"], "--steps", "1", log={"folder": str(tmp_path / "logs"), "record": "mcap"})
+        assert running.processes[0].wait(20) == 1
+    with (tmp_path / "logs" / "agent-0.mcap").open("rb") as stream:
+        assert make_reader(stream).get_summary() is not None
+
+
+def test_a_folder_that_cannot_be_written_to_is_said_and_left(tmp_path: Path) -> None:
+    """The agent does its steps, and its log goes to standard error."""
+    (tmp_path / "file").touch()
+    log = {"folder": str(tmp_path / "file" / "logs"), "record": "mcap"}
+    with boards(tmp_path) as running:
+        start(running, ["Well"], "--steps", "2", log=log)
+        assert running.processes[0].wait(20) == 0
+        for text in ("nothing is logged to", "nothing is recorded: ", "first step", "body faulty in 0"):
+            assert text in running.said(0)
+
+
+def test_a_log_on_a_full_disk_moves_to_standard_error(tmp_path: Path) -> None:
+    """Said once, and no line is lost."""
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "agent-0.log").symlink_to("/dev/full")
+    with boards(tmp_path) as running:
+        start(running, ["Well"], "--steps", "2", log={"folder": str(tmp_path / "logs")})
+        assert running.processes[0].wait(20) == 0
+        said = running.said(0)
+    assert said.count("nothing more is logged to") == 1
+    assert "Traceback" not in said
+    assert "first step" in said
+    assert "body faulty in 0" in said
