@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -165,6 +166,22 @@ def test_it_refuses(arguments: Sequence[str], message: str, tmp_path: Path, caps
     """With exit code 2 and the reason."""
     assert main(["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), *arguments]) == 2
     assert message in capsys.readouterr().err
+
+
+@pytest.mark.processes
+def test_a_full_disk_ends_the_table_and_not_the_operator(tmp_path: Path) -> None:
+    """It goes on to tell who is alive, and its exit code says at last that the table is not whole."""
+    with operating(tmp_path, "--listen", endpoint(free_port()), "--step-s", "0.01") as operator:
+        operator.wait_for("nobody")
+        resource.prlimit(operator.process.pid, resource.RLIMIT_FSIZE, (len(operator.said) + 2000,) * 2)
+        operator.wait_for("nothing more is written to ")
+        lines = operator.said.count("nobody")
+        wait_until(lambda: operator.said.count("nobody") > lines, "who is alive")
+        operator.process.terminate()
+        assert operator.process.wait(10) == 1
+    assert operator.said.count("nothing more is written to ") == 1
+    assert "is not whole" in operator.said
+    assert "Traceback" not in operator.said
 
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

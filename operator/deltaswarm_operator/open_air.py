@@ -3,6 +3,7 @@
 import logging
 import queue
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -83,6 +84,7 @@ class OpenAirOperator:
         self._config = config
         self._inbox = inbox
         self._output = output
+        self._is_writing = True
         self._warned: set[int | None] = set()
         self._start_s = time.monotonic()
         self._status_due_s = config.status_every_s
@@ -103,7 +105,7 @@ class OpenAirOperator:
             now_s = self._now_s()
             workload = self.meter.close(now_s, len(self._inbox))
             if workload is not None:
-                self._output.row((*workload, len(self.meter.alive)))
+                self._write((*workload, len(self.meter.alive)))
                 if now_s >= self._status_due_s:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
@@ -117,6 +119,15 @@ class OpenAirOperator:
                 self._take_report(sample)
             else:
                 self._take_token(sample)
+
+    def _write(self, row: Sequence[Any]) -> None:
+        """A full disk ends the table; who is alive is told all the same."""
+        if self._is_writing:
+            try:
+                self._output.row(row)
+            except OSError as error:
+                log.error("nothing more is written to %s: %s", self._config.out, error)
+                self._is_writing = False
 
     def _now_s(self) -> float:
         return time.monotonic() - self._start_s
@@ -158,7 +169,6 @@ def run_open_air(config: OpenAirConfig) -> int:
     """Be the operator until a signal; the process's exit code. Call it in the main thread.
 
     Raises:
-        FileExistsError: the folder holds an operator's table already.
         ValueError: the user's own Zenoh settings are refused.
     """
     zenoh.init_log_from_env_or("error")
@@ -170,11 +180,15 @@ def run_open_air(config: OpenAirConfig) -> int:
     except zenoh.ZError as error:
         log.error("no session: %s", error)
         return 1
-    with session, Output(config.out, COLUMNS) as output:
-        operator = OpenAirOperator(config, session, inbox, output)
-        log.info("the operator hears run %s", config.run)
-        operator.run()
-        totals = operator.meter.totals
-        output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused, **totals})
+    try:
+        with session, Output(config.out, COLUMNS) as output:
+            operator = OpenAirOperator(config, session, inbox, output)
+            log.info("the operator hears run %s", config.run)
+            operator.run()
+            totals = operator.meter.totals
+            output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused, **totals})
+    except OSError as error:
+        log.error("the table in %s is not whole: %s", config.out, error)
+        return 1
     log.info("stopped: %d steps, %d messages, %d lost", totals["steps"], totals["messages"], totals["lost"])
     return 0

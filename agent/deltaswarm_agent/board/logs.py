@@ -21,7 +21,8 @@ class _Files(logging.handlers.RotatingFileHandler):
         root.removeHandler(self)
         _to_standard_error(logging.NOTSET)
         log.error("nothing more is logged to %s: %s", self.baseFilename, error)
-        root.handle(record)
+        if record.levelno < logging.ERROR:  # others are there already
+            root.handle(record)
 
 
 def log_to(settings: LogSettings, agent: int) -> None:
