@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.board.driver import Driver, SetPoint
-from deltaswarm_agent.board.inbox import MAX_NEIGHBOURS, Inbox, Lateness, decode_sent, encode_sent
+from deltaswarm_agent.board.inbox import MAX_NEIGHBOURS, SETTLES_S, Inbox, Lateness, decode_sent, encode_sent
 from deltaswarm_agent.board.pace import Pace
 from deltaswarm_agent.body import NOWHERE, Sensed
 from deltaswarm_agent.core import AgentCore
@@ -145,6 +145,31 @@ def test_a_drifting_clock_is_followed() -> None:
     lateness = Lateness()
     for second in range(0, 86_400, 10):
         assert lateness.of(2, second * 0.9995, float(second)) < 0.1
+
+
+@given(st.floats(-500, 500), st.lists(st.floats(0, 0.5), min_size=40, max_size=40))
+def test_a_clock_that_jumps_is_believed_after_a_while(jump_s: float, jitter: list[float]) -> None:
+    """The sender or this board was suspended, and its clock with it: else they would be deaf to each other for a day."""
+    inbox = Inbox(1, 3.0)
+    reasons = []
+    for second, delay_s in enumerate(jitter):
+        sent = encode_sent(1000.0 + second + (jump_s if second >= 20 else 0.0))
+        reasons.append(inbox.take(2, frame(2, second), sent, second + delay_s))
+    assert set(reasons[:20]) == {""}
+    assert set(reasons[20 + math.ceil(SETTLES_S) + 2 :]) == {""}
+
+
+@pytest.mark.parametrize("per_s", [2.0, 5.0, 50.0])
+def test_what_a_dead_link_gives_back_slowly_is_stale_to_its_end(per_s: float) -> None:
+    """Two minutes of frames that come a few a second, over longer than a clock takes to be believed."""
+    inbox = Inbox(1, 3.0)
+    for second in range(10):
+        assert inbox.take(2, frame(2, second), encode_sent(float(second)), float(second)) == ""
+    now_s = 130.0
+    for second in range(10, 1000):
+        now_s = max(now_s + 1.0 / per_s, second)
+        reason = inbox.take(2, frame(2, second), encode_sent(float(second)), now_s)
+        assert reason == ("stale" if now_s - second > 3.1 else "") or now_s - second > 2.9
 
 
 def test_a_sender_that_begins_anew_is_believed() -> None:

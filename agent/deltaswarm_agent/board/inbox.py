@@ -22,14 +22,23 @@ MAX_KNOWN = 4096
 CLOCK_DRIFT = 1e-3
 """Two boards' clocks part by less than this, s per s."""
 
+STEADY_S, SETTLES_S = 1.0, 10.0
+"""Arrival less sending that varies by less than this for so long is the usual: a clock jumped, or the way is new."""
+
 
 @dataclass
 class _Sender:
-    """What is known of a neighbour's clock: the least of arrival less sending [s], and when that was seen."""
+    """What is known of a neighbour's clock: the least of arrival less sending [s], and when that was seen.
+
+    `steady_s` is what it has been near to since `steady_since_s`, and `steady_least_s` the least since then.
+    """
 
     least_s: float
     seen_s: float
     sent_s: float
+    steady_s: float
+    steady_least_s: float
+    steady_since_s: float
 
 
 class _Arrival(NamedTuple):
@@ -45,7 +54,9 @@ class Lateness:
     """How much longer than usual a frame was under way, without clocks that agree.
 
     Arrival on the own clock less sending on the sender's is the clocks' offset and the delay; the least of it seen is
-    the offset with the usual delay. It may grow slowly, as clocks drift. A sender whose clock went back began anew.
+    the offset with the usual delay. It may grow slowly, as clocks drift, and at once where it then stays: a board that
+    was suspended has lost time. What comes out of a dead link does not stay: it catches up. A sender whose clock went
+    back began anew.
     """
 
     def __init__(self) -> None:
@@ -58,10 +69,16 @@ class Lateness:
         if known is None or sent_s < known.sent_s:
             if known is None and len(self._known) >= MAX_KNOWN:
                 self._known.pop(next(iter(self._known)))
-            self._known[sender] = _Sender(offset_s, now_s, sent_s)
+            self._known[sender] = _Sender(offset_s, now_s, sent_s, offset_s, offset_s, now_s)
             return 0.0
         known.least_s = min(offset_s, known.least_s + CLOCK_DRIFT * (now_s - known.seen_s))
         known.seen_s, known.sent_s = now_s, sent_s
+        if abs(offset_s - known.steady_s) > STEADY_S:
+            known.steady_s = known.steady_least_s = offset_s
+            known.steady_since_s = now_s
+        known.steady_least_s = min(known.steady_least_s, offset_s)
+        if now_s - known.steady_since_s >= SETTLES_S:
+            known.least_s = max(known.least_s, known.steady_least_s)
         return offset_s - known.least_s
 
 
