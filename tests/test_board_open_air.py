@@ -115,20 +115,20 @@ def test_a_board_that_is_alone_or_frozen_comes_back(tmp_path: Path) -> None:
 
 
 def test_rubbish_on_the_air_is_counted_and_dropped(tmp_path: Path) -> None:
-    """Malformed, oversized and forged frames reach no agent."""
+    """Malformed, oversized and forged frames reach no agent; its own ones do not come back to it."""
     port = free_port()
     table = board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path)
     with boards(tmp_path) as running, listening(endpoint(port)) as listener:
         running.start(table, *FAST)
         listener.wait_for_frames(0, 3)
         key = f"deltaswarm/{RUN}/agent/{{}}/radio"
-        good = msgpack.packb([1, 3, 7, 0, 0, 0])
-        for agent, data in ((7, b"\xc1"), (7, bytes(9000)), (8, good)):
+        good, namesake = (msgpack.packb([1, 3, agent, 0, 0, 0]) for agent in (7, 0))
+        for agent, data in ((7, b"\xc1"), (7, bytes(9000)), (8, good), (0, namesake)):
             listener.session.put(key.format(agent), data)
-        for reason in ("malformed", "oversized", "forged"):
+        for reason in ("malformed", "oversized", "forged", "of another agent with this number"):
             wait_until(lambda reason=reason: f"is {reason}" in running.said(0), f"word of {reason}")
         assert running.stop(0) == 0
-        assert "1 forged, 1 malformed, 1 oversized" in running.said(0)
+        assert "1 forged, 1 malformed, 1 of another agent with this number, 1 oversized;" in running.said(0)
 
 
 def test_systemd_is_told(tmp_path: Path) -> None:

@@ -109,10 +109,8 @@ class Inbox:
     def take(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
         """A sample that arrives now [s], from this sender's key (None: no agent's key).
 
-        Returns: why it is dropped, or nothing. Own samples are neither kept nor counted.
+        Returns: why it is dropped, or nothing.
         """
-        if sender == self._agent:
-            return ""
         reason = self._fault(sender, data, sent, now_s)
         if reason:
             self.dropped[reason] += 1
@@ -128,6 +126,8 @@ class Inbox:
             return "malformed"
         if frame.sender != sender:
             return "forged"
+        if sender == self._agent:
+            return "of another agent with this number"
         if sent_s is not None and self._lateness.of(sender, sent_s, now_s) > self._stale_s:
             return "stale"
         before = self._newest.get(sender)

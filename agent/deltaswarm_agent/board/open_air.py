@@ -121,7 +121,7 @@ class OpenAir:
     def _begin(self, session: zenoh.Session) -> None:
         keys, agent = self._keys, self._settings.id
         hears = zenoh.handlers.Callback(self._on_radio, indirect=False)
-        self._subscriber = session.declare_subscriber(keys.all_radio, hears)
+        self._subscriber = session.declare_subscriber(keys.all_radio, hears, allowed_origin=zenoh.Locality.REMOTE)
         self._report = self._publisher(session, REPORT, "Report", zenoh.Reliability.RELIABLE)
         self._radio = self._publisher(session, RADIO, "Radio", zenoh.Reliability.BEST_EFFORT)
         self._token = session.liveliness().declare_token(keys.token(AGENT, agent))
