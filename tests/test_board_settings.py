@@ -78,6 +78,10 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0, 0], [1, 1]]}}}, "body.options.fence_m"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0], [1, 1], [2, 0]]}}}, "two numbers"),
         ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "one is allowed: the world's"),
+        (
+            {"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}},
+            "log.record: 'mcap'; the world's recorder has its frames: off",
+        ),
     ],
 )
 def test_what_no_single_key_shows_is_told(

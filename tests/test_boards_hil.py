@@ -7,12 +7,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
+import tomli_w
 
 from deltaswarm_orchestrator.boards import Boards
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.cable import cable
+from tests.fields import boards
 from tests.loops import loop, mode
 from tests.swarms import run, running, wait_until
 
@@ -39,13 +41,15 @@ def test_boards_are_agents_of_the_run(listen: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-def test_systemd_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_systemd_is_told_and_its_log_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """An agent of a world may run under the same unit: ready, alive all the time, stopping."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd, loop(tmp_path, (5,), *SHORT) as made:
         systemd.bind(str(tmp_path / "notify"))
         systemd.settimeout(20)
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
         monkeypatch.setenv("WATCHDOG_USEC", "20000")
+        logs = {"folder": str(tmp_path / "logs")}
+        (made.folder / "5.toml").write_text(tomli_w.dumps({**made.settings(5), "log": logs}))
         made.start(5)
         told = [systemd.recv(1000).decode()]
         while told[-1] != "STOPPING=1":
@@ -53,6 +57,20 @@ def test_systemd_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         made.finish()
     assert told.count("READY=1") == 1
     assert "WATCHDOG=1" in told
+    assert "agent 5 is ready" in (tmp_path / "logs" / "agent-5.log").read_text()
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_board_that_waits_for_a_mute_world_can_be_stopped(number: signal.Signals, tmp_path: Path) -> None:
+    """Whoever takes its connection and says nothing keeps it from nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as mute, boards(tmp_path) as started:
+        air = {"mode": "client", "connect": [f"tcp/127.0.0.1:{mute.getsockname()[1]}"]}
+        process = started.start({"id": 5, "air": air, "body": {"kind": "world"}})
+        with mute.accept()[0] as link:
+            link.recv(1)
+            process.send_signal(number)
+            assert process.wait(5) == -number
 
 
 @pytest.mark.processes

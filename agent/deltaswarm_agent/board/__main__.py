@@ -2,14 +2,16 @@
 
 import argparse
 import logging
+import signal
 import sys
 import threading
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.process import BoardRun, run_board
-from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, read_settings
+from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettings, read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire.arguments import LOG_FORMAT
@@ -52,7 +54,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
         return 2
     try:
-        return run_board(run) if config is None else run_in_world(config)
+        return run_board(run) if config is None else run_in_world(config, settings.log)
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1
@@ -69,11 +71,14 @@ def world_config(settings: BoardSettings) -> AgentConfig:
     )
 
 
-def run_in_world(config: AgentConfig) -> int:
-    """Be an agent of a world, watched by systemd as any board; the process's exit code.
+def run_in_world(config: AgentConfig, logs: LogSettings) -> int:
+    """Be an agent of a world, watched by systemd and with a log as any board; the process's exit code.
 
     The world may pause for as long as it likes, so what is told of is that the process lives, not that it steps.
     """
+    log_to(logs, config.agent)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own waits for Zenoh, which may wait for a dead link
     notifier = Notifier.from_environment()
     ended = threading.Event()
 

@@ -175,8 +175,17 @@ class BoardSettings:
                 password_in(Path(self.air.credentials_file), self.user)
             except ValueError as error:
                 found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
-        if self.body.kind == WORLD_BODY and len(self.air.connect) != 1:
+        if self.body.kind == WORLD_BODY:
+            found += self._not_of_a_world()
+        return found
+
+    def _not_of_a_world(self) -> list[Problem]:
+        """What an agent whose body is the world's has no use for."""
+        found = []
+        if len(self.air.connect) != 1:
             found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
+        if self.log.record != "off":
+            found.append(Problem("log.record", repr(self.log.record), "the world's recorder has its frames: off"))
         return found
 
     @property
