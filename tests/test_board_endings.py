@@ -1,7 +1,9 @@
 """A board ends when it is told to, whatever its body does, and does not end because a disk is full."""
 
 import signal
-from collections.abc import Sequence
+import socket
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -53,19 +55,31 @@ class HangsAfterwards(Well):
     def close(self):
         threading.Thread(target=hang).start()
 
+class Ill(Well):
+    def sense(self, time_s):
+        return Sensed(5.0, 5.0, 0.1, fault="no battery")
+
 class FailsToClose(Well):
     def close(self):
         raise OSError("no way to reach it")
 """
 
 
-def start(running: Boards, kinds: Sequence[str], *arguments: str, **tables: Any) -> None:
-    """A board with each of these bodies."""
+def start(
+    running: Boards,
+    kinds: Sequence[str],
+    *arguments: str,
+    first: int = 0,
+    environment: Mapping[str, str] | None = None,
+    **tables: Any,
+) -> None:
+    """A board with each of these bodies, numbered from the first."""
     (running.folder / "bodies_of_a_test.py").write_text(BODIES)
-    for agent, kind in enumerate(kinds):
+    for agent, kind in enumerate(kinds, first):
         table = board_table(agent, EVENT_AT, {"listen": [endpoint(free_port())]}, running.folder)
         body = {"kind": f"bodies_of_a_test:{kind}"}
-        running.start({**table, "body": body, **tables}, *arguments, environment={"PYTHONPATH": str(running.folder)})
+        path = {"PYTHONPATH": str(running.folder)}
+        running.start({**table, "body": body, **tables}, *arguments, environment={**path, **(environment or {})})
 
 
 def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
@@ -81,6 +95,29 @@ def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
         for agent, process in running.processes.items():
             assert process.wait(10) == 1
             assert f"in {where[agent]}\n" in running.said(agent)
+
+
+def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
+    """So its watchdog acts; one that is ill steps on, and its status says what is wrong."""
+    with boards(tmp_path) as running, ExitStack() as sockets:
+        told = []
+        for agent, kind in enumerate(("HangsAsItSenses", "Ill")):
+            (tmp_path / kind).mkdir()
+            systemd = sockets.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+            systemd.bind(str(tmp_path / kind / "notify"))
+            told.append(systemd)
+            notify = {"NOTIFY_SOCKET": str(tmp_path / kind / "notify"), "WATCHDOG_USEC": "200000"}
+            start(running, [kind], first=agent, environment=notify, log={"every_s": 1.0})
+        wait_until(lambda: "hangs" in running.said(0), "a body that hangs")
+        told[0].setblocking(False)
+        told[1].settimeout(20)
+        while b"not well: no battery" not in told[1].recv(1000):  # of a second, in which systemd hears of the other
+            pass
+        heard = []
+        with suppress(BlockingIOError):
+            while True:
+                heard.append(told[0].recv(1000))
+        assert len(heard) <= 1, heard
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGHUP])

@@ -8,6 +8,7 @@ import pytest
 import zenoh
 
 from deltaswarm_agent.board.settings import AirSettings
+from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.session import MAX_AIR_BYTES, Link, air_pairs, configured
 from tests.fields import EVENT_AT, board_table, boards, endpoint, free_port
@@ -34,8 +35,9 @@ def multicasts() -> bool:
 
 
 @pytest.mark.processes
-def test_boards_find_each_other_by_multicast(tmp_path: Path) -> None:
-    """With no endpoint in their files: who is found listens somewhere."""
+@pytest.mark.parametrize("certified", [False, True])
+def test_boards_find_each_other_by_multicast(certified: bool, tmp_path: Path) -> None:
+    """With no endpoint in their files: who is found listens somewhere, with certificates over TLS."""
     if not multicasts():
         pytest.skip("no multicast over loopback on this machine")
     group = {
@@ -43,8 +45,11 @@ def test_boards_find_each_other_by_multicast(tmp_path: Path) -> None:
         "scouting/multicast/interface": '"lo"',
     }
     with boards(tmp_path) as running:
+        certificates.make(tmp_path, range(2), [], 1)
         for agent in range(2):
-            table = board_table(agent, EVENT_AT, {"multicast": True, "zenoh": group}, tmp_path)
+            files = {"ca_file": "ca.pem", "cert_file": f"agent-{agent}.pem", "key_file": f"agent-{agent}.key"}
+            tls = {"tls": {**files, "verify_name": False}} if certified else {}
+            table = board_table(agent, EVENT_AT, {"multicast": True, "zenoh": group, **tls}, tmp_path)
             running.start({**table, "log": {"every_s": 5.0}}, *FAST)
         for agent in range(2):
             wait_until(lambda agent=agent: has_heard(running.said(agent)), "a neighbour")
@@ -111,7 +116,8 @@ def test_who_sends_too_much_at_once_is_cut_off() -> None:
     heard: list[int] = []
     link = Link(endpoint(port))
     open_air = configured(zenoh.Config, air_pairs("peer", [], [endpoint(port)]), link)
-    stranger = configured(zenoh.Config, air_pairs("peer", [endpoint(port)], []), link)
+    over_the_link = ("transport/shared_memory/enabled", False)  # else large samples of this machine need none
+    stranger = configured(zenoh.Config, [*air_pairs("peer", [endpoint(port)], []), over_the_link], link)
     with zenoh.open(open_air) as board, zenoh.open(stranger) as session:
         board.declare_subscriber("a", lambda sample: heard.append(len(sample.payload)))
         publisher = session.declare_publisher("a", congestion_control=zenoh.CongestionControl.BLOCK)

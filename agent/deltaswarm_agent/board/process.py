@@ -194,6 +194,7 @@ class _Loop:
         driver = self._driver
         text = f"{driver.core.state.value} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
+        text += f"; not well: {self._fault}" if self._fault else ""
         log.info("%s", text)
         self._notifier.status(text)
 

@@ -10,7 +10,7 @@ from deltaswarm_wire.arguments import password_in
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import TLS, Link, Pairs, Tls, air_pairs, protocol_of, user_name
+from deltaswarm_wire.session import TLS, Link, Pairs, Tls, air_pairs, protocol_of, tls_pairs, user_name
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -36,20 +36,15 @@ class TlsSettings:
         found = [_readable(name, file, secret=name == "key_file") for name, file in files.items()]
         return [problem for problem in found if problem]
 
+    @property
+    def files(self) -> Tls | None:
+        """The three files, if they are named."""
+        return Tls(self.ca_file, self.cert_file, self.key_file) if self.ca_file else None
+
     def pairs(self) -> Pairs:
         """Zenoh's settings."""
-        if not self.ca_file:
-            return []
-        return [
-            ("transport/link/tls/root_ca_certificate", self.ca_file),
-            ("transport/link/tls/connect_certificate", self.cert_file),
-            ("transport/link/tls/connect_private_key", self.key_file),
-            ("transport/link/tls/listen_certificate", self.cert_file),
-            ("transport/link/tls/listen_private_key", self.key_file),
-            ("transport/link/tls/enable_mtls", True),
-            ("transport/link/tls/verify_name_on_connect", self.verify_name),
-            ("transport/link/tls/close_link_on_expiration", True),
-        ]
+        both = [*tls_pairs(self.files, "connect"), *tls_pairs(self.files, "listen")]
+        return [*both, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if both else []
 
 
 @dataclass(frozen=True)
@@ -97,9 +92,7 @@ class AirSettings:
         """The first endpoint with its credentials, and the user's own settings; raises as `password_in`."""
         password = password_in(Path(self.credentials_file), user) if self.credentials_file else ""
         endpoint = self.connect[0] if self.connect else ""
-        files = self.tls
-        over_tls = protocol_of(endpoint) == TLS and files.ca_file
-        tls = Tls(files.ca_file, files.cert_file, files.key_file) if over_tls else None
+        tls = self.tls.files if protocol_of(endpoint) == TLS else None
         return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
