@@ -1,6 +1,7 @@
 """Boards that find each other: by multicast, and through a peer that they share."""
 
 import socket
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,30 @@ def has_heard(said: str) -> bool:
     return any("heard " in line and "heard 0;" not in line for line in said.splitlines())
 
 
-def opened(**air: Any) -> zenoh.Session:
+def opened(user: str = "agent-3", **air: Any) -> zenoh.Session:
     """A session as a board opens it."""
     settings = load(AirSettings, air)
-    return zenoh.open(configured(zenoh.Config, settings.pairs("agent-3"), settings.link("agent-3")))
+    return zenoh.open(configured(zenoh.Config, settings.pairs(user), settings.link(user)))
+
+
+def test_passwords_are_asked_for_among_peers(tmp_path: Path) -> None:
+    """Who has none, or a wrong one, or is unknown, has no link; who comes last and is right has one."""
+    known = "agent-0:zero\nagent-3:three\n"
+    files = []
+    for number, text in enumerate((known, known.replace("three", "guess"), known + "agent-9:nine\n")):
+        files.append(tmp_path / str(number))
+        files[-1].touch(mode=0o600)
+        files[-1].write_text(text)
+    right, wrong, unknown = ({"credentials_file": str(file)} for file in files)
+    port = free_port()
+    to = {"connect": [endpoint(port)]}
+    with ExitStack() as sessions:
+        first = sessions.enter_context(opened("agent-0", listen=[endpoint(port)], **right))
+        for user, secret in (("agent-3", {}), ("agent-3", wrong), ("agent-9", unknown)):
+            sessions.enter_context(opened(user, **to, **secret))
+        last = sessions.enter_context(opened("agent-3", **to, **right))
+        wait_until(lambda: last.zid() in first.info.peers_zid(), "a link")
+        assert first.info.peers_zid() == [last.zid()]
 
 
 @pytest.mark.parametrize("gossip", [True, False])

@@ -39,11 +39,11 @@ NOT_IN_A_CORE = {
 
 ADAPTERS = {
     *("process.py", "__main__.py", "output.py", "waker.py"),
-    *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py"),
+    *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py", "logs.py"),
 }
 """They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
-waker.py is what wakes the world's process. On a board: its air, its vehicle and the link to
-it, systemd, and its own recording."""
+waker.py is what wakes the world's process. On a board: its air, its vehicle and the link to it, systemd, and
+what it writes."""
 
 
 def modules(*folders: str) -> list[Path]:
