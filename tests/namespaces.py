@@ -61,7 +61,7 @@ def has_netem(namespace: str) -> bool:
     """Whether the kernel can make a link bad by itself."""
     if shutil.which("tc") is None:
         return False
-    command = ["tc", "-n", namespace, "qdisc", "add", "dev", "lo", "root", "netem", "delay", "1ms"]
+    command = ["tc", "-n", namespace, "qdisc", "add", "dev", "lo", "root", "netem", "delay", "0ms"]
     return subprocess.run(command, capture_output=True, check=False).returncode == 0
 
 

@@ -122,6 +122,9 @@ def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
     settings = read_settings(file)
     assert settings.id == 3
     assert settings.air.tls.key_file == str(tmp_path / "agent-3.key")
+    [listens] = [line for line in commands() if line.startswith("deltaswarm operator")]
+    assert [endpoint.rpartition(":")[2] for endpoint in settings.air.connect] == re.findall(r":(\d+) --ca", listens)
+    assert settings.log.folder == "", "the page says that what it says is in the journal"
 
 
 # The page
