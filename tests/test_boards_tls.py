@@ -11,9 +11,10 @@ import zenoh
 from deltaswarm_orchestrator import certificates
 from deltaswarm_orchestrator.certificates import Authority
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_wire.access import user_name
 from deltaswarm_wire.arguments import tls_of
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
-from deltaswarm_wire.session import CERTIFIED, Link, Pairs, client_pairs, configured, router_pairs, user_name
+from deltaswarm_wire.session import CERTIFIED, Link, Pairs, client_pairs, configured, router_pairs
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
 from deltaswarm_world.process import _free_port

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent import beliefs, core, hearing, process, recruitment, tree
-from deltaswarm_wire import codec, keys, messages, radio, session, settings
+from deltaswarm_wire import access, codec, keys, messages, radio, session, settings
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Clock, Event, Frame, Report, Status, Workload
 from deltaswarm_wire.radio import Attending, Descendant, Gone, Leaving, Member, Order, Relocating, Sighting
@@ -25,7 +25,21 @@ HEX_COLUMNS = 47
 PAGE = Path(__file__).parent.parent / "agent" / "PROTOCOL.md"
 TEXT = PAGE.read_text()
 
-SOURCES = (codec, messages, radio, session, settings, core, hearing, tree, beliefs, recruitment, process, machine)
+SOURCES = (
+    access,
+    codec,
+    messages,
+    radio,
+    session,
+    settings,
+    core,
+    hearing,
+    tree,
+    beliefs,
+    recruitment,
+    process,
+    machine,
+)
 
 
 @dataclass(frozen=True)
@@ -270,7 +284,7 @@ def test_keys_and_names_of_the_page_are_the_codes() -> None:
         assert f"`{key}`" in TEXT
     for key in (demo.clock, demo.truth, demo.status, demo.workload, demo.orders, demo.done):
         assert f"`{key.removeprefix(demo.root + '/')}`" in TEXT
-    assert f"`{session.user_name(keys.AGENT, 7)}`" in TEXT
+    assert f"`{access.user_name(keys.AGENT, 7)}`" in TEXT
     for message in ("Frame", "Radio", "Report", "Act"):
         assert f"`application/msgpack;deltaswarm.{message}.v1`" in TEXT
 

@@ -17,6 +17,7 @@ from typing import Any, Self, cast
 import pytest
 
 from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import ACT, AGENT, OPERATOR, REPORT, WORLD, Keys
 from deltaswarm_wire.messages import (
     Clock,
@@ -35,7 +36,6 @@ from deltaswarm_wire.session import (
     configured,
     router_pairs,
     use_one_worker_thread,
-    user_name,
 )
 from deltaswarm_wire.settings import OperatorSettings
 

@@ -5,10 +5,10 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_wire.access import world_rules
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Report, encode_report
-from deltaswarm_wire.session import access_rules
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES, UplinkSettings
 
@@ -84,7 +84,7 @@ def test_no_report_is_shorter_than_the_bound() -> None:
 def test_the_operator_hears_either_the_agents_or_the_world(uplink: bool) -> None:
     """Never both, and no agent may send as the uplink."""
     keys = Keys("r")
-    rules = access_rules(keys, range(3), uplink=uplink)["rules"]
+    rules = world_rules(keys, range(3), uplink=uplink)["rules"]
     allowed = {rule["id"]: rule["key_exprs"] for rule in rules}
     assert allowed["operator-receives"] == [keys.forwarded if uplink else keys.all_reports, keys.clock]
     assert not any(keys.forwarded in exprs for name, exprs in allowed.items() if name.endswith("-sends"))

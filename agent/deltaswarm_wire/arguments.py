@@ -6,9 +6,10 @@ import stat
 from collections.abc import Iterable
 from pathlib import Path
 
+from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.session import PASSWORD_VARIABLE, TLS, Link, Tls, protocol_of, user_name
+from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls, protocol_of
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 

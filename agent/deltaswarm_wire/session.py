@@ -1,8 +1,6 @@
-"""How a process opens its Zenoh session, as plain (key, JSON value) pairs; and who may do what.
+"""How a process opens its Zenoh session, as plain (key, JSON value) pairs.
 
-The world's session is the router. Its access control makes range gating a fact: an agent may send on
-its own keys and receive its own frame, and nothing else. Who is who is told by user name and password,
-or, over TLS, by the name in a client's certificate alone.
+The world's session is the router; who may do what there is in `access.py`.
 """
 
 import json
@@ -11,8 +9,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
+from deltaswarm_wire.access import TLS, world_rules
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
-from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import Keys
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 """Names a JSON5 file that a session starts from, as in rmw_zenoh."""
@@ -24,8 +23,6 @@ _RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 _ONE_WORKER = (
     "(rx: (worker_threads: 1), tx: (handover: rx), acc: (handover: rx), net: (handover: rx), app: (handover: rx))"
 )
-
-TLS = "tls"
 
 CERTIFIED = "certificate"
 """User name and password of all who have a certificate: the router wants both from everyone. They alone open no key."""
@@ -111,11 +108,6 @@ def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
         raise ValueError(f"{what}: Zenoh refuses it: {error}") from None
 
 
-def user_name(role: str, number: int = 0) -> str:
-    """The name under which a process logs in at the router."""
-    return f"agent-{number}" if role == AGENT else role
-
-
 def client_pairs(link: Link) -> Pairs:
     """A client that knows where its router is, and does not scout."""
     pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
@@ -176,7 +168,7 @@ def router_pairs(
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", access_rules(keys, agents, named_over, uplink=uplink)),
+        ("access_control", world_rules(keys, agents, named_over, uplink=uplink)),
         ("low_pass_filter", [reports]),
     ]
 
@@ -206,97 +198,3 @@ def quiet_pairs(low_latency: bool) -> Pairs:
     if low_latency:
         pairs += [("transport/unicast/qos/enabled", False), ("transport/unicast/lowlatency", True)]
     return pairs
-
-
-def access_rules(
-    keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None, *, uplink: bool = False
-) -> dict[str, Any]:
-    """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
-
-    With `named_over`, the protocols over which a user's name counts, its certificate's name counts too (over TLS).
-
-    A client's publisher stays silent until the router tells it of a matching subscription, so the
-    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). With an uplink model
-    the operator gets no report from an agent, but those that the world hands on.
-    """
-    book = _RuleBook(named_over)
-    world = keys.token(WORLD)
-    subscriptions = [keys.from_agents, keys.all_reports, keys.all_radio, keys.all_acts]
-    for agent in agents:
-        name = user_name(AGENT, agent)
-        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT)]
-        inbox = keys.agent(agent, FRAME)
-        book.allow(name, own, [inbox], heard_by=subscriptions, token=keys.token(AGENT, agent), watches=world)
-    book.allow(
-        OPERATOR,
-        sends=[keys.workload],
-        receives=[keys.forwarded if uplink else keys.all_reports, keys.clock],
-        heard_by=[keys.workload],
-        token=keys.token(OPERATOR),
-        watches=keys.all_tokens,
-    )
-    book.allow(
-        RECORDER,
-        sends=[keys.done],
-        receives=[
-            *(keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload),
-            *(keys.orders, keys.forwarded),
-        ],
-        heard_by=[keys.done],
-        token=keys.token(RECORDER),
-        watches=keys.all_tokens,
-    )
-    return book.access_control()
-
-
-class _RuleBook:
-    """Collects rules, subjects and policies."""
-
-    def __init__(self, named_over: Sequence[str] | None) -> None:
-        self._named_over = named_over
-        self._rules: list[dict[str, Any]] = []
-        self._policies: list[dict[str, Any]] = []
-        self._subjects: list[dict[str, Any]] = []
-
-    def allow(
-        self, user: str, sends: list[str], receives: list[str], heard_by: list[str], token: str, watches: str
-    ) -> None:
-        subjects = self._subjects_of(user)
-        self._subjects += subjects
-        rules = [
-            self._rule(f"{user}-sends", ["put"], ["ingress"], sends),
-            self._rule(f"{user}-receives", ["put"], ["egress"], receives),
-            self._rule(f"{user}-subscribes", ["declare_subscriber"], ["ingress"], receives),
-            self._rule(f"{user}-is-heard", ["declare_subscriber"], ["egress"], heard_by),
-            self._rule(f"{user}-lives", ["liveliness_token"], ["ingress"], [token]),
-            self._rule(
-                f"{user}-watches", ["declare_liveliness_subscriber", "liveliness_query"], ["ingress"], [watches]
-            ),
-            self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
-        ]
-        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [one["id"] for one in subjects]})
-
-    def _subjects_of(self, user: str) -> list[dict[str, Any]]:
-        """Within one subject Zenoh wants all to match: so one by name and another by certificate."""
-        if self._named_over is None:
-            return [{"id": user, "usernames": [user]}]
-        certified = {"id": f"{user}-certified", "cert_common_names": [user], "link_protocols": [TLS]}
-        if not self._named_over:
-            return [certified]
-        return [certified, {"id": user, "usernames": [user], "link_protocols": list(self._named_over)}]
-
-    def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: list[str]) -> str:
-        if key_exprs:
-            self._rules.append(
-                {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": key_exprs}
-            )
-        return name if key_exprs else ""
-
-    def access_control(self) -> dict[str, Any]:
-        return {
-            "enabled": True,
-            "default_permission": "deny",
-            "rules": self._rules,
-            "subjects": self._subjects,
-            "policies": self._policies,
-        }

@@ -12,19 +12,21 @@ from pathlib import Path
 from deltaswarm_operator.open_air import OpenAirConfig, run_open_air
 from deltaswarm_operator.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
+from deltaswarm_wire.access import TLS, air_rules
 from deltaswarm_wire.arguments import (
     LOG_FORMAT,
     add_boards_argument,
     add_link_arguments,
     add_tls_arguments,
     add_zenoh_argument,
+    agent_numbers,
     link_of,
     password_in,
     run_name,
     tls_of,
 )
-from deltaswarm_wire.keys import OPERATOR
-from deltaswarm_wire.session import Link, air_pairs, tls_pairs
+from deltaswarm_wire.keys import OPERATOR, Keys
+from deltaswarm_wire.session import Link, air_pairs, protocol_of, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 
 NO_WORLD = "--no-world"
@@ -85,6 +87,13 @@ def open_air_parser() -> argparse.ArgumentParser:
         "--credentials", type=Path, metavar="FILE", help="user:password lines of all who may join; its own is operator"
     )
     made.add_argument(
+        "--agents",
+        type=agent_numbers,
+        default=[],
+        metavar="N-M,...",
+        help="over TLS: who may be there, such as 0-24, each as the agent that its certificate names; without: anybody",
+    )
+    made.add_argument(
         "--status-every-s", type=float, default=10.0, metavar="S", help="a line of who is alive (default: every 10 s)"
     )
     add_tls_arguments(made)
@@ -136,6 +145,10 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     link = Link((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
     pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect") + tls_pairs(tls, "listen")
     pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
+    if arguments.agents:
+        if any(protocol_of(endpoint) != TLS for endpoint in (*connect, *listen)):
+            raise ValueError("--agents: names are in certificates; tls/ endpoints alone are allowed")
+        pairs.append(("access_control", air_rules(Keys(arguments.run), arguments.agents)))
     if arguments.credentials:
         try:
             password = password_in(arguments.credentials, OPERATOR)

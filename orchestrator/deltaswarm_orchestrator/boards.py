@@ -9,9 +9,10 @@ from pathlib import Path
 import tomli_w
 
 from deltaswarm_wire import checked
+from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.session import TLS, Tls, protocol_of, user_name
+from deltaswarm_wire.session import Tls, protocol_of
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 

@@ -15,8 +15,8 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
+from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
-from deltaswarm_wire.session import user_name
 
 CA = "ca"
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")

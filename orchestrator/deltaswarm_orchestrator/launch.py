@@ -18,9 +18,10 @@ from pathlib import Path
 from typing import Self
 
 from deltaswarm_orchestrator import child
+from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, Order
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls, user_name
+from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import tomli_w
 
 from deltaswarm_wire import checked
+from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
     LOG_FORMAT,
     add_boards_argument,
@@ -20,7 +21,7 @@ from deltaswarm_wire.arguments import (
     tls_of,
 )
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.session import CERTIFIED, TLS, Link, protocol_of, user_name
+from deltaswarm_wire.session import CERTIFIED, Link, protocol_of
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.process import WorldConfig, run_world

@@ -50,6 +50,8 @@ class OpenAir:
         self._accelerate = accelerate
         self._start_s = time.monotonic()
         zenoh.init_log_from_env_or("error")
+        if self._settings.air.tls.ca_file and not self._settings.air.agents:
+            log.warning("without air.agents whoever has a certificate is believed, whatever number it gives")
         self._opener.start()
 
     @property
@@ -103,8 +105,7 @@ class OpenAir:
     # In threads of their own
 
     def _config(self) -> zenoh.Config:
-        air, user = self._settings.air, self._settings.user
-        return configured(zenoh.Config, air.pairs(user), air.link(user))
+        return configured(zenoh.Config, self._settings.pairs, self._settings.air.link(self._settings.user))
 
     def _keep_opening(self) -> None:
         told = ""

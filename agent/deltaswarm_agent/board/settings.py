@@ -1,16 +1,18 @@
 """The one file that a board is given."""
 
 import tomllib
+from argparse import ArgumentTypeError
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import password_in
+from deltaswarm_wire.access import TLS, air_rules, user_name
+from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import TLS, Link, Pairs, Tls, air_pairs, protocol_of, tls_pairs, user_name
+from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -58,6 +60,9 @@ class AirSettings:
     gossip: bool = key(False, "peer: connect to the peers of one's peers as well")
     range_m: float = key(0.0, "drop frames whose sender says it is farther off [m]; 0: the radio decides", low=0)
     stale_s: float = key(3.0, "drop frames that were under way for longer than usual by this [s]", above=0, high=3600)
+    agents: str = key(
+        "", "who may be there, such as 0-24, each as the agent that its certificate names; empty: anybody"
+    )
     credentials_file: str = key("", "`user:password` lines, readable by its owner alone; the agent's own one is taken")
     tls: TlsSettings = key(TlsSettings, "certificates")
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
@@ -78,6 +83,7 @@ class AirSettings:
                     found.append(Problem(name, repr(endpoint), "PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447"))
                 if protocol in ("tls", "quic") and not self.tls.ca_file:
                     found.append(Problem(name, repr(endpoint), "air.tls must name the certificates"))
+        found += self._unknown_agents()
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
             found += [problem] if problem else []
@@ -87,6 +93,21 @@ class AirSettings:
             if type(value) is not str
         ]
         return found
+
+    def _unknown_agents(self) -> list[Problem]:
+        others = [endpoint for endpoint in (*self.connect, *self.listen) if protocol_of(endpoint) != TLS]
+        if self.agents and (others or not self.tls.ca_file):
+            return [Problem("agents", repr(self.agents), "names are in certificates: tls/ endpoints alone are allowed")]
+        try:
+            _ = self.numbers
+        except ArgumentTypeError as error:
+            return [Problem("agents", repr(self.agents), str(error))]
+        return []
+
+    @property
+    def numbers(self) -> list[int]:
+        """Who may be there; nobody in particular where it is not said."""
+        return agent_numbers(self.agents) if self.agents else []
 
     def link(self, user: str) -> Link:
         """The first endpoint with its credentials, and the user's own settings; raises as `password_in`."""
@@ -170,6 +191,8 @@ class BoardSettings:
                 found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
         if self.body.kind == WORLD_BODY:
             found += self._not_of_a_world()
+        elif self.air.agents and not self.air.problems() and self.id not in self.air.numbers:
+            found.append(Problem("air.agents", repr(self.air.agents), f"agent {self.id} itself must be among them"))
         return found
 
     def _not_of_a_world(self) -> list[Problem]:
@@ -177,6 +200,8 @@ class BoardSettings:
         found = []
         if len(self.air.connect) != 1:
             found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
+        if self.air.agents:
+            found.append(Problem("air.agents", repr(self.air.agents), "the world knows who may be there: leave it out"))
         if self.log.record != "off":
             found.append(Problem("log.record", repr(self.log.record), "the world's recorder has its frames: off"))
         return found
@@ -185,6 +210,12 @@ class BoardSettings:
     def user(self) -> str:
         """The name under which the agent logs in."""
         return user_name(AGENT, self.id)
+
+    @property
+    def pairs(self) -> Pairs:
+        """Zenoh's settings for open air, with who may do what."""
+        rules = air_rules(Keys(self.run), self.air.numbers)
+        return self.air.pairs(self.user) + ([("access_control", rules)] if self.air.agents else [])
 
 
 def read_settings(file: Path) -> BoardSettings:

@@ -1,0 +1,136 @@
+"""Who may do what: the rules of Zenoh's access control, default deny.
+
+At the world's router they make range gating a fact: an agent may send on its own keys and receive its own
+frame, and nothing else. In open air each end has rules of its own, by which nobody speaks as another. Who is
+who is told by user name and password, or, over TLS, by the name in the other end's certificate alone.
+"""
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
+
+TLS = "tls"
+
+
+def user_name(role: str, number: int = 0) -> str:
+    """The name under which a process logs in at the router."""
+    return f"agent-{number}" if role == AGENT else role
+
+
+def world_rules(
+    keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None, *, uplink: bool = False
+) -> dict[str, Any]:
+    """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
+
+    With `named_over`, the protocols over which a user's name counts, its certificate's name counts too (over TLS).
+
+    A client's publisher stays silent until the router tells it of a matching subscription, so the
+    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). With an uplink model
+    the operator gets no report from an agent, but those that the world hands on.
+    """
+    book = _RuleBook(named_over)
+    world = keys.token(WORLD)
+    subscriptions = [keys.from_agents, keys.all_reports, keys.all_radio, keys.all_acts]
+    for agent in agents:
+        name = user_name(AGENT, agent)
+        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT)]
+        inbox = keys.agent(agent, FRAME)
+        book.allow(name, own, [inbox], heard_by=subscriptions, token=keys.token(AGENT, agent), watches=world)
+    book.allow(
+        OPERATOR,
+        sends=[keys.workload],
+        receives=[keys.forwarded if uplink else keys.all_reports, keys.clock],
+        heard_by=[keys.workload],
+        token=keys.token(OPERATOR),
+        watches=keys.all_tokens,
+    )
+    book.allow(
+        RECORDER,
+        sends=[keys.done],
+        receives=[
+            *(keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload),
+            *(keys.orders, keys.forwarded),
+        ],
+        heard_by=[keys.done],
+        token=keys.token(RECORDER),
+        watches=keys.all_tokens,
+    )
+    return book.access_control()
+
+
+def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
+    """The same for a board or an operator in open air, where all links are TLS and these agents may be there.
+
+    An agent speaks for itself; the operator, which may be a router, hands on what others said.
+    """
+    book = _RuleBook(named_over=())
+    heard = [keys.all_radio, keys.all_reports]
+    for agent in agents:
+        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT)]
+        name, token = user_name(AGENT, agent), keys.token(AGENT, agent)
+        book.allow(name, own, [keys.all_radio], heard_by=heard, token=token, watched_by=keys.token(AGENT, "*"))
+    book.allow(OPERATOR, [keys.all_radio], heard, heard_by=[keys.all_radio], watches=keys.token(AGENT, "*"))
+    return book.access_control()
+
+
+class _RuleBook:
+    """Collects rules, subjects and policies."""
+
+    def __init__(self, named_over: Sequence[str] | None) -> None:
+        self._named_over = named_over
+        self._rules: list[dict[str, Any]] = []
+        self._policies: list[dict[str, Any]] = []
+        self._subjects: list[dict[str, Any]] = []
+
+    def allow(
+        self,
+        user: str,
+        sends: list[str],
+        receives: list[str],
+        heard_by: list[str],
+        token: str = "",
+        watches: str = "",
+        watched_by: str = "",
+    ) -> None:
+        """What passes between us and a user; of tokens: its own, those it watches, those of its that we watch."""
+        subjects = self._subjects_of(user)
+        self._subjects += subjects
+        watching = ["declare_liveliness_subscriber", "liveliness_query"]
+        rules = [
+            self._rule(f"{user}-sends", ["put"], ["ingress"], sends),
+            self._rule(f"{user}-receives", ["put"], ["egress"], receives),
+            self._rule(f"{user}-subscribes", ["declare_subscriber"], ["ingress"], receives),
+            self._rule(f"{user}-is-heard", ["declare_subscriber"], ["egress"], heard_by),
+            self._rule(f"{user}-lives", ["liveliness_token"], ["ingress"], [token]),
+            self._rule(f"{user}-watches", watching, ["ingress"], [watches]),
+            self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
+            self._rule(f"{user}-is-watched", watching, ["egress"], [watched_by]),
+        ]
+        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [one["id"] for one in subjects]})
+
+    def _subjects_of(self, user: str) -> list[dict[str, Any]]:
+        """Within one subject Zenoh wants all to match: so one by name and another by certificate."""
+        if self._named_over is None:
+            return [{"id": user, "usernames": [user]}]
+        certified = {"id": f"{user}-certified", "cert_common_names": [user], "link_protocols": [TLS]}
+        if not self._named_over:
+            return [certified]
+        return [certified, {"id": user, "usernames": [user], "link_protocols": list(self._named_over)}]
+
+    def _rule(self, name: str, messages: list[str], flows: list[str], key_exprs: list[str]) -> str:
+        if not any(key_exprs):
+            return ""
+        self._rules.append(
+            {"id": name, "permission": "allow", "messages": messages, "flows": flows, "key_exprs": key_exprs}
+        )
+        return name
+
+    def access_control(self) -> dict[str, Any]:
+        return {
+            "enabled": True,
+            "default_permission": "deny",
+            "rules": self._rules,
+            "subjects": self._subjects,
+            "policies": self._policies,
+        }

@@ -1,0 +1,174 @@
+"""Who speaks as whom in open air over TLS, where the agents' numbers are given: each as its certificate says."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from deltaswarm_agent.board.settings import AirSettings, BoardSettings
+from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
+from deltaswarm_orchestrator import certificates
+from deltaswarm_wire.access import air_rules
+from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_wire.keys import AGENT, RADIO, REPORT, Keys
+from deltaswarm_wire.session import configured
+from tests.boards import tls_arguments
+from tests.fields import RUN, free_port
+from tests.swarms import wait_until
+
+KEYS = Keys(RUN)
+TRUE, FALSE = b"true", b"false"
+
+Heard = list[tuple[str, bytes]]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    made = tmp_path_factory.mktemp("certificates")
+    certificates.make(made, range(6), [], 1)
+    return made
+
+
+def endpoint(port: int) -> str:
+    return f"tls/127.0.0.1:{port}"
+
+
+def board(folder: Path, agent: int, agents: str = "", **air: Any) -> BoardSettings:
+    """A board's settings, with its certificate."""
+    files = {"ca_file": "ca.pem", "cert_file": f"agent-{agent}.pem", "key_file": f"agent-{agent}.key"}
+    tls = {name: str(folder / file) for name, file in files.items()}
+    return load(BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": {**tls, "verify_name": False}, **air}})
+
+
+def opened(settings: BoardSettings) -> zenoh.Session:
+    return zenoh.open(configured(zenoh.Config, settings.pairs, settings.air.link(settings.user)))
+
+
+@contextmanager
+def operator(folder: Path, out: Path, *arguments: str) -> Iterator[zenoh.Session]:
+    """A session as the operator without a world opens it."""
+    command = ["--no-world", "--run", RUN, "--out", str(out), *tls_arguments(folder, "operator"), *arguments]
+    config = _open_air_config(open_air_parser().parse_args(command))
+    with zenoh.open(configured(zenoh.Config, config.pairs, config.link)) as session:
+        yield session
+
+
+def listen(session: zenoh.Session, key: str) -> Heard:
+    """What comes on a key, from now on."""
+    heard: Heard = []
+    session.declare_subscriber(key, lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes())))
+    return heard
+
+
+def watch(session: zenoh.Session) -> list[str]:
+    """Whose tokens are there, from now on."""
+    seen: list[str] = []
+    session.liveliness().declare_subscriber(
+        KEYS.token(AGENT, "*"), lambda sample: seen.append(str(sample.key_expr)), history=True
+    )
+    return seen
+
+
+def speak(session: zenoh.Session, agent: int, leaf: str, data: bytes, heard: Heard) -> None:
+    """As an agent, until it is heard."""
+    key = KEYS.agent(agent, leaf)
+    wait_until(lambda: session.put(key, data) or (key, data) in heard, f"agent {agent}'s {leaf}")
+
+
+@pytest.mark.parametrize("mode", ["peer", "router"])
+def test_with_the_certificate_of_agent_3_one_cannot_speak_as_agent_4_to_the_operator(
+    mode: str, folder: Path, tmp_path: Path
+) -> None:
+    """Neither a report nor a token; agent 4 can, and so can agent 3 as itself."""
+    port = free_port()
+    arguments = ("--mode", mode, "--listen", endpoint(port), "--agents", "3-4")
+    way = {"connect": [endpoint(port)], "mode": "peer" if mode == "peer" else "client"}
+    with operator(folder, tmp_path / "out", *arguments) as hears, ExitStack() as stack:
+        heard, seen = listen(hears, KEYS.all_reports), watch(hears)
+        three, four = (stack.enter_context(opened(board(folder, agent, **way))) for agent in (3, 4))
+        three.liveliness().declare_token(KEYS.token(AGENT, 4))
+        three.put(KEYS.agent(4, REPORT), FALSE)
+        speak(three, 3, REPORT, TRUE, heard)
+        three.put(KEYS.agent(4, REPORT), FALSE)
+        three.liveliness().declare_token(KEYS.token(AGENT, 3))
+        wait_until(lambda: KEYS.token(AGENT, 3) in seen, "agent 3's token")
+        assert KEYS.token(AGENT, 4) not in seen
+        four.liveliness().declare_token(KEYS.token(AGENT, 4))
+        wait_until(lambda: KEYS.token(AGENT, 4) in seen, "agent 4's token")
+        speak(four, 4, REPORT, TRUE, heard)
+        assert {data for _, data in heard} == {TRUE}
+
+
+def test_nor_to_another_board(folder: Path) -> None:
+    """Where both are peers; a number that is not among those that may be there is not heard at all."""
+    port = free_port()
+    with ExitStack() as stack:
+        hears = stack.enter_context(opened(board(folder, 0, "0,3,4", listen=[endpoint(port)])))
+        heard = listen(hears, KEYS.all_radio)
+        three, four, five = (
+            stack.enter_context(opened(board(folder, agent, connect=[endpoint(port)]))) for agent in (3, 4, 5)
+        )
+        for session, agent in ((five, 5), (three, 4), (four, 3)):
+            session.put(KEYS.agent(agent, RADIO), FALSE)
+        speak(three, 3, RADIO, TRUE, heard)
+        speak(four, 4, RADIO, TRUE, heard)
+        for session, agent in ((five, 5), (three, 4), (four, 3)):
+            session.put(KEYS.agent(agent, RADIO), FALSE)
+        speak(three, 3, RADIO, b"last", heard)
+        speak(four, 4, RADIO, b"last", heard)
+        assert {data for _, data in heard} == {TRUE, b"last"}
+
+
+@pytest.mark.parametrize("mode", ["peer", "client"])
+def test_boards_that_know_each_other_hear_each_other(mode: str, folder: Path, tmp_path: Path) -> None:
+    """Frames and reports go their ways where all have the rules: directly, and through an operator that is a router."""
+    ports = free_port(), free_port()
+    router = ("--mode", "router" if mode == "client" else "peer", "--listen", endpoint(ports[0]), "--agents", "0-1")
+    ways: list[dict[str, Any]] = [{"mode": mode, "connect": [endpoint(ports[0])]} for _ in range(2)]
+    if mode == "peer":
+        ways[0]["listen"] = [endpoint(ports[1])]
+        ways[1]["connect"].append(endpoint(ports[1]))
+    with operator(folder, tmp_path / "out", *router) as hears, ExitStack() as stack:
+        reports, seen = listen(hears, KEYS.all_reports), watch(hears)
+        made = []
+        for agent, way in enumerate(ways):
+            made.append(stack.enter_context(opened(board(folder, agent, "0-1", **way))))
+        heard = [listen(session, KEYS.all_radio) for session in made]
+        for agent, session in enumerate(made):
+            session.liveliness().declare_token(KEYS.token(AGENT, agent))
+            speak(session, agent, RADIO, TRUE, heard[1 - agent])
+            speak(session, agent, REPORT, TRUE, reports)
+        wait_until(lambda: {*seen} == {KEYS.token(AGENT, agent) for agent in range(2)}, "both tokens")
+
+
+def test_without_numbers_there_are_no_rules(folder: Path) -> None:
+    """As it was asked for: whoever has a certificate is believed."""
+    settings = board(folder, 3, listen=[endpoint(1)])
+    assert "access_control" not in dict(settings.pairs)
+    assert dict(board(folder, 3, "3-4", listen=[endpoint(1)]).pairs)["access_control"] == air_rules(KEYS, [3, 4])
+
+
+@pytest.mark.parametrize(
+    ("air", "problem"),
+    [
+        ({"agents": "3-x"}, "numbers such as 3,7 or 20-24 are expected"),
+        ({"agents": "0-2"}, "agent 3 itself must be among them"),
+        ({"agents": "0-3", "connect": ["tcp/10.0.0.1:7447"]}, "tls/ endpoints alone are allowed"),
+    ],
+)
+def test_numbers_that_cannot_be_are_told(air: dict[str, Any], problem: str, folder: Path) -> None:
+    """What is wrong with the key `air.agents`."""
+    with pytest.raises(SettingsError, match=problem):
+        board(folder, 3, **{"listen": [endpoint(1)], **air})
+
+
+def test_numbers_need_certificates(tmp_path: Path) -> None:
+    """A board's and the operator's."""
+    with pytest.raises(SettingsError, match="names are in certificates"):
+        load(AirSettings, {"agents": "0-3", "multicast": True})
+    command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
+    with pytest.raises(ValueError, match="names are in certificates"):
+        _open_air_config(open_air_parser().parse_args(command))
