@@ -40,7 +40,9 @@ def board(folder: Path, agent: int, agents: str = "", **air: Any) -> BoardSettin
     """A board's settings, with its certificate."""
     files = {"ca_file": "ca.pem", "cert_file": f"agent-{agent}.pem", "key_file": f"agent-{agent}.key"}
     tls = {name: str(folder / file) for name, file in files.items()}
-    return load(BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": {**tls, "verify_name": False}, **air}})
+    return load(
+        BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": {**tls, "verify_name": False}, **air}}
+    )
 
 
 def opened(settings: BoardSettings) -> zenoh.Session:

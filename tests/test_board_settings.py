@@ -1,5 +1,6 @@
 """A board's one file: what is wrong with it is said at once, all of it, and nothing is started."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -165,6 +166,26 @@ def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) ->
     air = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": files}
     config = world_config(read_settings(a_file(tmp_path, air=air, body={"kind": "world"})))
     assert config.link.tls == Tls(files["ca_file"], files["cert_file"], files["key_file"])
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "more", "word"),
+    [
+        ("quic/10.0.0.1:7448", {}, "air.connect: quic/10.0.0.1:7448; the world listens on tls/ and tcp/"),
+        ("tls/10.0.0.1:7448", {"agents": "0-3"}, "air.agents: '0-3'; the world knows who may be there"),
+        (
+            "tls/10.0.0.1:7448",
+            {"tls": {"verify_name": False}},
+            "air.tls.verify_name: false; the world's certificate names",
+        ),
+    ],
+)
+def test_what_a_world_does_not_take_is_told(endpoint: str, more: dict[str, Any], word: str, tmp_path: Path) -> None:
+    """Of the keys that are for open air alone."""
+    files = {name: secret(tmp_path) for name in ("ca_file", "cert_file", "key_file")}
+    air = {"mode": "client", "connect": [endpoint], **more, "tls": {**files, **more.get("tls", {})}}
+    with pytest.raises(SettingsError, match=re.escape(word)):
+        read_settings(a_file(tmp_path, air=air, body={"kind": "world"}))
 
 
 def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -111,6 +111,14 @@ def test_an_agent_that_began_anew_is_heard_at_once() -> None:
     assert (found["messages"], found["lost"], found["agents"]["1"]["restarts"]) == (4, 0, 1)
 
 
+def test_so_is_one_that_had_reported_only_once() -> None:
+    """The same number, sent later; the same one, sent at the same time, is a copy."""
+    books = meter()
+    assert [hear(books, 1, 0, sent_s) is None for sent_s in (100.0, 100.0, 130.0, 130.0)] == [True, False] * 2
+    found = books.totals["agents"]["1"]
+    assert (found["restarts"], found["stale"]) == (1, 2)
+
+
 @pytest.mark.parametrize(
     ("agent", "data", "sent", "reason"),
     [

@@ -115,13 +115,19 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
     """Run one agent until its last frame; the process's exit code. `on_ready` is called once the world knows of it.
 
     Raises:
-        zenoh.ZError: the router cannot be reached, or refuses the credentials.
+        ValueError: the user's own Zenoh settings are refused.
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
     rng = agent_rng(config.settings.seed, config.agent, config.restart)
     core = AgentCore(config.agent, config.settings, rng)
-    with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
+    settings = configured(zenoh.Config, client_pairs(config.link), config.link)
+    try:
+        opened = zenoh.open(settings)
+    except zenoh.ZError as error:
+        log.error("agent %d has no session with %s: %s", config.agent, config.link.endpoint, error)
+        return 1
+    with opened as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
         outbox = Outbox(session, keys, config.agent)
         watch = WorldWatch(session, keys, config.world_lost_s)

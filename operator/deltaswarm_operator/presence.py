@@ -40,9 +40,9 @@ class Known:
     newest_stale: int = -1
 
     def is_old(self, sequence: int, sent_s: float | None) -> bool:
-        """Whether a report with a sequence number that went back is an old one."""
+        """Whether a report with a sequence number that did not grow is an old one."""
         assert self.newest is not None
-        if sequence != self.newest.sequence and (sent_s is None or sent_s > self.newest_sent_s):
+        if sequence < self.newest.sequence if sent_s is None else sent_s > self.newest_sent_s:
             return False
         self.stale_run = self.stale_run + 1 if sequence > self.newest_stale else 1
         self.newest_stale = sequence
@@ -83,7 +83,7 @@ class OpenAirMeter:
     def hear(self, agent: int | None, data: bytes, sent: bytes | None, now_s: float) -> str | None:
         """Take in one report, from the key of an agent (None: no agent's key); the reason if it is dropped.
 
-        `sent` is the board's own calendar time beside it, if any. A sequence number that goes back is an agent that
+        `sent` is the board's own calendar time beside it, if any. A sequence number that does not grow is an agent that
         began anew, if it was sent later than the newest, and else an old report that comes once more; a board without
         a clock of its own may begin anew in the past, and is believed when it goes on.
         """

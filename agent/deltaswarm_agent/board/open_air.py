@@ -59,7 +59,14 @@ class OpenAir:
         """What was heard and what was not, for the log."""
         with self._lock:
             dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(self._inbox.dropped.items()) if count)
-            return f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"
+            heard = f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"
+        return f"{heard}; links {self.links}"
+
+    @property
+    def links(self) -> int:
+        """Boards, operators and routers that it has a link with now."""
+        info = self._session and self._session.info
+        return len(info.peers_zid()) + len(info.routers_zid()) if info else 0
 
     def now_s(self) -> float:
         """The agent's own clock [s since `open`]: no clock of the calendar, which may be set."""

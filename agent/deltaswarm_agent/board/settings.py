@@ -184,14 +184,14 @@ class BoardSettings:
         if self.agent.control.d_min_m >= self.agent.range_m:
             allowed = f"below agent.range_m ({self.agent.range_m:g}) is allowed"
             found.append(Problem("agent.control.d_min_m", f"{self.agent.control.d_min_m:g}", allowed))
-        if self.air.credentials_file and not _readable("", self.air.credentials_file, secret=True):
+        if self.air.credentials_file:
             try:
                 password_in(Path(self.air.credentials_file), self.user)
             except ValueError as error:
                 found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
         if self.body.kind == WORLD_BODY:
             found += self._not_of_a_world()
-        elif self.air.agents and not self.air.problems() and self.id not in self.air.numbers:
+        elif self.air.agents and self.id not in self.air.numbers:
             found.append(Problem("air.agents", repr(self.air.agents), f"agent {self.id} itself must be among them"))
         return found
 
@@ -200,6 +200,10 @@ class BoardSettings:
         found = []
         if len(self.air.connect) != 1:
             found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
+        if any(protocol_of(endpoint) == "quic" for endpoint in self.air.connect):
+            found.append(Problem("air.connect", self.air.connect[0], "the world listens on tls/ and tcp/"))
+        if not self.air.tls.verify_name:
+            found.append(Problem("air.tls.verify_name", "false", "the world's certificate names its addresses: true"))
         if self.air.agents:
             found.append(Problem("air.agents", repr(self.air.agents), "the world knows who may be there: leave it out"))
         if self.log.record != "off":
