@@ -6,12 +6,14 @@ import shutil
 import signal
 import subprocess
 import sys
+import tomllib
 from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 
 from deltaswarm_agent.board.settings import read_settings
+from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_orchestrator import certificates
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from tests.swarms import wait_until
@@ -147,13 +149,24 @@ def test_the_links_lead_somewhere() -> None:
 
 
 def test_the_boards_file_on_the_page_is_one(tmp_path: Path) -> None:
-    """As it stands, with certificates as `deltaswarm certificates` makes them."""
-    [block] = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
+    """As it stands, with certificates as `deltaswarm certificates` makes them; and so with the page's vehicle."""
+    vehicle, whole = re.findall(r"```toml\n(.*?)```", README, flags=re.DOTALL)
     certificates.make(tmp_path, [3], [], 1)
     file = tmp_path / "3.toml"
-    file.write_text(block.replace("/etc/deltaswarm", str(tmp_path)))
+    file.write_text(whole.replace("/etc/deltaswarm", str(tmp_path)))
     settings = read_settings(file)
     assert (settings.id, len(settings.air.connect), settings.air.tls.verify_name) == (3, 2, False)
+    file.write_text(file.read_text().replace('[body]\nkind = "kinematic"\n', vehicle))
+    body = read_settings(file).body
+    options = options_of(find_body(body.kind), body.options)
+    assert (body.kind, options.max_speed_mps, len(options.fence_m)) == ("mavlink", 1.0, 4)
+
+
+def test_the_page_names_what_a_vehicle_needs() -> None:
+    """As the board's wheel does, for its extra `mavlink`."""
+    extras = tomllib.loads((ROOT / "agent" / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    names = [requirement.partition(">")[0] for requirement in extras["mavlink"]]
+    assert f"pip install {' '.join(names)}`" in README
 
 
 @pytest.fixture
