@@ -143,7 +143,7 @@ def test_it_is_so_where_a_fifth_is_lost_and_all_is_late(tmp_path: Path) -> None:
     with field(tmp_path, delay_s=0.05, loss=0.2) as made:
         made.wait_for_tree()
         made.wait_for_a_recruit()
-        wait_until(lambda: "messages/s" in made.said, "a line of the operator's")
+        made.operator_says("5 agents alive (0, 1, 2, 3, 4)")
         check_the_operators_books(*made.end())
 
 
