@@ -23,7 +23,7 @@ from packaging.version import Version
 from deltaswarm_wire import __version__
 
 PLATFORMS = ("linux_aarch64", "linux_armv7l", "linux_x86_64")
-PYTHONS = ("3.11", "3.12", "3.13", "3.14")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 """Raspberry Pi OS has 3.11 (bookworm) and 3.13 (trixie)."""
 
 AGENT, ZENOH, MSGPACK = "deltaswarm-agent", "eclipse-zenoh", "msgpack"
