@@ -6,11 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import tomli_w
 import zenoh
 
+from deltaswarm_agent.__main__ import main
 from deltaswarm_agent.board.settings import AirSettings, BoardSettings
 from deltaswarm_operator.__main__ import _open_air_config, open_air_parser
 from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.certificates import Authority
 from deltaswarm_wire.access import air_rules
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.keys import AGENT, RADIO, REPORT, Keys
@@ -174,3 +177,29 @@ def test_numbers_need_certificates(tmp_path: Path) -> None:
     command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
     with pytest.raises(ValueError, match="names are in certificates"):
         _open_air_config(open_air_parser().parse_args(command))
+
+
+def test_a_certificate_is_tried_before_it_meets_silence(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By `--check`: whose it is, its key, its authority, its days."""
+    certificates.make(tmp_path, [3], [], 1)
+    brief = Authority.load(folder).sign("agent-3", days=-1 / 24)
+    certificates._write(tmp_path / "expired", *brief)
+    mine, other = (str(folder / f"agent-{agent}") for agent in (3, 4))
+    for cert, secret, word in (
+        (mine, mine, ""),
+        (other, other, "it is of agent-4; that of agent-3 is needed"),
+        (mine, other, "it does not go with its key or its authority: KEY_VALUES_MISMATCH"),
+        (str(tmp_path / "agent-3"), str(tmp_path / "agent-3"), "the other end would refuse it: "),
+        (
+            str(tmp_path / "expired"),
+            str(tmp_path / "expired"),
+            "the other end would refuse it: certificate has expired",
+        ),
+    ):
+        files = {"ca_file": str(folder / "ca.pem"), "cert_file": f"{cert}.pem", "key_file": f"{secret}.key"}
+        file = tmp_path / "3.toml"
+        file.write_text(tomli_w.dumps({"id": 3, "air": {"listen": [endpoint(1)], "tls": files}}))
+        assert main(["board", str(file), "--check"]) == (2 if word else 0)
+        assert word in capsys.readouterr().err

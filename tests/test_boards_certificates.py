@@ -103,3 +103,16 @@ def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: pytes
     assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", "--host", host]) == 2
     assert f"host {host!r}: a name or an IP address is expected" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_host_that_comes_later_is_added_to_the_worlds_certificate(tmp_path: Path) -> None:
+    """And to the operator's, beside those that were there; the agents' stay, and the same hosts change nothing."""
+    certificates.make(tmp_path, [3], ["10.0.0.1"], 30)
+    before = (tmp_path / "agent-3.pem").read_bytes()
+    new = certificates.make(tmp_path, [3], ["world.local", "FE80::1"], 30)
+    assert {path.name for path in new} == {f"{name}.{end}" for name in ("world", "operator") for end in ("pem", "key")}
+    for name in ("world", "operator"):
+        hosts = {"localhost", "127.0.0.1", "::1", "10.0.0.1", "world.local", "fe80::1"}
+        assert set(certificates._hosts_in(tmp_path / f"{name}.pem") or ()) == hosts
+    assert (tmp_path / "agent-3.pem").read_bytes() == before
+    assert certificates.make(tmp_path, [3], ["fe80::1", "10.0.0.1"], 30) == []

@@ -94,15 +94,14 @@ class Authority:
 def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -> list[Path]:
     """Fill the folder: `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; the new files.
 
-    A folder with an authority is added to: what is there stays. Keys have mode 0600.
+    A folder with an authority is added to: what is there stays, but that a certificate of the world or the operator
+    which lacks one of the hosts is made anew. Keys have mode 0600.
 
     Raises:
         ValueError: a host that is no name or address, or an authority whose files do not fit.
         OSError: the folder cannot be written.
     """
-    server = tuple(dict.fromkeys((*LOCAL_HOSTS, *hosts)))
-    for host in server:
-        _host(host)
+    server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
     folder.mkdir(parents=True, exist_ok=True)
     made: list[str] = []
     if (folder / "ca.pem").exists():
@@ -112,10 +111,21 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         authority.write(folder)
         made.append(CA)
     for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
-        if not (folder / f"{name}.pem").exists():
-            _write(folder / name, *authority.sign(name, days, server if name in (WORLD, OPERATOR) else ()))
+        wanted = server if name in (WORLD, OPERATOR) else ()
+        there = _hosts_in(folder / f"{name}.pem")
+        if there is None or not {*wanted} <= {*there}:
+            _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *(there or ()))))))
             made.append(name)
     return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
+
+
+def _hosts_in(path: Path) -> tuple[str, ...] | None:
+    """For which names and addresses a certificate is; None if it is not there."""
+    if not path.exists():
+        return None
+    extensions = x509.load_pem_x509_certificate(path.read_bytes()).extensions
+    names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+    return tuple(str(name.value) for name in names)
 
 
 def _name(text: str) -> x509.Name:

@@ -48,9 +48,8 @@ class Display:
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
-            self._bar = Progress(
-                TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn(), console=self._console
-            )
+            columns = TextColumn("{task.description}"), BarColumn(bar_width=None), TimeRemainingColumn()
+            self._bar = Progress(*columns, console=self._console, expand=True)
             self._task = self._bar.add_task("waiting for all processes", total=None)
             self._bar.start()
         return self
@@ -74,22 +73,33 @@ class Display:
         if self._started is None:
             self._started = now - max(1, status.step) * 1e-3
         speed = status.time_s / (now - self._started)
-        text = describe(status, messages_per_s, speed, self._step_s)
         if self._bar is not None:
+            text = describe_briefly(status, messages_per_s, speed)
             self._bar.update(self._task, description=text, total=status.steps, completed=status.step + 1)
         elif now >= self._line_due or status.phase == "ended":
             self._line_due = now + LINE_EVERY_S
-            print(text, file=sys.stderr, flush=True)
+            print(describe(status, messages_per_s, speed, self._step_s), file=sys.stderr, flush=True)
 
 
 def describe(status: Status, messages_per_s: float | None, speed: float, step_s: float) -> str:
     """One line: simulated time, speed against real time, trees, workload, waiting."""
-    workload = "-" if messages_per_s is None else f"{messages_per_s:.1f}"
     return (
         f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {speed:.0f}x real time, "
         f"{status.agents_alive} agents, {status.agents_in_trees} in trees, "
-        f"operator {workload} messages/s, waiting {status.mean_waiting_s:.1f} s"
+        f"operator {_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
     )
+
+
+def describe_briefly(status: Status, messages_per_s: float | None, speed: float) -> str:
+    """The same beside a bar, which needs room on 80 columns too."""
+    return (
+        f"{status.time_s:.0f} s, {speed:.0f}x, {status.agents_in_trees} in trees, "
+        f"{_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
+    )
+
+
+def _rate(messages_per_s: float | None) -> str:
+    return "-" if messages_per_s is None else f"{messages_per_s:.1f}"
 
 
 ROWS = (

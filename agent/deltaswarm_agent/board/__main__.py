@@ -47,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not is_in_world:
             run.check()
         if arguments.check:
+            check_certificate(settings)
             print(told(settings))
             return 0
         config = world_config(settings) if is_in_world else None
@@ -58,6 +59,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1
+
+
+def check_certificate(settings: BoardSettings) -> None:
+    """Raises SettingsError for one that the other end of a link would refuse, or take for another's."""
+    from deltaswarm_agent.board.certificate import certificate_problem  # costs an agent 4 MB, and nobody else needs it
+
+    tls = settings.air.tls.files
+    if tls is not None and (text := certificate_problem(tls, settings.user)):
+        raise SettingsError([Problem("air.tls.cert_file", repr(tls.certificate), text)])
 
 
 WORLD_LOST_S = 60.0

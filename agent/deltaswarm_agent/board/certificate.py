@@ -1,0 +1,38 @@
+"""Tries a board's certificate as the other end of a link would: there a wrong one meets only silence. For `--check`."""
+
+import ssl
+from typing import Any
+
+from deltaswarm_wire.session import Tls
+
+
+def certificate_problem(tls: Tls, name: str) -> str:
+    """What is wrong with a certificate, its key and its authority for who is called `name`; empty if nothing is."""
+    try:
+        found = _shown_name(tls)
+    except ssl.SSLCertVerificationError as error:
+        return f"the other end would refuse it: {error.verify_message}"
+    except ssl.SSLError as error:
+        return f"it does not go with its key or its authority: {error.reason or error}"
+    return "" if found == name else f"it is of {found}; that of {name} is needed"
+
+
+def _shown_name(tls: Tls) -> str:
+    """The name that a client reads in a handshake with these files at both ends."""
+    server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    server.load_cert_chain(tls.certificate, tls.key)
+    client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    client.check_hostname = False
+    client.load_verify_locations(tls.ca)
+    to_server, to_client = ssl.MemoryBIO(), ssl.MemoryBIO()
+    shown = client.wrap_bio(to_client, to_server)
+    waiting = [shown, server.wrap_bio(to_server, to_client, server_side=True)]
+    while waiting:
+        try:
+            waiting[0].do_handshake()
+            waiting.pop(0)
+        except ssl.SSLWantReadError:
+            waiting.reverse()
+    certificate: dict[str, Any] = shown.getpeercert() or {}
+    names = [value for part in certificate["subject"] for key, value in part if key == "commonName"]
+    return str(names[0]) if names else "nobody"
