@@ -259,7 +259,9 @@ def _info(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator import info
 
     if not arguments.folder.is_dir():
-        complain(f"{arguments.folder} is no folder; a run folder is expected")
+        unfinished = arguments.folder.with_name(f"{arguments.folder.name}.part")
+        allowed = f"{unfinished} has what was left of a run" if unfinished.is_dir() else "a run folder is expected"
+        complain(f"{arguments.folder} is no folder; {allowed}")
         return USAGE
     try:
         found = info.describe(arguments.folder)

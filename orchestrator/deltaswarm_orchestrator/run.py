@@ -174,19 +174,26 @@ def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, me
             swarm.carry_out(order)
             observer.confirm(order)
         observer.leave_when_done()
-        for part in swarm.ended():
-            if part not in noted:
-                noted.add(part)
-                if part.process.exitcode != 0 and not stopping and not part.ends_as_planned:
-                    messages.append(_obituary(part))
-                if part.role == OPERATOR and part.process.exitcode != 0:
-                    deadline = min(deadline, time.monotonic() + END_WITHIN_S / 2)
+        failed = _failed(swarm, noted)
+        if not stopping:
+            messages += map(_obituary, failed)
+        if any(part.role == OPERATOR for part in failed):
+            deadline = min(deadline, time.monotonic() + END_WITHIN_S / 2)
         if swarm.part(WORLD).process.exitcode is not None or time.monotonic() > deadline:
             break
     while observer.work(0.0):
         pass
+    if not stopping:  # a world that failed just now is why others did
+        messages[:0] = map(_obituary, _failed(swarm, noted))
     unfinished = swarm.part(WORLD).process.exitcode != 0 or swarm.part(OPERATOR).process.exitcode not in (0, None)
     return "failed" if unfinished else "finished"
+
+
+def _failed(swarm: Swarm, noted: set[Part]) -> list[Part]:
+    """Who has ended since, and not as planned."""
+    ended = [part for part in swarm.ended() if part not in noted]
+    noted.update(ended)
+    return [part for part in ended if part.process.exitcode != 0 and not part.ends_as_planned]
 
 
 def _obituary(part: Part) -> str:
