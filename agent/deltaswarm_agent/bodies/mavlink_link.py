@@ -8,6 +8,7 @@ must have the vehicle stand. Here nothing waits longer than asked, and a link th
 import contextlib
 import select
 import socket
+from collections.abc import Iterator
 from typing import Any, NamedTuple, Protocol
 
 UDP_IN = ("udpin", "udp")
@@ -74,6 +75,16 @@ def open_link(device: Device) -> Link:
     return UdpLink(device.name, device.number, listens=device.kind in UDP_IN)
 
 
+@contextlib.contextmanager
+def _hanging_up_on_error(link: Link) -> Iterator[None]:
+    """A link on which anything failed is opened anew by the next `receive`."""
+    try:
+        yield
+    except OSError:
+        link.close()
+        raise
+
+
 class UdpLink:
     """Listens, and answers whoever spoke last; or speaks to one address."""
 
@@ -130,16 +141,13 @@ class TcpLink:
         if self._socket is None:
             self._socket = self._opened()
         self._socket.settimeout(wait_s)
-        try:
-            data = self._socket.recv(READ_BYTES)
-        except TimeoutError:
-            return b""
-        except OSError:
-            self.close()
-            raise
-        if not data:
-            self.close()
-            raise ConnectionResetError(f"{self._address[0]}:{self._address[1]} hung up")
+        with _hanging_up_on_error(self):
+            try:
+                data = self._socket.recv(READ_BYTES)
+            except TimeoutError:
+                return b""
+            if not data:
+                raise ConnectionResetError(f"{self._address[0]}:{self._address[1]} hung up")
         return data
 
     def write(self, data: bytes) -> None:
@@ -147,11 +155,8 @@ class TcpLink:
         if self._socket is None:
             return
         self._socket.settimeout(WRITE_S)
-        try:
+        with _hanging_up_on_error(self):
             self._socket.sendall(data)
-        except OSError:
-            self.close()
-            raise
 
     def close(self) -> None:
         """Hang up."""
@@ -176,24 +181,18 @@ class SerialLink:
         """What there is."""
         if self._port is None:
             self._port = self._opened()
-        try:
+        with _hanging_up_on_error(self):
             if not select.select([self._port], [], [], wait_s)[0]:
                 return b""
             data: bytes = self._port.read(READ_BYTES)  # raises if there is nothing after all: the device is gone
-        except OSError:
-            self.close()
-            raise
         return data
 
     def write(self, data: bytes) -> None:
         """All of it, or the link is broken."""
         if self._port is None:
             return
-        try:
+        with _hanging_up_on_error(self):
             self._port.write(data)
-        except OSError:
-            self.close()
-            raise
 
     def close(self) -> None:
         """Hang up."""
