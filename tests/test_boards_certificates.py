@@ -113,6 +113,6 @@ def test_a_host_that_comes_later_is_added_to_the_worlds_certificate(tmp_path: Pa
     assert {path.name for path in new} == {f"{name}.{end}" for name in ("world", "operator") for end in ("pem", "key")}
     for name in ("world", "operator"):
         hosts = {"localhost", "127.0.0.1", "::1", "10.0.0.1", "world.local", "fe80::1"}
-        assert set(certificates._hosts_in(tmp_path / f"{name}.pem") or ()) == hosts
+        assert set(certificates._hosts_in(tmp_path / f"{name}.pem")) == hosts
     assert (tmp_path / "agent-3.pem").read_bytes() == before
     assert certificates.make(tmp_path, [3], ["fe80::1", "10.0.0.1"], 30) == []

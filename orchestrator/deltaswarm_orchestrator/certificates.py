@@ -111,18 +111,17 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         authority.write(folder)
         made.append(CA)
     for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
+        path = folder / f"{name}.pem"
         wanted = server if name in (WORLD, OPERATOR) else ()
-        there = _hosts_in(folder / f"{name}.pem")
-        if there is None or not {*wanted} <= {*there}:
-            _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *(there or ()))))))
+        known = _hosts_in(path) if wanted and path.exists() else ()
+        if not path.exists() or not {*wanted} <= {*known}:
+            _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
             made.append(name)
     return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
 
 
-def _hosts_in(path: Path) -> tuple[str, ...] | None:
-    """For which names and addresses a certificate is; None if it is not there."""
-    if not path.exists():
-        return None
+def _hosts_in(path: Path) -> tuple[str, ...]:
+    """For which names and addresses a certificate is."""
     extensions = x509.load_pem_x509_certificate(path.read_bytes()).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in names)
