@@ -178,14 +178,14 @@ def protocol_of(endpoint: str) -> str:
     return endpoint.partition("/")[0]
 
 
-def tls_pairs(tls: Tls | None, side: str) -> Pairs:
-    """Certificates for one side of its links, `connect` or `listen`; both ends show theirs."""
+def tls_pairs(tls: Tls | None, *sides: str) -> Pairs:
+    """Certificates for these sides of its links, `connect` and `listen`; both ends show theirs."""
     if tls is None:
         return []
     return [
         ("transport/link/tls/root_ca_certificate", tls.ca),
-        (f"transport/link/tls/{side}_certificate", tls.certificate),
-        (f"transport/link/tls/{side}_private_key", tls.key),
+        *((f"transport/link/tls/{side}_certificate", tls.certificate) for side in sides),
+        *((f"transport/link/tls/{side}_private_key", tls.key) for side in sides),
         ("transport/link/tls/enable_mtls", True),
         ("transport/link/tls/verify_name_on_connect", True),
         ("transport/link/tls/close_link_on_expiration", True),

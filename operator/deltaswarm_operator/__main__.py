@@ -143,7 +143,7 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
         raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
     link = Link((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
-    pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect") + tls_pairs(tls, "listen")
+    pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect", "listen")
     pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
     if arguments.agents:
         if any(protocol_of(endpoint) != TLS for endpoint in (*connect, *listen)):

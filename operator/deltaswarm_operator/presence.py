@@ -42,7 +42,8 @@ class Known:
     def is_old(self, sequence: int, sent_s: float | None) -> bool:
         """Whether a report with a sequence number that did not grow is an old one."""
         assert self.newest is not None
-        if sequence < self.newest.sequence if sent_s is None else sent_s > self.newest_sent_s:
+        began_anew = sequence < self.newest.sequence if sent_s is None else sent_s > self.newest_sent_s
+        if began_anew:
             return False
         self.stale_run = self.stale_run + 1 if sequence > self.newest_stale else 1
         self.newest_stale = sequence

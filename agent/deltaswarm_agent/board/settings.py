@@ -45,8 +45,8 @@ class TlsSettings:
 
     def pairs(self) -> Pairs:
         """Zenoh's settings."""
-        both = [*tls_pairs(self.files, "connect"), *tls_pairs(self.files, "listen")]
-        return [*both, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if both else []
+        made = tls_pairs(self.files, "connect", "listen")
+        return [*made, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if made else []
 
 
 @dataclass(frozen=True)
@@ -95,11 +95,12 @@ class AirSettings:
         return found
 
     def _unknown_agents(self) -> list[Problem]:
-        others = [endpoint for endpoint in (*self.connect, *self.listen) if protocol_of(endpoint) != TLS]
-        if self.agents and (others or not self.tls.ca_file):
+        if not self.agents:
+            return []
+        if not self.tls.ca_file or any(protocol_of(endpoint) != TLS for endpoint in (*self.connect, *self.listen)):
             return [Problem("agents", repr(self.agents), "names are in certificates: tls/ endpoints alone are allowed")]
         try:
-            _ = self.numbers
+            agent_numbers(self.agents)
         except ArgumentTypeError as error:
             return [Problem("agents", repr(self.agents), str(error))]
         return []
@@ -218,8 +219,10 @@ class BoardSettings:
     @property
     def pairs(self) -> Pairs:
         """Zenoh's settings for open air, with who may do what."""
-        rules = air_rules(Keys(self.run), self.air.numbers)
-        return self.air.pairs(self.user) + ([("access_control", rules)] if self.air.agents else [])
+        made = self.air.pairs(self.user)
+        if self.air.agents:
+            made.append(("access_control", air_rules(Keys(self.run), self.air.numbers)))
+        return made
 
 
 def read_settings(file: Path) -> BoardSettings:
