@@ -94,7 +94,7 @@ def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
             process.terminate()
         for agent, process in running.processes.items():
             assert process.wait(10) == 1
-            assert f"in {where[agent]}\n" in running.said(agent)
+            assert f"in {where[agent]}" in running.said(agent)
 
 
 def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) ->
         running.processes[0].send_signal(number)
         assert running.processes[0].wait(5) == 0
         assert f"stopped by {number.name}" in running.said(0)
-        assert "stands\n" in running.said(0)
+        assert "stands" in running.said(0)
 
 
 def test_what_is_left_to_do_is_done_where_a_body_fails_to_close(tmp_path: Path) -> None:

@@ -75,7 +75,7 @@ def test_a_body_of_another_package_drives_an_agent(tmp_path: Path) -> None:
             wait_until(lambda agent=agent: "first step" in running.said(agent), "a first step")
             assert running.stop(agent) == 0
             assert "at (7.50, 1.00) m" in running.said(agent)
-            assert running.said(agent).endswith("the rover stands\n")
+            assert "the rover stands" in running.said(agent)
 
 
 @pytest.mark.parametrize(
