@@ -50,6 +50,8 @@ reports = st.builds(
     agents,
     tuples_of(events, 6),
 )
+printable = st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=20)
+healths = st.builds(messages.Health, printable)
 clocks = st.builds(messages.Clock, steps, times_s, st.booleans())
 workloads = st.builds(messages.Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
 statuses = st.builds(
@@ -133,6 +135,7 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
 FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(messages.Act._fields, first=1))
 REPORT = Codec("report", reports, messages.encode_report, messages.decode_report, _in_map(messages.Report._fields))
+HEALTH = Codec("health", healths, messages.encode_health, messages.decode_health, _in_map(messages.Health._fields))
 CLOCK = Codec("clock", clocks, messages.encode_clock, messages.decode_clock, _in_map(messages.Clock._fields))
 WORKLOAD = Codec(
     "workload", workloads, messages.encode_workload, messages.decode_workload, _in_map(messages.Workload._fields)
@@ -152,7 +155,7 @@ ATTENDING = Codec(
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 
-MESSAGES = (FRAME, ACT, REPORT, FORWARDED, CLOCK, WORKLOAD, STATUS)
+MESSAGES = (FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
 CODECS = (*MESSAGES, RADIO, MEMBER, ATTENDING, TRUTH)
 
 NASTY: tuple[Any, ...] = (

@@ -16,7 +16,7 @@ from deltaswarm_orchestrator import certificates
 from deltaswarm_orchestrator.certificates import Authority
 from deltaswarm_wire.access import air_rules
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.keys import AGENT, RADIO, REPORT, Keys
+from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
 from tests.boards import tls_arguments
 from tests.fields import RUN, free_port
@@ -87,24 +87,26 @@ def speak(session: zenoh.Session, agent: int, leaf: str, data: bytes, heard: Hea
 def test_with_the_certificate_of_agent_3_one_cannot_speak_as_agent_4_to_the_operator(
     mode: str, folder: Path, tmp_path: Path
 ) -> None:
-    """Neither a report nor a token; agent 4 can, and so can agent 3 as itself."""
+    """Neither a report, nor a word of health, nor a token; agent 4 can, and so can agent 3 as itself."""
     port = free_port()
     arguments = ("--mode", mode, "--listen", endpoint(port), "--agents", "3-4")
     way = {"connect": [endpoint(port)], "mode": "peer" if mode == "peer" else "client"}
     with operator(folder, tmp_path / "out", *arguments) as hears, ExitStack() as stack:
         heard, seen = listen(hears, KEYS.all_reports), watch(hears)
+        ill = listen(hears, KEYS.all_health)
         three, four = (stack.enter_context(opened(board(folder, agent, **way))) for agent in (3, 4))
         three.liveliness().declare_token(KEYS.token(AGENT, 4))
-        three.put(KEYS.agent(4, REPORT), FALSE)
-        speak(three, 3, REPORT, TRUE, heard)
-        three.put(KEYS.agent(4, REPORT), FALSE)
+        for leaf, at_operator in ((REPORT, heard), (HEALTH, ill)):
+            three.put(KEYS.agent(4, leaf), FALSE)
+            speak(three, 3, leaf, TRUE, at_operator)
+            three.put(KEYS.agent(4, leaf), FALSE)
         three.liveliness().declare_token(KEYS.token(AGENT, 3))
         wait_until(lambda: KEYS.token(AGENT, 3) in seen, "agent 3's token")
         assert KEYS.token(AGENT, 4) not in seen
         four.liveliness().declare_token(KEYS.token(AGENT, 4))
         wait_until(lambda: KEYS.token(AGENT, 4) in seen, "agent 4's token")
         speak(four, 4, REPORT, TRUE, heard)
-        assert {data for _, data in heard} == {TRUE}
+        assert {data for _, data in heard + ill} == {TRUE}
 
 
 def test_nor_to_another_board(folder: Path) -> None:

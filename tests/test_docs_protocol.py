@@ -16,7 +16,7 @@ import pytest
 from deltaswarm_agent import beliefs, core, hearing, process, recruitment, tree
 from deltaswarm_wire import access, codec, keys, messages, radio, session, settings
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.messages import Act, Clock, Event, Frame, Report, Status, Workload
+from deltaswarm_wire.messages import Act, Clock, Event, Frame, Health, Report, Status, Workload
 from deltaswarm_wire.radio import Attending, Descendant, Gone, Leaving, Member, Order, Relocating, Sighting
 from tests import test_agent_protocol_machine as machine
 
@@ -87,6 +87,12 @@ EXAMPLES: dict[str, tuple[Any, Callable[[Any], bytes], Callable[[bytes], Any], S
         messages.encode_report,
         messages.decode_report,
         _message("report", Report._fields, events=_EVENTS),
+    ),
+    "health": (
+        Health("no battery"),
+        messages.encode_health,
+        messages.decode_health,
+        _message("health", Health._fields),
     ),
     "attending": (
         Attending(4, 30, 5250, 4700, 3, 5250, 4700),
@@ -239,7 +245,7 @@ def test_the_bytes_of_an_example_decode_to_what_the_page_says(name: str) -> None
 def test_every_radio_frame_and_every_message_has_its_example() -> None:
     """Frames of all kinds, and whatever else crosses the fabric but the truth, which is the recorder's."""
     shown = {type(message) for message, *_ in EXAMPLES.values()}
-    assert shown == {Frame, Act, Report, Clock, Status, Workload, Attending, Member, Relocating, Leaving}
+    assert shown == {Frame, Act, Report, Health, Clock, Status, Workload, Attending, Member, Relocating, Leaving}
     assert len(re.findall(r"^```hexdump ", TEXT, re.MULTILINE)) == len(EXAMPLES)
 
 
@@ -282,6 +288,7 @@ def test_keys_and_names_of_the_page_are_the_codes() -> None:
     leaves = (keys.FRAME, keys.RADIO, keys.REPORT, keys.ACT)
     for key in (*(demo.agent(7, leaf) for leaf in leaves), demo.token(keys.AGENT, 7), demo.token(keys.WORLD)):
         assert f"`{key}`" in TEXT
+    assert f"`{keys.HEALTH}`" in TEXT
     for key in (demo.clock, demo.truth, demo.status, demo.workload, demo.orders, demo.done):
         assert f"`{key.removeprefix(demo.root + '/')}`" in TEXT
     assert f"`{access.user_name(keys.AGENT, 7)}`" in TEXT

@@ -131,6 +131,50 @@ def test_over_tls_only_certified_boards_come_in(tmp_path: Path) -> None:
     assert set(totals["agents"]) == {"0"}
 
 
+SICK = """
+from dataclasses import dataclass
+from pathlib import Path
+from deltaswarm_agent.body import Sensed
+from deltaswarm_wire.checked import key
+
+@dataclass(frozen=True)
+class Options:
+    charger: str = key("", "a file that is there when it is well")
+
+class Sick:
+    Settings, REAL_TIME = Options, False
+    def __init__(self, options, context):
+        self.charger = Path(options.charger)
+    def sense(self, time_s):
+        return Sensed(5.0, 5.0, 0.1, fault="" if self.charger.exists() else "no battery")
+    def move(self, vx_mps, vy_mps, observed):
+        pass
+    def close(self):
+        pass
+"""
+
+
+@pytest.mark.processes
+def test_it_says_whose_body_is_not_well_and_when_it_is_well_again(tmp_path: Path) -> None:
+    """Also to an operator that came later; such an agent is alive and silent, and its words of it are no workload."""
+    port = free_port()
+    (tmp_path / "sick_body.py").write_text(SICK)
+    table = board_table(3, EVENT_AT, {"connect": [endpoint(port)]}, tmp_path)
+    table["body"] = {"kind": "sick_body:Sick", "options": {"charger": str(tmp_path / "charger")}}
+    with boards(tmp_path) as running:
+        running.start(table, *FAST, environment={"PYTHONPATH": str(tmp_path)})
+        wait_until(lambda: "not well: no battery" in running.said(3), "a fault")
+        with operating(tmp_path, "--listen", endpoint(port)) as operator:
+            operator.wait_for("agent 3 is not well: no battery")
+            operator.wait_for("1 agents alive (3), not well (3: no battery), ")
+            (tmp_path / "charger").touch()
+            operator.wait_for("agent 3 is well")
+            wait_until(lambda: "1 agents alive (3), 0.0 " in operator.said.splitlines()[-1], "a line without it")
+            rows, totals = operator.end()
+    assert {row["agents_ill"] for row in rows} == {"0", "1"}
+    assert (totals["messages"], totals["rejected"], totals["agents"]["3"]["fault"]) == (0, 0, "")
+
+
 @pytest.mark.processes
 def test_a_password_is_asked_for_where_there_are_credentials(tmp_path: Path) -> None:
     """Only who is in the file comes in."""

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.presence import INSISTS, OpenAirMeter
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.messages import Report, encode_report
+from deltaswarm_wire.messages import Health, Report, encode_health, encode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 
@@ -78,6 +78,37 @@ def test_who_is_alive_follows_the_tokens() -> None:
     found = books.totals["agents"]
     assert (found["3"]["absences"], found["1"]["absences"]) == (1, 0)
     assert (found["2"]["alive"], found["2"]["last_heard_s"], found["2"]["reports"]) == (False, 4.5, 1)
+
+
+def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
+    """By its agent's own words, which are no workload."""
+    books = meter()
+    books.came(3)
+    for agent, fault in ((3, "no battery"), (1, "no position"), (3, "no fuel"), (1, "")):
+        assert books.feels(agent, encode_health(Health(fault))) is None
+    assert books.ill == {3: "no fuel"}
+    assert (books.fault_of(3), books.fault_of(1), books.fault_of(9), books.fault_of(None)) == ("no fuel", "", "", "")
+    assert books.totals["agents"]["3"]["fault"] == "no fuel"
+    books.went(3)
+    assert books.ill == {}
+    workload = books.close(1.0, 0)
+    assert workload is not None
+    assert (workload.messages, workload.senders, workload.rejected) == (0, 0, 0)
+
+
+@pytest.mark.parametrize(
+    ("agent", "data", "reason"), [(None, encode_health(Health("x")), "no agent's key"), (1, b"\xc1", "sample")]
+)
+def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: bytes, reason: str) -> None:
+    """And counted; what was known stays."""
+    books = meter()
+    books.feels(1, encode_health(Health("no battery")))
+    said = books.feels(agent, data)
+    assert said is not None
+    assert reason in said
+    assert books.ill == {1: "no battery"}
+    books.close(1.0, 0)
+    assert books.totals["rejected"] == 1
 
 
 def test_a_gap_is_a_loss() -> None:

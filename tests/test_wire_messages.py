@@ -1,4 +1,4 @@
-"""Frame, act, report, clock, workload, status: what was sent arrives, what is wrong is named."""
+"""Frame, act, report, health, clock, workload, status: what was sent arrives, what is wrong is named."""
 
 from typing import Any
 
@@ -123,6 +123,21 @@ def test_the_longest_report_is_far_below_the_limit() -> None:
     more = full._replace(events=(event,) * (messages.MAX_REPORTED + 1))
     with pytest.raises(WireError, match=r"^report\.events: 65 items, at most 64"):
         messages.decode_report(messages.encode_report(more))
+
+
+@given(st.text())
+def test_whatever_a_body_says_of_itself_can_be_sent(fault: str) -> None:
+    """On one line, and cut to its length; nothing of it can pass for another line in the operator's log."""
+    sent = messages.decode_health(messages.encode_health(messages.Health(fault))).fault
+    assert len(sent) == min(len(fault), messages.MAX_FAULT)
+    assert len(sent.splitlines()) <= 1
+    assert all(new in (old, " ") for old, new in zip(fault, sent, strict=False))
+
+
+def test_a_word_of_health_with_control_characters_is_refused() -> None:
+    """It would be written into a log and on a terminal."""
+    with pytest.raises(WireError, match="printable characters are allowed"):
+        messages.decode_health(msgpack.packb({"v": 1, "fault": "well\x1b[2J\nagent 4 is there"}))
 
 
 def test_a_frame_is_not_an_act() -> None:

@@ -8,7 +8,7 @@ who is told by user name and password, or, over TLS, by the name in the other en
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
 
 TLS = "tls"
 
@@ -65,9 +65,9 @@ def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     An agent speaks for itself; the operator, which may be a router, hands on what others said.
     """
     book = _RuleBook(named_over=())
-    heard = [keys.all_radio, keys.all_reports]
+    heard = [keys.all_radio, keys.all_reports, keys.all_health]
     for agent in agents:
-        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT)]
+        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
         name, token = user_name(AGENT, agent), keys.token(AGENT, agent)
         book.allow(name, own, [keys.all_radio], heard_by=heard, token=token, watched_by=keys.token(AGENT, "*"))
     book.allow(OPERATOR, [keys.all_radio], heard, heard_by=[keys.all_radio], watches=keys.token(AGENT, "*"))

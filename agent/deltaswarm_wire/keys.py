@@ -6,7 +6,7 @@ from deltaswarm_wire.codec import MAX_AGENT_ID
 
 ROOT = "deltaswarm"
 
-FRAME, RADIO, REPORT, ACT = "frame", "radio", "report", "act"
+FRAME, RADIO, REPORT, ACT, HEALTH = "frame", "radio", "report", "act", "health"
 
 WORLD, OPERATOR, RECORDER, AGENT = "world", "operator", "recorder", "agent"
 
@@ -35,11 +35,12 @@ class Keys:
         self.from_agents = self.agent("*", "*")
         self.all_radio = self.agent("*", RADIO)
         self.all_reports = self.agent("*", REPORT)
+        self.all_health = self.agent("*", HEALTH)
         self.all_acts = self.agent("*", ACT)
         self.all_tokens = f"{self.root}/@lv/*/*"
 
     def agent(self, agent: int | str, leaf: str) -> str:
-        """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, or `*`."""
+        """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, HEALTH, or `*`."""
         return f"{self.root}/agent/{agent}/{leaf}"
 
     def token(self, role: str, number: int | str = 0) -> str:

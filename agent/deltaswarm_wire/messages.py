@@ -1,6 +1,6 @@
-"""What travels over the fabric besides radio frames: frame, act, report (also forwarded), clock, workload, status.
+"""What travels besides radio frames: frame, act, report (also forwarded), health, clock, workload, status.
 
-Frame and act cross the fabric once per agent and step, so they are MessagePack arrays. Report,
+Frame and act cross the fabric once per agent and step, so they are MessagePack arrays. Report, health,
 clock, workload and status are few and read by tools and people, so they are maps with named fields.
 """
 
@@ -236,6 +236,30 @@ def decode_forwarded(data: bytes) -> Forwarded:
     return Forwarded(
         integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
     )
+
+
+class Health(NamedTuple):
+    """How an agent's body is, in open air: `fault` says in a few words what is wrong, and nothing if it is well."""
+
+    fault: str
+
+
+MAX_FAULT = 200
+"""Characters."""
+
+
+def encode_health(health: Health) -> bytes:
+    """A map with the field of `Health`, as one line of `MAX_FAULT` characters, and the version `v`."""
+    fault = "".join(character if character.isprintable() else " " for character in health.fault[:MAX_FAULT])
+    return pack({"v": PROTOCOL_VERSION, "fault": fault})
+
+
+def decode_health(data: bytes) -> Health:
+    """Check and decode. Raises WireError."""
+    fault = text(fields(unpack(data), Health._fields, "health")["fault"], "health.fault", MAX_FAULT)
+    if not fault.isprintable():
+        raise WireError("health.fault", "printable characters are allowed")
+    return Health(fault)
 
 
 class Clock(NamedTuple):

@@ -23,7 +23,7 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.operator")
 
-COLUMNS = (*Workload._fields, "agents_alive")
+COLUMNS = (*Workload._fields, "agents_alive", "agents_ill")
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,13 @@ class Arrival(Enum):
     """What the main thread finds in its inbox."""
 
     REPORT = "report"
+    HEALTH = "health"
     TOKEN = "token"
     STOP = "stop"
 
 
 MAX_WAITING = 10_000
-"""So many reports may wait: bounds the memory that strangers can take, and how long an end takes."""
+"""So many samples may wait: bounds the memory that strangers can take, and how long an end takes."""
 
 
 class Inbox:
@@ -58,12 +59,14 @@ class Inbox:
 
     def __init__(self) -> None:
         self.refused = 0
-        """Reports that came while too many waited, or that are larger than any report."""
+        """Reports, and words of health, that came while too many waited, or that are larger than any."""
         self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
 
     def put(self, arrival: Arrival, sample: Any = None) -> None:
-        """Add one; a report is refused where there is no room."""
-        if arrival is Arrival.REPORT and (len(self) >= MAX_WAITING or len(sample.payload) > MAX_SAMPLE_BYTES):
+        """Add one; of reports and health, what there is no room for is refused."""
+        if arrival in (Arrival.REPORT, Arrival.HEALTH) and (
+            len(self) >= MAX_WAITING or len(sample.payload) > MAX_SAMPLE_BYTES
+        ):
             self.refused += 1
         else:
             self._queue.put((arrival, sample))
@@ -91,6 +94,7 @@ class OpenAirOperator:
         keys = Keys(config.run)
         self._subscribers = [
             session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
+            session.declare_subscriber(keys.all_health, self._into_inbox(Arrival.HEALTH)),
             session.liveliness().declare_subscriber(
                 keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
             ),
@@ -105,7 +109,7 @@ class OpenAirOperator:
             now_s = self._now_s()
             workload = self.meter.close(now_s, len(self._inbox))
             if workload is not None:
-                self._write((*workload, len(self.meter.alive)))
+                self._write((*workload, len(self.meter.alive), len(self.meter.ill)))
                 if now_s >= self._status_due_s:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
@@ -115,10 +119,10 @@ class OpenAirOperator:
                 continue
             if arrival is Arrival.STOP:
                 return
-            if arrival is Arrival.REPORT:
-                self._take_report(sample)
-            else:
+            if arrival is Arrival.TOKEN:
                 self._take_token(sample)
+            else:
+                self._take(arrival, sample)
 
     def _write(self, row: Sequence[Any]) -> None:
         """A full disk ends the table; who is alive is told all the same."""
@@ -135,26 +139,35 @@ class OpenAirOperator:
     def _line(self, workload: Workload) -> str:
         alive = self.meter.alive
         totals = self.meter.totals
+        ill = "; ".join(f"{agent}: {fault}" for agent, fault in self.meter.ill.items())
         return (
             f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
-            f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
+            + (f"not well ({ill}), " if ill else "")
+            + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
             f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused} refused"
         )
 
-    def _take_report(self, sample: zenoh.Sample) -> None:
+    def _take(self, arrival: Arrival, sample: zenoh.Sample) -> None:
         source = parse_agent_key(str(sample.key_expr))
         agent = source[0] if source else None
-        sent = sample.attachment
-        reason = self.meter.hear(
-            agent,
-            sample.payload.to_bytes(),
-            None if sent is None else sent.to_bytes(),
-            self._now_s(),
-        )
+        data = sample.payload.to_bytes()
+        if arrival is Arrival.REPORT:
+            sent = sample.attachment
+            reason = self.meter.hear(agent, data, None if sent is None else sent.to_bytes(), self._now_s())
+        else:
+            reason = self._take_health(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             whose = "no agent's key" if agent is None else f"agent {agent}'s key"
             log.warning("dropped (further ones on %s are only counted): %s", whose, reason)
+
+    def _take_health(self, agent: int | None, data: bytes) -> str | None:
+        before = self.meter.fault_of(agent)
+        reason = self.meter.feels(agent, data)
+        fault = self.meter.fault_of(agent)
+        if bool(fault) != bool(before):
+            log.warning("agent %d is %s", agent, f"not well: {fault}" if fault else "well")
+        return reason
 
     def _take_token(self, sample: zenoh.Sample) -> None:
         source = parse_token(str(sample.key_expr))

@@ -9,7 +9,7 @@ from typing import Any
 
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
-from deltaswarm_wire.messages import Clock, Report, Workload, decode_report
+from deltaswarm_wire.messages import Clock, Report, Workload, decode_health, decode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 MAX_SENT_S = 1e11
@@ -22,7 +22,7 @@ INSISTS = 5
 
 @dataclass
 class Known:
-    """One agent: whether its token is there, how often it went, what came from it and when.
+    """One agent: whether its token is there, how often it went, what came from it and when, what ails its body.
 
     `reports` counts what was taken, `stale` duplicates and what came after a newer one, of which `stale_run` came
     last, in order, up to the sequence number `newest_stale`.
@@ -30,6 +30,7 @@ class Known:
 
     is_alive: bool = False
     absences: int = 0
+    fault: str = ""
     reports: int = 0
     stale: int = 0
     restarts: int = 0
@@ -80,6 +81,31 @@ class OpenAirMeter:
         known = self._known(agent)
         known.absences += known.is_alive
         known.is_alive = False
+        known.fault = ""  # which is not known any more
+
+    @property
+    def ill(self) -> dict[int, str]:
+        """What is wrong with the bodies of agents, by number, ascending."""
+        return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
+
+    def fault_of(self, agent: int | None) -> str:
+        """What is wrong with its body; nothing where that is not known."""
+        known = None if agent is None else self.agents.get(agent)
+        return known.fault if known else ""
+
+    def feels(self, agent: int | None, data: bytes) -> str | None:
+        """Take in how an agent's body is, from its key (None: no agent's key); the reason if it is dropped.
+
+        It is not the swarm's report on its area, and so no part of the workload.
+        """
+        try:
+            health = decode_health(data)
+        except WireError as error:
+            return self._meter.reject(-1 if agent is None else agent, str(error))
+        if agent is None:
+            return self._meter.reject(-1, "health on no agent's key")
+        self._known(agent).fault = health.fault
+        return None
 
     def hear(self, agent: int | None, data: bytes, sent: bytes | None, now_s: float) -> str | None:
         """Take in one report, from the key of an agent (None: no agent's key); the reason if it is dropped.
@@ -125,6 +151,7 @@ class OpenAirMeter:
         agents = {
             str(agent): {
                 "alive": known.is_alive,
+                "fault": known.fault,
                 "absences": known.absences,
                 "restarts": known.restarts,
                 "last_heard_s": known.last_heard_s,

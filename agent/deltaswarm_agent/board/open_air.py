@@ -11,7 +11,8 @@ import time
 from deltaswarm_agent.board.inbox import Inbox, encode_sent
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.keys import AGENT, RADIO, REPORT, Keys, parse_agent_key
+from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
+from deltaswarm_wire.messages import Health, encode_health
 from deltaswarm_wire.session import configured, use_one_worker_thread
 
 use_one_worker_thread()
@@ -42,6 +43,7 @@ class OpenAir:
         self._session: zenoh.Session | None = None
         self._radio: zenoh.Publisher | None = None
         self._report: zenoh.Publisher | None = None
+        self._health: zenoh.Publisher | None = None
         self.unsent = 0
         """Samples that found no session."""
 
@@ -85,6 +87,10 @@ class OpenAir:
         """Send one report to the operator, with the board's own wall clock [Unix s] beside it."""
         self._put(self._report, data, pack(time.time()))
 
+    def health(self, fault: str) -> None:
+        """Tell the operator what is wrong with the body; nothing, if it is well."""
+        self._put(self._health, encode_health(Health(fault)))
+
     def close(self) -> bool:
         """Leave: the liveliness token goes at once. False where links are so bad that the session is not closed yet."""
         self._closing.set()
@@ -100,7 +106,7 @@ class OpenAir:
             return not closer.is_alive()
         return True
 
-    def _put(self, publisher: zenoh.Publisher | None, data: bytes, attachment: bytes) -> None:
+    def _put(self, publisher: zenoh.Publisher | None, data: bytes, attachment: bytes | None = None) -> None:
         try:
             if publisher is not None:
                 publisher.put(data, attachment=attachment)
@@ -131,6 +137,7 @@ class OpenAir:
         hears = zenoh.handlers.Callback(self._on_radio, indirect=False)
         self._subscriber = session.declare_subscriber(keys.all_radio, hears, allowed_origin=zenoh.Locality.REMOTE)
         self._report = self._publisher(session, REPORT, "Report", zenoh.Reliability.RELIABLE)
+        self._health = self._publisher(session, HEALTH, "Health", zenoh.Reliability.RELIABLE)
         self._radio = self._publisher(session, RADIO, "Radio", zenoh.Reliability.BEST_EFFORT)
         self._token = session.liveliness().declare_token(keys.token(AGENT, agent))
         self._session = session

@@ -159,9 +159,12 @@ class _Loop:
         decision = self._driver.step(step, step * self._step_s, self._hear)
         if decision is not None:
             self._send(decision)
-        if self._driver.fault != self._fault:
-            self._fault = self._driver.fault
-            log.warning("the body is %s", f"not well: {self._fault}" if self._fault else "well")
+        fault, before = self._driver.fault, self._fault
+        if fault or before:
+            self._air.health(fault)  # in each step: the link, or the operator, may come later than the fault
+        if fault != before:
+            self._fault = fault
+            log.warning("the body is %s", f"not well: {fault}" if fault else "well")
 
     def _hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
         heard = self._air.hear(place_m)
@@ -196,6 +199,7 @@ class _Loop:
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
         text += f"; not well: {self._fault}" if self._fault else ""
         log.info("%s", text)
+        self._air.health(self._fault)
         self._notifier.status(text)
 
 
