@@ -86,7 +86,7 @@ def test_the_senders_place_can_stand_in_for_distance(tmp_path: Path) -> None:
 
 
 def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -> None:
-    """The agent steps on alone, and is on the air whenever there is a router."""
+    """The agent steps on alone, is on the air whenever there is a router, and says when its link came and went."""
     import zenoh
 
     port = free_port()
@@ -98,11 +98,15 @@ def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -
     with boards(tmp_path) as running:
         running.start(table, *FAST)
         wait_until(lambda: "first step" in running.said(0), "a first step without a router")
-        for _ in range(2):
+        for links in (1, 2):
             with zenoh.open(config) as session:
                 listener = Listener(session)
                 listener.wait_for_frames(0, 3)
                 assert listener.alive == {0}
+                wait_until(
+                    lambda links=links: running.said(0).count("links: 1 now, 0 before") == links, "word of the link"
+                )
+            wait_until(lambda links=links: running.said(0).count("links: 0 now, 1 before") == links, "word of its end")
         assert running.stop(0) == 0
 
 

@@ -1,7 +1,7 @@
 """Open air: each board publishes its radio frames on its own key and hears `agent/*/radio` of its neighbours.
 
 The one file of a board that touches Zenoh. Nothing here ever waits for a link: what cannot be sent at once is
-dropped, as in any radio, and the session is opened, and opened again, in a thread of its own.
+dropped, as in any radio, and the session is opened and its links are watched in a thread of its own.
 """
 
 import logging
@@ -46,6 +46,8 @@ class OpenAir:
         self._health: zenoh.Publisher | None = None
         self.unsent = 0
         """Samples that found no session."""
+        self.links = 0
+        """Boards, operators and routers that it has a link with now."""
 
     def open(self, accelerate: float = 1.0) -> None:
         """Begin to look for others; the agent's clock begins now, and runs so much faster than the wall's."""
@@ -63,12 +65,6 @@ class OpenAir:
             dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(self._inbox.dropped.items()) if count)
             heard = f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"
         return f"{heard}; links {self.links}"
-
-    @property
-    def links(self) -> int:
-        """Boards, operators and routers that it has a link with now."""
-        info = self._session and self._session.info
-        return len(info.peers_zid()) + len(info.routers_zid()) if info else 0
 
     def now_s(self) -> float:
         """The agent's own clock [s since `open`]: no clock of the calendar, which may be set."""
@@ -124,8 +120,9 @@ class OpenAir:
         told = ""
         while not self._closing.is_set():
             try:
-                self._begin(zenoh.open(self._config()))
-                return
+                session = zenoh.open(self._config())
+                self._begin(session)
+                self._watch(session)
             except zenoh.ZError as error:
                 if str(error) != told:
                     log.warning("no session yet, trying again: %s", error)
@@ -142,6 +139,14 @@ class OpenAir:
         self._token = session.liveliness().declare_token(keys.token(AGENT, agent))
         self._session = session
         log.info("agent %d is on the air of run %s", agent, keys.run)
+
+    def _watch(self, session: zenoh.Session) -> None:
+        """Tell of links that come and go, until the end."""
+        while not self._closing.wait(RETRY_S):
+            links = len(session.info.peers_zid()) + len(session.info.routers_zid())
+            if links != self.links:
+                log.info("links: %d now, %d before", links, self.links)
+                self.links = links
 
     def _publisher(
         self, session: zenoh.Session, leaf: str, message: str, reliability: zenoh.Reliability
