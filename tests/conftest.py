@@ -1,6 +1,7 @@
-"""How properties are searched, for all tests."""
+"""How properties are searched, and what signals do, for all tests."""
 
 import os
+import signal
 
 from hypothesis import HealthCheck, settings
 
@@ -14,3 +15,8 @@ settings.register_profile(
     print_blob=True,
 )
 settings.load_profile("deltaswarm")
+
+# Whoever starts the tests in the background, or by nohup, has these ignored, and so would every process of a test.
+for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
+    if signal.getsignal(number) is signal.SIG_IGN:
+        signal.signal(number, usual)
