@@ -125,9 +125,35 @@ def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys
     log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
     assert main(["board", str(a_file(tmp_path, log=log)), "--check"]) == 0
     told = capsys.readouterr().out
-    for part in ("agent 3 of run field", "peer, listens on tcp/127.0.0.1:0", "kinematic", "as MCAP"):
+    parts = ("agent 3 of run field", "peer, listens on tcp/127.0.0.1:0", "kinematic", "x_m = 0.0, y_m", "as MCAP")
+    for part in parts:
         assert part in told
     assert not (tmp_path / "logs").exists()
+
+
+@pytest.mark.parametrize("body", [{}, {"kind": "kinematic"}])
+def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path) -> None:
+    """As its secrets are; a path is taken as it is."""
+    (tmp_path / "events.csv").write_text("event,x_m,y_m\n1,2.0,3.0\n")
+    file = a_file(tmp_path, body={**body, "options": {"events": "events.csv"}})
+    assert main(["board", str(file), "--check"]) == 0
+    assert read_settings(file).body.options["events"] == str(tmp_path / "events.csv")
+    assert read_settings(a_file(tmp_path, body={"options": {"events": "./events.csv"}})).body.options == {
+        "events": "./events.csv"
+    }
+
+
+@pytest.mark.parametrize("body", [{"kind": [], "options": {}}, {"kind": "kinematic", "options": 1}, 1])
+def test_a_body_of_another_type_is_told(body: Any, tmp_path: Path) -> None:
+    """And not taken apart before it is checked."""
+    with pytest.raises(SettingsError, match="body"):
+        read_settings(a_file(tmp_path, body=body))
+
+
+def test_options_of_another_package_are_its_own(tmp_path: Path) -> None:
+    """Its `events` need not be a file."""
+    file = a_file(tmp_path, body={"kind": "rover:Rover", "options": {"events": "all"}})
+    assert read_settings(file).body.options == {"events": "all"}
 
 
 @pytest.mark.parametrize("arguments", [["--accelerate", "0"], ["--accelerate", "nan"], ["--steps", "0"]])

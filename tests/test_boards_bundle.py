@@ -195,9 +195,11 @@ def test_the_bundle_installs_offline_into_an_empty_environment(made: Path, tmp_p
     )
     installed = {line.split("==")[0].lower() for line in listed.stdout.splitlines()} - {"pip", "setuptools"}
     assert installed == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
-    for command in ([python, "-m", "deltaswarm_agent"], [str(tmp_path / "board" / "bin" / "deltaswarm-agent")]):
-        told = subprocess.run([*command, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
-        assert "usage: deltaswarm agent" in told.stdout
+    script = str(tmp_path / "board" / "bin" / "deltaswarm-agent")
+    for command, name in (([python, "-m", "deltaswarm_agent"], "deltaswarm agent"), ([script], "deltaswarm-agent")):
+        for more, shown in (([], name), (["board"], f"{name} board")):
+            told = subprocess.run([*command, *more, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
+            assert f"usage: {shown} [-h]" in told.stdout
 
 
 def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of
+from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of, program
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.settings import AgentSettings
@@ -20,10 +20,11 @@ BOARD = "board"
 
 def parser() -> argparse.ArgumentParser:
     """The command line of one agent."""
+    name = program(AGENT)
     made = argparse.ArgumentParser(
-        prog="deltaswarm agent",
+        prog=name,
         description="Run one agent in a world.",
-        epilog="On a board, with a body of its own: deltaswarm agent board FILE; see its --help.",
+        epilog=f"On a board, with a body of its own: {name} board FILE; see its --help.",
     )
     made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
@@ -55,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             world_lost_s=arguments.world_lost_s,
         )
     except (ValueError, OSError) as error:
-        print(f"deltaswarm agent: {error}", file=sys.stderr)
+        print(f"{program(AGENT)}: {error}", file=sys.stderr)
         return 2
     try:
         return run_agent(config)

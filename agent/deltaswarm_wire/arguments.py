@@ -3,6 +3,7 @@
 import argparse
 import os
 import stat
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -12,6 +13,12 @@ from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls, protocol_of
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
+
+
+def program(part: str) -> str:
+    """What a part was called as: by a script of its own, or as `deltaswarm PART`."""
+    script = f"deltaswarm-{part}"
+    return script if Path(sys.argv[0]).name == script else f"deltaswarm {part}"
 
 
 def add_link_arguments(parser: argparse.ArgumentParser) -> None:

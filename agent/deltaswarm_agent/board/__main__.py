@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_agent.board.logs import log_to
@@ -14,16 +15,17 @@ from deltaswarm_agent.board.process import BoardRun, run_board
 from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettings, read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.process import AgentConfig, run_agent
-from deltaswarm_wire.arguments import LOG_FORMAT
+from deltaswarm_wire.arguments import LOG_FORMAT, program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.keys import AGENT
 
 MAX_ACCELERATE = 10_000.0
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of a board."""
-    made = argparse.ArgumentParser(prog="deltaswarm agent board", description="Run one agent on a board.")
+    made = argparse.ArgumentParser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     made.add_argument("--check", action="store_true", help="check the file, say what would be done, and end")
     made.add_argument("--accelerate", type=float, default=1.0, metavar="N", help="simulated per wall second (1)")
@@ -118,12 +120,14 @@ def told(settings: BoardSettings) -> str:
         + (", multicast" if air.multicast else "")
         + (", gossip" if air.gossip else "")
         + (", mTLS" if air.tls.ca_file else "")
+        + (f", agents {air.agents} alone" if air.agents else "")
         + (f", logs in as {settings.user}" if air.credentials_file else "")
         + (f", drops frames from beyond {air.range_m:g} m" if air.range_m else ""),
         f"body: {body.kind}",
     ]
     if body.kind != WORLD_BODY:
-        lines.append(f"its options: {options_of(find_body(body.kind), body.options)}")
+        options = asdict(options_of(find_body(body.kind), body.options))
+        lines.append(f"its options: {', '.join(f'{name} = {value!r}' for name, value in options.items()) or 'none'}")
     where = f"{log.folder}, {log.backups + 1} files of {log.max_bytes} bytes" if log.folder else "standard error"
     lines.append(f"log: {where}" + (", and its frames as MCAP" if log.record != "off" else ""))
     return "\n".join(lines)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_agent.bodies.loading import SHIPPED
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
@@ -17,6 +18,7 @@ from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
 RECORDS = ("off", "mcap")
+KINEMATIC = "kinematic"
 WORLD_BODY = "world"
 """The body that is the world's frame: air and clock are the world's too."""
 
@@ -140,7 +142,7 @@ class AirSettings:
 class BodyChoice:
     """Which body, and what the agent makes of its place."""
 
-    kind: str = key("kinematic", "world, kinematic, mavlink, another by entry point, or module:Class")
+    kind: str = key(KINEMATIC, "world, kinematic, mavlink, another by entry point, or module:Class")
     arrive_m: float = key(0.2, "this near to where it was sent, the body is there [m]", low=0, high=10)
     max_std_m: float = key(5.0, "a place less certain than this is none [m]", above=0)
     options: dict[str, Any] = key(dict, "the body's own options")
@@ -226,7 +228,7 @@ class BoardSettings:
 
 
 def read_settings(file: Path) -> BoardSettings:
-    """A board's file, checked; secrets that it names without a folder's path are beside it.
+    """A board's file, checked; files that it names without a folder's path, secrets and events, are beside it.
 
     Raises:
         OSError: it cannot be read.
@@ -242,6 +244,9 @@ def read_settings(file: Path) -> BoardSettings:
         if type(air.get("tls")) is dict:
             for name in ("ca_file", "cert_file", "key_file"):
                 _find_beside(file.parent, air["tls"], name)
+    body = table.get("body")
+    if type(body) is dict and str(body.get("kind", KINEMATIC)) in SHIPPED and type(body.get("options")) is dict:
+        _find_beside(file.parent, body["options"], "events")
     return checked.load(BoardSettings, table)
 
 
