@@ -151,6 +151,23 @@ def test_boards_that_know_each_other_hear_each_other(mode: str, folder: Path, tm
         wait_until(lambda: {*seen} == {KEYS.token(AGENT, agent) for agent in range(2)}, "both tokens")
 
 
+def test_a_link_between_boards_ends_with_the_certificate_of_either(tmp_path: Path) -> None:
+    """Whoever of the two listens; over `quic/` as over `tls/`."""
+    certificates.make(tmp_path, [0], [], 1)
+    certificates._write(tmp_path / "agent-3", *Authority.load(tmp_path).sign("agent-3", days=15 / 86400))
+    with ExitStack() as stack:
+        sessions = []
+        for protocol, listens, connects in (("tls", 0, 3), ("tls", 3, 0), ("quic", 0, 3)):
+            at = f"{protocol}/127.0.0.1:{free_port()}"
+            sessions.append(stack.enter_context(opened(board(tmp_path, listens, listen=[at]))))
+            sessions.append(stack.enter_context(opened(board(tmp_path, connects, connect=[at]))))
+        for count in (1, 0):
+            wait_until(
+                lambda count=count: all(len(session.info.peers_zid()) == count for session in sessions),
+                f"{count} link each",
+            )
+
+
 def test_without_numbers_there_are_no_rules(folder: Path) -> None:
     """As it was asked for: whoever has a certificate is believed."""
     settings = board(folder, 3, listen=[endpoint(1)])
