@@ -68,6 +68,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
         ({"agent": {"range_m": 5.0}}, "agent.control.d_min_m: 6; below agent.range_m (5)"),
         ({"air": {}}, "air.connect: none; a peer needs"),
         ({"air": {"listen": ["tls/0.0.0.0:1"]}}, "air.tls must name the certificates"),
+        ({"air": {"connect": ["tls/[::1]:1"]}}, "over TLS a name or an IPv4 address is allowed"),
         ({"air": {"listen": ["tcp/0.0.0.0:1"], "tls": {"ca_file": "/no/ca.pem"}}}, "air.tls.ca_file: '/no/ca.pem'"),
         ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"a": 1}}}, "air.zenoh.a: 1; a string with JSON5"),
         ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"no/such": "1"}}}, "no/such=1: Zenoh refuses it"),

@@ -178,6 +178,11 @@ def protocol_of(endpoint: str) -> str:
     return endpoint.partition("/")[0]
 
 
+def is_tls_to_ipv6(endpoint: str) -> bool:
+    """Whether nobody can connect to it: with certificates Zenoh takes an IPv6 address for no server's name."""
+    return protocol_of(endpoint) in (TLS, "quic") and endpoint.partition("/")[2].startswith("[")
+
+
 def tls_pairs(tls: Tls | None, *sides: str) -> Pairs:
     """Certificates for these sides of its links, `connect` and `listen`; both ends show theirs."""
     if tls is None:

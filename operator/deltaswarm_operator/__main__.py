@@ -26,7 +26,7 @@ from deltaswarm_wire.arguments import (
     tls_of,
 )
 from deltaswarm_wire.keys import OPERATOR, Keys
-from deltaswarm_wire.session import Link, air_pairs, protocol_of, tls_pairs
+from deltaswarm_wire.session import Link, air_pairs, is_tls_to_ipv6, protocol_of, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 
 NO_WORLD = "--no-world"
@@ -139,6 +139,8 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
+    if wrong := [endpoint for endpoint in connect if is_tls_to_ipv6(endpoint)]:
+        raise ValueError(f"--connect {wrong[0]}: over TLS a name or an IPv4 address is allowed")
     if not arguments.status_every_s > 0:
         raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)

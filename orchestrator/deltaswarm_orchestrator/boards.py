@@ -12,7 +12,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.session import Tls, protocol_of
+from deltaswarm_wire.session import Tls, is_tls_to_ipv6, protocol_of
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 
@@ -43,6 +43,8 @@ class Boards:
             found.append(Problem("--listen", repr(self.listen), "PROTOCOL/ADDRESS:PORT is allowed"))
         elif _is_any(self._host):
             found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
+        elif is_tls_to_ipv6(self.listen):
+            found.append(Problem("--listen", repr(self.listen), "over TLS a name or an IPv4 address is allowed"))
         found += [
             Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
             for number, fault in enumerate(scenario.fault)

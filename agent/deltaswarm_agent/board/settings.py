@@ -13,7 +13,7 @@ from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, protocol_of, tls_pairs
+from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, is_tls_to_ipv6, protocol_of, tls_pairs
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -85,6 +85,8 @@ class AirSettings:
                     found.append(Problem(name, repr(endpoint), "PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447"))
                 if protocol in ("tls", "quic") and not self.tls.ca_file:
                     found.append(Problem(name, repr(endpoint), "air.tls must name the certificates"))
+                if name == "connect" and is_tls_to_ipv6(endpoint):
+                    found.append(Problem(name, repr(endpoint), "over TLS a name or an IPv4 address is allowed"))
         found += self._unknown_agents()
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
