@@ -77,6 +77,20 @@ def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: 
     assert "ca.key is not the key of ca.pem" in capsys.readouterr().err
 
 
+def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else a year later all of them are there, and nobody comes in."""
+    certificates.make(tmp_path, [3, 4], [], 30)
+    certificates._write(tmp_path / "agent-3", *certificates.Authority.load(tmp_path).sign("agent-3", -0.5))
+    assert [path.name for path in certificates.make(tmp_path, [3, 4], [], 30)] == ["agent-3.pem", "agent-3.key"]
+    ended = tmp_path / "ended"
+    ended.mkdir()
+    certificates.Authority.create(0).write(ended)
+    assert main(["certificates", "--out", str(ended), "--agents", "1"]) == 2
+    assert "its authority has ended" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

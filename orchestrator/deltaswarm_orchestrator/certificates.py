@@ -94,11 +94,11 @@ class Authority:
 def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -> list[Path]:
     """Fill the folder: `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; the new files.
 
-    A folder with an authority is added to: what is there stays, but that a certificate of the world or the operator
-    which lacks one of the hosts is made anew. Keys have mode 0600.
+    A folder with an authority is added to: what is there stays, but that a certificate which has ended, or is the
+    world's or the operator's and lacks one of the hosts, is made anew. Keys have mode 0600.
 
     Raises:
-        ValueError: a host that is no name or address, or an authority whose files do not fit.
+        ValueError: a host that is no name or address, or an authority whose files do not fit or that has ended.
         OSError: the folder cannot be written.
     """
     server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
@@ -106,6 +106,8 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
     made: list[str] = []
     if (folder / "ca.pem").exists():
         authority = Authority.load(folder)
+        if _has_ended(folder / "ca.pem"):
+            raise ValueError(f"{folder}: its authority has ended; make certificates in a new folder")
     else:
         authority = Authority.create(days)
         authority.write(folder)
@@ -114,10 +116,16 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         path = folder / f"{name}.pem"
         wanted = server if name in (WORLD, OPERATOR) else ()
         known = _hosts_in(path) if wanted and path.exists() else ()
-        if not path.exists() or not {*wanted} <= {*known}:
+        if not path.exists() or not {*wanted} <= {*known} or _has_ended(path):
             _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
             made.append(name)
     return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
+
+
+def _has_ended(path: Path) -> bool:
+    """Whether a certificate is valid no longer."""
+    now = datetime.datetime.now(datetime.UTC)
+    return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc < now
 
 
 def _hosts_in(path: Path) -> tuple[str, ...]:
