@@ -189,6 +189,13 @@ def test_numbers_that_cannot_be_are_told(air: dict[str, Any], problem: str, fold
         board(folder, 3, **{"listen": [endpoint(1)], **air})
 
 
+def test_an_agent_more_costs_two_rules() -> None:
+    """What all may is said once for all: a board has 40 MB for everything, and each rule takes its share."""
+    few, many = (air_rules(KEYS, range(count)) for count in (5, 25))
+    assert len(many["rules"]) - len(few["rules"]) == 2 * 20
+    assert sum(len(policy["rules"]) for policy in many["policies"]) == len(many["rules"])
+
+
 def test_numbers_need_certificates(tmp_path: Path) -> None:
     """A board's and the operator's."""
     with pytest.raises(SettingsError, match="names are in certificates"):
