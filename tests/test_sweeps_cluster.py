@@ -1,5 +1,6 @@
 """A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
 
+import gc
 import json
 import os
 import signal
@@ -175,12 +176,19 @@ def test_only_the_same_code_does_a_run() -> None:
     )
 
 
+def clients() -> int:
+    """How many of Dask's clients are not closed, in use or not."""
+    return sum(isinstance(one, distributed.Client) and one.status != "closed" for one in gc.get_objects())
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://127.0.0.1:notaport", "ftp://127.0.0.1:9"])
 def test_no_scheduler_at_the_address_is_an_error(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whether it is nobody's address or none at all."""
+    """Whether it is nobody's address or none at all; no client is left that would be closed in a thread of the next."""
+    before = clients()
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.CONNECT_WITHIN_S", 0.5)
     with pytest.raises(EngineError, match=f"no Dask scheduler could be reached at {address}"):
         list(DaskEngine(address, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))
+    assert clients() == before
 
 
 def test_the_command_ends_with_2_without_a_scheduler(

@@ -2,6 +2,7 @@
 
 import atexit
 import functools
+import gc
 import logging
 from collections.abc import Iterator, Sequence
 from concurrent.futures import CancelledError
@@ -72,10 +73,11 @@ class DaskEngine:
                 )
             )
             client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
+            return client
         except (OSError, ValueError, AssertionError) as error:  # the last: Dask's own thread was not up within 10 s
-            where = self._scheduler or "this machine"
-            raise EngineError(f"no Dask scheduler could be reached at {where}: {error}") from None
-        return client
+            problem = str(error)
+        gc.collect()  # a client that did not connect closes as it is collected: in a thread of Dask's that may deadlock
+        raise EngineError(f"no Dask scheduler could be reached at {self._scheduler or 'this machine'}: {problem}")
 
 
 def _key(task: Task) -> str:
