@@ -13,6 +13,7 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
+from deltaswarm_orchestrator import certificates
 from tests.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
 from tests.swarms import wait_until
 
@@ -174,6 +175,21 @@ def test_a_board_is_quick_to_start_and_stays_small(tmp_path: Path) -> None:
         assert busy_s(process.pid) < 1.0  # of wall time a loaded machine may take more
         wait_until(lambda: "is on the air" in running.said(0), "a session")
         assert resident_mb(process.pid) <= 40.0
+
+
+def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) -> None:
+    """With links to two others, and the rules of who may do what."""
+    certificates.make(tmp_path, range(3), [], 1)
+    listen = f"tls/127.0.0.1:{free_port()}"
+    with boards(tmp_path) as running:
+        for agent in range(3):
+            name = str(tmp_path / f"agent-{agent}")
+            tls = {"ca_file": str(tmp_path / "ca.pem"), "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+            link = {"connect": [listen]} if agent else {"listen": [listen]}
+            air = {**link, "agents": "0-24", "tls": {**tls, "verify_name": False}}
+            running.start(board_table(agent, EVENT_AT, air, tmp_path))
+        wait_until(lambda: "links: 2 now" in running.said(0), "both links")
+        assert resident_mb(running.processes[0].pid) <= 40.0
 
 
 def busy_s(pid: int) -> float:

@@ -7,6 +7,7 @@ import sys
 import threading
 from collections.abc import Sequence
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 
 from deltaswarm_agent.board.logs import log_to
@@ -45,19 +46,19 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise SettingsError([Problem("--accelerate", found, f"above 0 and at most {MAX_ACCELERATE:g} is allowed")])
         if not 1 <= run.steps <= MAX_STEP:
             raise SettingsError([Problem("--steps", str(run.steps), f"1 to {MAX_STEP} is allowed")])
-        is_in_world = settings.body.kind == WORLD_BODY
-        if not is_in_world:
-            run.check()
+        if settings.body.kind == WORLD_BODY:
+            begin = partial(run_in_world, world_config(settings), settings.log)
+        else:
+            begin = partial(run_board, run, run.check())
         if arguments.check:
             check_certificate(settings)
             print(told(settings))
             return 0
-        config = world_config(settings) if is_in_world else None
     except (ValueError, OSError) as error:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
         return 2
     try:
-        return run_board(run) if config is None else run_in_world(config, settings.log)
+        return begin()
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1

@@ -35,7 +35,7 @@ class OpenAir:
     def __init__(self, settings: BoardSettings) -> None:
         self._settings = settings
         self._keys = Keys(settings.run)
-        self._config()  # what is wrong with it is said before anything starts
+        self._config = configured(zenoh.Config, settings.pairs, settings.air.link(settings.user))
         self._inbox = Inbox(settings.id, settings.air.stale_s, settings.air.range_m)
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -113,14 +113,11 @@ class OpenAir:
 
     # In threads of their own
 
-    def _config(self) -> zenoh.Config:
-        return configured(zenoh.Config, self._settings.pairs, self._settings.air.link(self._settings.user))
-
     def _keep_opening(self) -> None:
         told = ""
         while not self._closing.is_set():
             try:
-                session = zenoh.open(self._config())
+                session = zenoh.open(self._config)
                 self._begin(session)
                 self._watch(session)
             except zenoh.ZError as error:

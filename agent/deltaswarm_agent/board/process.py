@@ -60,11 +60,11 @@ class BoardRun:
     accelerate: float = 1.0
     steps: int = MAX_STEP
 
-    def check(self) -> None:
-        """Look for the body, its options, and what recording needs.
+    def check(self) -> OpenAir:
+        """Look for the body, its options, what recording needs; the air, ready to be opened.
 
         Raises:
-            SettingsError: what is wrong with them.
+            SettingsError, ValueError: what is wrong with them.
         """
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
@@ -72,16 +72,15 @@ class BoardRun:
             raise SettingsError([Problem("--accelerate", f"{self.accelerate:g}", f"{body.__name__} is a real body: 1")])
         if self.settings.log.record != "off":
             _recorder_class()
-        OpenAir(self.settings)
+        return OpenAir(self.settings)
 
 
-def run_board(run: BoardRun) -> int:
+def run_board(run: BoardRun, air: OpenAir) -> int:
     """Be an agent on a board until told to stop, by SIGTERM, SIGINT or SIGHUP; the process's exit code.
 
-    Call it in the main thread.
+    Call it in the main thread, with what `BoardRun.check` gave.
 
     Raises:
-        SettingsError, ValueError: what `BoardRun.check` would find.
         Exception: what the body raises, as it is made or later.
     """
     settings = run.settings
@@ -90,7 +89,6 @@ def run_board(run: BoardRun) -> int:
     notifier = Notifier.from_environment()
     body_class = find_body(settings.body.kind)
     options = options_of(body_class, settings.body.options)
-    air = OpenAir(settings)
     seed, agent = settings.agent.seed, settings.id
     core = AgentCore(agent, settings.agent, agent_rng(seed, agent))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
