@@ -74,6 +74,15 @@ def test_the_report_says_what_was_swept() -> None:
     assert "deltaswarm report sweeps/mine" in to_markdown(report)
 
 
+def test_the_report_says_whose_seconds_they_are_and_when_nothing_was_compared() -> None:
+    """The wall time is that of all sessions; runs by one means alone prove nothing."""
+    manifest = a_manifest(sessions=3, means="processes", proofs={"checked": 0, "equal": 0})
+    (facts,) = of_kind(sweep_report("x", manifest, a_table(MODES)).sections[0], Table)
+    known = dict(facts.rows)
+    assert known["wall time of 3 sessions"] == "3.00 s"
+    assert known["proven by real processes"] == "none: no run was done by both means"
+
+
 def test_what_is_wrong_is_a_warning() -> None:
     """Failed runs, missing ones, digests that differ, runs that are not valid."""
     table = a_table(MODES).iloc[:-1]

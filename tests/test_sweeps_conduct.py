@@ -1,6 +1,7 @@
 """A sweep's folder: what is finished stays, what is missing is done, and whose folder it is."""
 
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli_sweeps import described
 from deltaswarm_orchestrator.sweeps.conduct import SweepResult, conduct
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
@@ -224,6 +226,22 @@ def test_the_command_says_which_runs_differ_and_ends_with_1(tmp_path: Path, caps
     printed = capsys.readouterr()
     assert f"deltaswarm: digests differ between one process and real processes: {name}" in printed.err
     assert "0 of 1 runs that were also done by real processes have the same digest" in printed.out
+
+
+def test_of_nothing_to_compare_nothing_is_said(tmp_path: Path) -> None:
+    """As when every run is done by processes, and none in one process."""
+    only = conducted(planned(), tmp_path / "processes", Here(), means=PROCESSES)
+    assert "4 of 4 runs in " in described(only)
+    assert "digest " in described(only)
+    assert "same digest" not in described(only)
+    assert "1 of 1 runs" in described(conducted(planned(prove=1), tmp_path / "both", Here()))
+
+
+def test_seconds_of_earlier_sessions_are_said_to_be_so(tmp_path: Path) -> None:
+    """A sweep's wall time is that of all its sessions."""
+    assert "session" not in described(conducted(planned(), tmp_path / "out", Here()))
+    again = described(conducted(planned(), tmp_path / "out", Here()))
+    assert re.search(r"^4 of 4 runs in \d+ s over 2 sessions, digest ", again)
 
 
 # Whose folder it is

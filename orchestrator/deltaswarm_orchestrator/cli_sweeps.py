@@ -149,12 +149,14 @@ def _interruptible() -> Iterator[None]:
 
 def described(result: "SweepResult") -> str:
     """The end of a sweep, for people."""
-    proofs = result.manifest["proofs"]
-    return "\n".join(
-        [
-            f"{result.finished} of {result.runs} runs in {result.manifest['wall_s']:.0f} s, digest "
-            f"{result.manifest['digest'] or '-'}",
-            f"{proofs['equal']} of {proofs['checked']} runs that were also done by real processes have the same digest",
-            f"{result.folder / 'table.csv'}",
-        ]
-    )
+    manifest, proofs = result.manifest, result.manifest["proofs"]
+    sessions = f" over {manifest['sessions']} sessions" if manifest["sessions"] > 1 else ""
+    lines = [
+        f"{result.finished} of {result.runs} runs in {manifest['wall_s']:.0f} s{sessions}, digest "
+        f"{manifest['digest'] or '-'}"
+    ]
+    if proofs["checked"]:
+        lines.append(
+            f"{proofs['equal']} of {proofs['checked']} runs that were also done by real processes have the same digest"
+        )
+    return "\n".join([*lines, str(result.folder / "table.csv")])

@@ -92,17 +92,20 @@ def _provenance(manifest: Mapping[str, Any], table: pd.DataFrame, command: str) 
     facts += [(f"`{key}`", ", ".join(str(value) for value in table[key].unique())) for key in _swept(manifest, table)]
     proofs = manifest.get("proofs") or {}
     checked, equal = int(proofs.get("checked", 0)), int(proofs.get("equal", 0))
+    proven = f"{words.count(checked, 'run')}, of which {equal} with an equal digest"
     failed = [str(failure) for failure in manifest.get("failed") or ()]
+    sessions = int(manifest.get("sessions", 1))
+    wall_time = "wall time" if sessions == 1 else f"wall time of {sessions} sessions"
     facts += [
         ("variants", "; ".join(str(label) for label in table["variant"].unique())),
         ("replicates of each", str(manifest.get("repeats", "unknown"))),
         ("seed", str(manifest.get("seed", "unknown"))),
         ("runs", f"{len(table)} finished of {manifest.get('runs', 'unknown')}, {len(failed)} failed"),
         ("done by", str(manifest.get("means", manifest.get("engine", "unknown")))),
-        ("proven by real processes", f"{words.count(checked, 'run')}, of which {equal} with an equal digest"),
+        ("proven by real processes", proven if checked else "none: no run was done by both means"),
         ("digest", f"`{manifest['digest']}`" if manifest.get("digest") else "none: not all runs are there"),
         ("started", str(manifest.get("started", "unknown"))),
-        ("wall time", f"{words.number(manifest.get('wall_s'))} s"),
+        (wall_time, f"{words.number(manifest.get('wall_s'))} s"),
         ("versions", ", ".join(f"{part} {known}" for part, known in (manifest.get("versions") or {}).items())),
     ]
     blocks: list[Block] = [Table([Column("What"), Column("Value")], facts)]
