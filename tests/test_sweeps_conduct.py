@@ -265,6 +265,41 @@ def test_another_sweeps_folder_is_refused(tmp_path: Path) -> None:
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")} == before
 
 
+def files_of(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.rglob("*") if file.is_file()}
+
+
+def test_another_experiment_does_not_replace_the_table_of_the_first(tmp_path: Path, capsys: Printed) -> None:
+    """A sweep that shares no run with the folder is refused: exit code 2, what is another, and what to do."""
+    out = tmp_path / "out"
+    short = ["sweep", "smoke", "--repeats", "1", "--prove", "0", "--out", str(out)]
+    assert main([*short, "--set", "run.duration_s=60"]) == 0
+    before = files_of(out)
+    capsys.readouterr()
+    assert main([*short, "--set", "run.duration_s=90"]) == 2
+    assert capsys.readouterr().err == (
+        f"deltaswarm: {out} holds 4 runs, none of them of this sweep (scenario.run.duration_s was 60, is 90); "
+        "another --out keeps both\n"
+    )
+    assert main([*short, "--set", "run.duration_s=60", "--seed", "9"]) == 2
+    assert "(sweep.seed was 1, is 9)" in capsys.readouterr().err
+    assert files_of(out) == before
+
+
+def test_a_report_of_another_table_is_said_to_be_one(tmp_path: Path, capsys: Printed) -> None:
+    """After the sweep was extended, until the report is made anew."""
+    out = str(tmp_path / "out")
+    command = ["sweep", "smoke", "--set", "run.duration_s=40", "--prove", "0", "--out", out, "--repeats"]
+    told = f"deltaswarm: {tmp_path / 'out' / 'report.md'} is of another table; made anew by: deltaswarm report {out}\n"
+    assert main([*command, "1"]) == main(["report", out]) == main([*command, "1"]) == 0
+    assert "report" not in capsys.readouterr().err
+    for _ in range(2):
+        assert main([*command, "2"]) == 0
+        assert told in capsys.readouterr().err
+    assert main(["report", out]) == main([*command, "2"]) == 0
+    assert told not in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("content", ["notes.txt", "manifest.json", "a file"])
 def test_a_folder_of_something_else_is_refused(tmp_path: Path, content: str) -> None:
     """Whatever is in it; also a single run's folder of the same name, which has a manifest too."""

@@ -104,9 +104,16 @@ def conduct_for(
         complain(f"failed: {reason}")
     for name in result.differing:
         complain(f"digests differ between one process and real processes: {name}")
+    if _is_outdated(folder / "report.md", result.manifest["digest"]):
+        complain(f"{folder / 'report.md'} is of another table; made anew by: deltaswarm report {folder}")
     if result.interrupted:
         complain(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
     return result
+
+
+def _is_outdated(report: Path, digest: str | None) -> bool:
+    """Whether there is a report, and it is not that of the sweep with this digest; None: one that is not whole."""
+    return report.exists() and (digest is None or digest not in report.read_text())
 
 
 def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine] | None":

@@ -13,7 +13,7 @@ import tomli_w
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Engine, EngineLostError
-from deltaswarm_orchestrator.sweeps.folder import SweepFolder, write_whole
+from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError, write_whole
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Task
@@ -60,7 +60,7 @@ def conduct(
     """Do what is missing of a sweep, or of the variants `only`, and write tables of all that is finished.
 
     Raises:
-        SweepFolderError: the folder is in use or holds something else.
+        SweepFolderError: the folder is in use, holds something else, or runs of which none is this sweep's.
     """
     folder = SweepFolder(path)
     with folder.held(sweep.name):
@@ -74,6 +74,7 @@ def conduct(
         tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
         spoilt = [str(folder.file(job, by)) for job, by in wanted if folder.is_spoilt(job, by)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
+        _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest)
         write_whole(path / "sweep.toml", tomli_w.dumps(checked.plain(sweep.file)).encode())
         failed: list[str] = []
@@ -138,6 +139,31 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         "failed": state.get("failed", []),
         "proofs": state.get("proofs", {"checked": 0, "equal": 0}),
     }
+
+
+def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any], manifest: dict[str, Any]) -> None:
+    """A sweep may be extended; one that shares no run with the folder's would put its table in place of theirs.
+
+    Raises:
+        SweepFolderError: there are runs, and none is one of this sweep; says what was otherwise.
+    """
+    ours = {folder.file(job, means) for job in sweep.jobs() for means in (IN_PROCESS, PROCESSES)}
+    theirs = set(folder.runs.glob("*.json"))
+    if not theirs or ours & theirs:
+        return
+    was, now = _plan(before), _plan(manifest)
+    keys = [name for name in {**was, **now} if was.get(name) != now.get(name)]
+    changes = [f"{name} was {was.get(name, 'not set')}, is {now.get(name, 'not set')}" for name in keys]
+    raise SweepFolderError(
+        f"{folder.path} holds {len(theirs)} runs, none of them of this sweep "
+        f"({'; '.join(changes) or 'its base scenario or deltaswarm was another'}); another --out keeps both"
+    )
+
+
+def _plan(manifest: dict[str, Any]) -> dict[str, Any]:
+    """What of a manifest says which runs a sweep has, by dotted names as in its file."""
+    own = {name: manifest.get(name) for name in ("seed", "series_every_s", "axes", "paired", "variants")}
+    return dict(tables.flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": own}))
 
 
 def _proofs(table: pd.DataFrame, differing: Sequence[str]) -> dict[str, int]:
