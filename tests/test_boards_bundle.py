@@ -145,8 +145,8 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
 
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that is there stays as it is."""
-    assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 1
-    assert "is there already, and nothing is overwritten" in capsys.readouterr().err
+    assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 2
+    assert "is there already; nothing is overwritten" in capsys.readouterr().err
 
 
 def test_without_an_index_pips_own_words_are_shown(

@@ -237,6 +237,48 @@ def test_info_says_if_a_run_cannot_be_read(
     assert capsys.readouterr().err.startswith("deltaswarm: ")
 
 
+# The wrong file or folder
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        ("info .", ". is no run folder (it has no scenario.toml); one that `deltaswarm run` wrote is expected"),
+        ("why . 0 1 --at 3", ". is no run folder (it has no scenario.toml); one that `deltaswarm run` wrote is"),
+        ("info swept", "swept is no run folder (a sweep's folder: see deltaswarm report swept); one that "),
+        ("info mine/summary.json", "mine/summary.json is no folder; a run folder is expected"),
+        ("report mine", "mine is no sweep's folder (it holds one run: see deltaswarm info mine); one that "),
+        ("report .", ". is no sweep's folder (it has no manifest.json); one that `deltaswarm sweep` wrote is expected"),
+        ("report swept", "swept has no table.csv; `deltaswarm sweep` goes on with the sweep and writes it"),
+        ("run .", "scenario: '.' is a folder; a TOML file or one of paper-25, paper-100, smoke is allowed"),
+        ("sweep mine", "sweep: 'mine' is a folder; a TOML file or one of paper, "),
+        ("sweep based.toml", "base: 'mine' is a folder; a TOML file or one of paper-25, paper-100, smoke is allowed"),
+        ("run new.toml", "schema: 2; 1 is allowed"),
+        ("bundle --platform linux_x86_64 --out mine", "--out: mine is there already; nothing is overwritten: a new "),
+    ],
+    ids=lambda value: value if value.startswith(("info", "why", "report", "run", "sweep", "bundle")) else "",
+)
+def test_the_wrong_file_or_folder_ends_with_2(
+    command: str,
+    message: str,
+    finished: tuple[Path, dict[str, Any]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: Printed,
+) -> None:
+    """In one line: what was wrong with it, and what is expected."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").symlink_to(finished[0])
+    (tmp_path / "swept").mkdir()
+    (tmp_path / "swept" / "sweep.toml").touch()
+    (tmp_path / "swept" / "manifest.json").write_text('{"swept": []}')
+    (tmp_path / "based.toml").write_text('schema = 1\nbase = "mine"')
+    (tmp_path / "new.toml").write_text("schema = 2")
+    assert main(command.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"deltaswarm: {message}")
+
+
 # Doctor
 
 

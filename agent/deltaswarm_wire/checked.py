@@ -186,6 +186,8 @@ def _is_finite(value: float) -> bool:
 def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
     if limits.get("choices") is not None:
         return "one of " + ", ".join(limits["choices"]) + " is allowed"
+    if limits.get("low") is not None and limits["low"] == limits.get("high"):
+        return f"{limits['low']:g} is allowed"
     noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
     bounds = [
         f"{word} {limits[name]:g}"

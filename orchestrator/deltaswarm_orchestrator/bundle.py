@@ -21,6 +21,7 @@ from packaging.utils import parse_wheel_filename
 from packaging.version import Version
 
 from deltaswarm_wire import __version__
+from deltaswarm_wire.checked import Problem, SettingsError
 
 PLATFORMS = ("linux_aarch64", "linux_armv7l", "linux_x86_64")
 PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
@@ -49,10 +50,13 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[s
     """Make the folder `out`; the names of its wheels.
 
     Raises:
-        BundleError: the folder is there, a wheel cannot be had, or one does not fit. Nothing is left behind.
+        SettingsError: the folder is there.
+        BundleError: a wheel cannot be had, or one does not fit. Nothing is left behind.
     """
     if out.exists():
-        raise BundleError(f"{out} is there already, and nothing is overwritten")
+        raise SettingsError(
+            [Problem("--out", f"{out} is there already", "nothing is overwritten: a new one is expected")]
+        )
     with _beside(out) as folder, tempfile.TemporaryDirectory(prefix="deltaswarm-") as name:
         scratch = Path(name)
         wheels = folder / "wheels"

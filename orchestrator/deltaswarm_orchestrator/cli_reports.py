@@ -88,8 +88,15 @@ def report(arguments: argparse.Namespace) -> int:
     folder: Path = arguments.sweep
     try:
         manifest = SweepFolder(folder).manifest()
-        if manifest is None:
-            raise SweepFolderError(f"{folder} holds no sweep")
+        if manifest is None or "swept" not in manifest:
+            found = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
+            raise SweepFolderError(
+                f"{folder} is no sweep's folder ({found}); one that `deltaswarm sweep` wrote is expected"
+            )
+        if not (folder / "table.csv").exists():
+            raise SweepFolderError(
+                f"{folder} has no table.csv; `deltaswarm sweep` goes on with the sweep and writes it"
+            )
         table = pd.read_csv(folder / "table.csv")
         series = pd.read_csv(folder / "series.csv") if (folder / "series.csv").exists() else None
         made = sweep_report(

@@ -2,14 +2,18 @@
 
 import json
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
 SHOWN_OF_MANIFEST = {"name", "seed", "engine", "started", "exit_reason", "versions"}
+
+T = TypeVar("T")
 
 
 class NotARunError(Exception):
@@ -22,18 +26,41 @@ def describe(folder: Path) -> dict[str, Any]:
     Raises:
         NotARunError: there is no manifest or scenario, or one of its files cannot be read.
     """
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text())
-        if not isinstance(manifest, dict) or not manifest.keys() >= SHOWN_OF_MANIFEST:
-            raise ValueError("manifest.json is incomplete")
-        scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
-        outcome = results.read_outcome(folder)
-        written = folder / "summary.json"
-        summary = json.loads(written.read_text()) if written.exists() else results.summary(outcome, scenario)
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise NotARunError(f"{folder} is no run folder, or a damaged one: {error!r}") from None
+    scenario, outcome = read_run(folder)
+    manifest = _read(folder / "manifest.json", json.loads)
+    if not isinstance(manifest, dict) or not manifest.keys() >= SHOWN_OF_MANIFEST:
+        raise NotARunError(
+            f"{folder / 'manifest.json'} is incomplete; {', '.join(sorted(SHOWN_OF_MANIFEST))} belong in it"
+        )
+    written = folder / "summary.json"
+    summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     return {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+
+
+def read_run(folder: Path) -> tuple[Scenario, Outcome]:
+    """The scenario of a run, and what its parts left of it.
+
+    Raises:
+        NotARunError: it is no run folder, or one of its files cannot be read.
+    """
+    if not (folder / "scenario.toml").is_file():
+        is_sweep = (folder / "sweep.toml").is_file()
+        found = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
+        raise NotARunError(f"{folder} is no run folder ({found}); one that `deltaswarm run` wrote is expected")
+    scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
+    try:
+        return scenario, results.read_outcome(folder)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise NotARunError(f"the tables in {folder} cannot be read: {error!r}") from None
+
+
+def _read(file: Path, parse: Callable[[str], T]) -> T:
+    try:
+        return parse(file.read_text())
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise NotARunError(f"{file} cannot be read: {reason}") from None
 
 
 def text(found: dict[str, Any]) -> str:

@@ -62,7 +62,7 @@ def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[P
     try:
         if not path.is_file():
             allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-            raise SettingsError([Problem("scenario", f"{name!r} is not there", allowed)])
+            raise SettingsError([Problem("scenario", f"{name!r} {instead_of_file(path)}", allowed)])
         table = tomllib.loads(path.read_text())
     except SettingsError:
         raise
@@ -72,6 +72,14 @@ def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[P
         return table, [Problem("schema", "missing", "schema = 1 is expected")]
     _resolve_grid(table, path.parent)
     return table, []
+
+
+def instead_of_file(path: Path) -> str:
+    """What is there where a file is expected, for an error message."""
+    try:
+        return "is a folder" if path.is_dir() else "is not there"
+    except OSError:  # a name that is too long, a folder that may not be read
+        return "is not there"
 
 
 def _resolve_grid(table: dict[str, Any], folder: Path) -> None:

@@ -4,15 +4,12 @@ The run is done again in one process, up to that time: by the digest that is the
 its rows so far are compared with those in the folder.
 """
 
-import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.info import NotARunError
-from deltaswarm_wire import checked
+from deltaswarm_orchestrator.info import read_run
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.messages import Clock
@@ -46,13 +43,9 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
         NotARunError: the folder holds no run that can be read.
         SettingsError: there is no such agent, or no such time in the run.
     """
-    try:
-        scenario = checked.load(Scenario, tomllib.loads((folder / "scenario.toml").read_text()))
-        rows = results.read_outcome(folder).tallies
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise NotARunError(f"{folder} is no run folder, or a damaged one: {error!r}") from None
+    scenario, outcome = read_run(folder)
     _check(scenario, sender, receiver, at_s)
-    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), rows)
+    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.tallies)
 
 
 def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:

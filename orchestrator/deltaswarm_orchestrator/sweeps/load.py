@@ -104,7 +104,7 @@ def _read(name: str) -> tuple[dict[str, Any], Path]:
     path = Path(name)
     if not _is_file(path):
         allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-        raise SettingsError([Problem("sweep", f"{_shown(name)!r} is not there", allowed)])
+        raise SettingsError([Problem("sweep", f"{_shown(name)!r} {scenarios.instead_of_file(path)}", allowed)])
     try:
         table = tomllib.loads(path.read_text())
     except (ValueError, RecursionError, OSError) as error:
@@ -122,7 +122,8 @@ def _base(file: SweepFile, beside: Path) -> tuple[dict[str, Any], list[Problem]]
     """
     if file.base not in scenarios.BUILT_IN and not _is_file(beside / file.base):
         allowed = f"a TOML file or one of {', '.join(scenarios.BUILT_IN)} is allowed"
-        raise SettingsError([Problem("base", f"{_shown(file.base)!r} is not there", allowed)])
+        found = scenarios.instead_of_file(beside / file.base)
+        raise SettingsError([Problem("base", f"{_shown(file.base)!r} {found}", allowed)])
     return scenarios.read_table(file.base, beside)
 
 
