@@ -61,6 +61,15 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
     assert all(line.startswith(str(tmp_path)) for line in told)
 
 
+def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Wherever it stands: no table is wrong by itself here, but for keys that nobody knows."""
+    air = {"listen": ["tcp/127.0.0.1:0"], "multi_cast": True}
+    table = {"agnet": {}, "agent": {"range_m": 5.0, "rnage": 1}, "air": air, "log": {"lvel": "INFO"}}
+    assert main(["board", str(a_file(tmp_path, **table))]) == 2
+    told = [line.split(": ", 2)[1] for line in capsys.readouterr().err.splitlines()]
+    assert sorted(told) == ["agent.control.d_min_m", "agent.rnage", "agnet", "air.multi_cast", "log.lvel"]
+
+
 @pytest.mark.parametrize(
     ("table", "word"),
     [

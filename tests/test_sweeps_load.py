@@ -244,6 +244,22 @@ def test_all_mistakes_are_told_at_once() -> None:
     assert "scenario.seed: seed; the sweep itself sets it" in found
 
 
+def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
+    """Neither in its own tables nor in the scenarios; and what follows from it alone is not told besides."""
+    axes = {"control.delat": [3], "radio.range_m": [9.0, -1.0]}
+    table = described({"axes": axes, "repeats": 0, "reps": 3}, scenario={"radio": {"los": 1.0}}, nmae="x")
+    assert sorted(mistakes(table)) == [
+        "control.delat: unknown key; did you mean 'delta'?",
+        "nmae: unknown key; did you mean 'name'?",
+        "radio.los: unknown key; did you mean 'loss'?",
+        "radio.range_m: -1.0; a number above 0 is allowed",
+        "sweep.repeats: 0; an integer at least 1 and at most 100000 is allowed",
+        "sweep.reps: unknown key; did you mean 'repeats'?",
+    ]
+    assert mistakes(described({"axis": axes})) == ["sweep.axis: unknown key; did you mean 'axes'?"]
+    assert len(mistakes(described({"axes": axes}, bsae="x", base="no-such"))) == 2
+
+
 @pytest.mark.parametrize(
     ("other", "message"),
     [

@@ -57,6 +57,12 @@ def key(
 
 def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
     """An instance of `cls` from `table`, and all mistakes found; the instance is None if there are any."""
+    made, problems = known(cls, table, path)
+    return (None if problems else made), problems
+
+
+def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
+    """Like `check`, but an unknown key alone prevents no instance: it shall hide no other mistake."""
     if not isinstance(table, Mapping):
         return None, [Problem(path or "settings", f"{_shown(table)}", "a table is expected")]
     specs = {spec.name: spec for spec in dataclasses.fields(typing.cast(Any, cls))}
@@ -68,12 +74,12 @@ def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
             value, found = _value(table[name], hints[name], spec.metadata, _join(path, name))
             problems += found
             values[name] = value
-    if problems:
+    if None in values.values():
         return None, problems
     made = cls(**values)
     extra = getattr(made, "problems", None)
-    problems = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
-    return (None if problems else made), problems
+    own = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
+    return (None if own else made), problems + own
 
 
 def load(cls: type[T], table: Any, path: str = "") -> T:
@@ -130,7 +136,7 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
         hint = next(arm for arm in typing.get_args(hint) if arm is not type(None))
         origin = typing.get_origin(hint)
     if dataclasses.is_dataclass(hint):
-        return check(typing.cast(type[Any], hint), value, path)
+        return known(typing.cast(type[Any], hint), value, path)
     if origin is dict:
         return (value, []) if isinstance(value, dict) else (None, [Problem(path, _shown(value), "a table is expected")])
     if origin is tuple:
@@ -159,7 +165,7 @@ def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple
         one, found = _value(entry, item, inner, f"{path}[{index}]")
         made.append(one)
         problems += found
-    return tuple(made), problems
+    return (None if None in made else tuple(made)), problems
 
 
 def _within(value: Any, limits: Mapping[str, Any]) -> bool:

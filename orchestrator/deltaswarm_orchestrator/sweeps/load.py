@@ -68,28 +68,29 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     Raises:
         SettingsError: every mistake at once.
     """
-    file, problems = checked.check(SweepFile, table)
-    if file is None:
-        raise SettingsError(problems)
-    base, problems = _base(file, beside)
+    file, problems = _file(table)
+    base, found = _base(file, beside, problems)
+    problems += found
     shared = _flat(file.scenario, "scenario", problems)
     _make_absolute(shared, beside)
     for dotted, value in shared.items():
         problems += scenarios.put(base, dotted, value)
     for override in overrides:
         problems += scenarios.apply(base, override)
-    rows, found = _rows(file.sweep, beside)
+    has_variants = file.sweep.axes or file.sweep.paired or file.sweep.variants
+    rows, found = _rows(file.sweep, beside) if has_variants or not problems else ([], [])
     problems += found
     set_here = [(f"scenario.{name}", name) for name in shared]
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
     problems += [Problem(path, name, "the sweep itself sets it") for path, name in set_here if name in OWN]
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
     problems += [Problem(path, name, "it varies in this sweep") for path, name in set_here if name in in_all]
-    if problems:  # else the variants' own checks say what is wrong in what they share
-        raise SettingsError(problems + scenarios.check_table(base)[1])
-    if ("--set", GRID) in set_here:  # on the command line, relative to where it was given
+    if ("--set", GRID) in set_here and not problems:  # on the command line, relative to where it was given
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
-    variants = _variants({**base, "record": "off"}, rows)
+    variants, found = _variants({**base, "record": "off"}, rows)
+    problems += found if rows else scenarios.check_table(base)[1]
+    if problems:
+        raise SettingsError(list(dict.fromkeys(problems)))
     # So the sweep's own record says all that its runs had in common, whatever the command line was.
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
     kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
@@ -114,17 +115,38 @@ def _read(name: str) -> tuple[dict[str, Any], Path]:
     return {"name": path.stem, **table}, path.parent
 
 
-def _base(file: SweepFile, beside: Path) -> tuple[dict[str, Any], list[Problem]]:
+def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
+    """The sweep file, and what is wrong in its form; a key that is wrong counts as not given.
+
+    Raises:
+        SettingsError: it is so wrong that no more can be said of it.
+    """
+    file, problems = checked.check(SweepFile, table)
+    if file is None:
+        wrong = {problem.path for problem in problems}
+        rest = {name: value for name, value in table.items() if name not in wrong}
+        if isinstance(rest.get("sweep"), dict):
+            rest["sweep"] = {name: value for name, value in rest["sweep"].items() if f"sweep.{name}" not in wrong}
+        file, _ = checked.check(SweepFile, rest)
+    if file is None:
+        raise SettingsError(problems)
+    return file, problems
+
+
+def _base(file: SweepFile, beside: Path, problems: list[Problem]) -> tuple[dict[str, Any], list[Problem]]:
     """The base scenario's table, unchecked.
 
     Raises:
-        SettingsError: there is no such scenario, or it is no TOML.
+        SettingsError: there is no such scenario, or it is no TOML; after the `problems` that are known.
     """
     if file.base not in scenarios.BUILT_IN and not _is_file(beside / file.base):
         allowed = f"a TOML file or one of {', '.join(scenarios.BUILT_IN)} is allowed"
         found = scenarios.instead_of_file(beside / file.base)
-        raise SettingsError([Problem("base", f"{_shown(file.base)!r} {found}", allowed)])
-    return scenarios.read_table(file.base, beside)
+        raise SettingsError([*problems, Problem("base", f"{_shown(file.base)!r} {found}", allowed)])
+    try:
+        return scenarios.read_table(file.base, beside)
+    except SettingsError as error:
+        raise SettingsError([*problems, *error.problems]) from None
 
 
 def _is_file(path: Path) -> bool:
@@ -276,12 +298,8 @@ def _shown(value: Any) -> str:
     return value if len(value) <= 200 else f"{value[:197]}..."
 
 
-def _variants(base: dict[str, Any], rows: Sequence[Row]) -> list[Variant]:
-    """A checked scenario for each row.
-
-    Raises:
-        SettingsError: a key is unknown, a value is not allowed, or two variants have one label.
-    """
+def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant], list[Problem]]:
+    """A checked scenario for each row; and unknown keys, values not allowed, labels that two variants have."""
     swept = {name: None for row in rows for name in row if name != LABEL}
     made: list[tuple[str, Scenario]] = []
     problems: dict[Problem, None] = {}  # each once, in order
@@ -289,7 +307,7 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> list[Variant]:
         try:
             table = copy.deepcopy(base)
         except RecursionError:  # no scenario is as deep as that
-            raise SettingsError(scenarios.check_table(base)[1]) from None
+            return [], scenarios.check_table(base)[1]
         found = [problem for name in row if name != LABEL for problem in scenarios.put(table, name, row[name])]
         scenario, more = scenarios.check_table(table)
         problems |= dict.fromkeys(found + more)
@@ -299,11 +317,11 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> list[Variant]:
         if times > 1:
             problems[Problem("sweep", f"{times} variants called {label!r}", "different labels are expected")] = None
     if problems:
-        raise SettingsError(list(problems))
+        return [], list(problems)
     return [
         Variant(label, {name: checked.plain_value(_at(scenario, name)) for name in swept}, scenario)
         for label, scenario in made
-    ]
+    ], []
 
 
 def _at(settings: Any, dotted: str) -> Any:
