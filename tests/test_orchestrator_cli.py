@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from packaging.requirements import Requirement
+from packaging.version import Version
 
 from deltaswarm_orchestrator import doctor
 from deltaswarm_orchestrator.cli import main
@@ -291,6 +293,14 @@ def test_doctor_tells_what_this_machine_has(capsys: Printed) -> None:
     assert code == (0 if all(finding["is_well"] for finding in found) else 1)
     packages = {finding["name"]: finding["is_well"] for finding in found}
     assert all(packages[name] for name in doctor.NEEDED), "these tests could not run without them"
+
+
+def test_doctor_looks_for_all_that_is_required() -> None:
+    """Every dependency in pyproject.toml, in the version that it asks for."""
+    project = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]
+    required = map(Requirement, project["dependencies"])
+    least = {one.name: Version(str(one.specifier).removeprefix(">=")) for one in required}
+    assert least == {name: Version(f"{major}.{minor}") for name, (major, minor) in doctor.NEEDED.items()}
 
 
 def test_doctor_says_what_to_do_where_something_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
