@@ -12,6 +12,8 @@ from rich.table import Table
 from deltaswarm_wire.messages import Status
 
 LINE_EVERY_S = 10.0
+SPEED_OVER_S = 0.5
+"""Wall time over which a speed is measured at the least; what is shorter says nothing."""
 
 
 class Reporter(Protocol):
@@ -40,7 +42,8 @@ class Display:
     def __init__(self, step_s: float) -> None:
         self._console = Console(stderr=True)
         self._step_s = step_s
-        self._started: float | None = None
+        self._first: tuple[float, float] | None = None
+        """Wall time and simulated time [s] of the first state that was shown."""
         self._line_due = 0.0
         self._shown: Status | None = None
         self._bar: Progress | None = None
@@ -70,9 +73,10 @@ class Display:
         if status.phase == "waiting" or status == self._shown:
             return
         self._shown = status
-        if self._started is None:
-            self._started = now - max(1, status.step) * 1e-3
-        speed = status.time_s / (now - self._started)
+        if self._first is None:
+            self._first = now, status.time_s
+        passed_s = now - self._first[0]
+        speed = (status.time_s - self._first[1]) / passed_s if passed_s >= SPEED_OVER_S else None
         if self._bar is not None:
             text = describe_briefly(status, messages_per_s, speed)
             self._bar.update(self._task, description=text, total=status.steps, completed=status.step + 1)
@@ -81,21 +85,25 @@ class Display:
             print(describe(status, messages_per_s, speed, self._step_s), file=sys.stderr, flush=True)
 
 
-def describe(status: Status, messages_per_s: float | None, speed: float, step_s: float) -> str:
+def describe(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> str:
     """One line: simulated time, speed against real time, trees, workload, waiting."""
     return (
-        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {speed:.0f}x real time, "
+        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {_speed(speed)} real time, "
         f"{status.agents_alive} agents, {status.agents_in_trees} in trees, "
         f"operator {_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
     )
 
 
-def describe_briefly(status: Status, messages_per_s: float | None, speed: float) -> str:
+def describe_briefly(status: Status, messages_per_s: float | None, speed: float | None) -> str:
     """The same beside a bar, which needs room on 80 columns too."""
     return (
-        f"{status.time_s:.0f} s, {speed:.0f}x, {status.agents_in_trees} in trees, "
+        f"{status.time_s:.0f} s, {_speed(speed)}, {status.agents_in_trees} in trees, "
         f"{_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
     )
+
+
+def _speed(speed: float | None) -> str:
+    return "-x" if speed is None else f"{speed:.0f}x"
 
 
 def _rate(messages_per_s: float | None) -> str:
