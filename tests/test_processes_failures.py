@@ -8,6 +8,7 @@ import subprocess
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -102,6 +103,11 @@ def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) ->
         assert read_recording(swarm.out / "recording.mcap").tallies
 
 
+def info(folder: Path) -> dict[str, Any]:
+    told = subprocess.run([*COMMAND, "info", "--json", str(folder)], capture_output=True, text=True, check=True)
+    return dict(json.loads(told.stdout))
+
+
 def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """SIGKILL of the orchestrator: all others end within 5 s, the recording can be read, nothing else is left."""
     temporary = tempfile.TemporaryDirectory()  # a short path: there are sockets in it
@@ -110,6 +116,7 @@ def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1500)
         pids = swarm.pids
+        assert info(swarm.part)["state"] == "running"
         os.kill(swarm.process.pid, signal.SIGKILL)
         all_gone(pids)
         assert not list(Path(temporary.name).rglob("credentials"))
@@ -117,9 +124,10 @@ def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest
         found = read_recording(swarm.part / "recording.mcap.part")
         assert found.tallies
         assert not found.complete
-        info = subprocess.run([*COMMAND, "info", "--json", str(swarm.part)], capture_output=True, text=True, check=True)
-        assert json.loads(info.stdout)["summary"]["complete"] is False
-        assert json.loads(info.stdout)["summary"]["steps"] > 0
+        told = info(swarm.part)
+        assert told["state"] == "incomplete (killed, or its machine stopped)"
+        assert told["summary"]["complete"] is False
+        assert told["summary"]["steps"] > 0
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

@@ -35,7 +35,18 @@ def describe(folder: Path) -> dict[str, Any]:
     written = folder / "summary.json"
     summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
-    return {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+    state = _state(folder, manifest, summary)
+    return {"folder": str(folder), "state": state, "manifest": manifest, "summary": summary, "files": files}
+
+
+def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> str:
+    """Whether the run is complete, goes on, or ended too early, and why."""
+    if summary["complete"]:
+        return "complete"
+    if manifest["exit_reason"] != results.RUNNING:
+        return f"incomplete ({manifest['exit_reason']})"
+    died = "incomplete (killed, or its machine stopped)"
+    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[results.is_under_way(folder)]
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
@@ -66,10 +77,9 @@ def _read(file: Path, parse: Callable[[str], T]) -> T:
 def text(found: dict[str, Any]) -> str:
     """The same for people."""
     manifest, summary = found["manifest"], found["summary"]
-    state = "complete" if summary["complete"] else f"incomplete ({manifest['exit_reason']})"
     waiting, workload = summary["waiting_time_s"]["mean"], summary["operator_messages_per_s"]["mean"]
     lines = [
-        f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {state}",
+        f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {found['state']}",
         f"  started {manifest['started']}, engine {manifest['engine']}, {summary['steps']} steps",
         f"  mean waiting time {_shown(waiting)} s, operator messages {_shown(workload)} per s",
         f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",

@@ -1,9 +1,12 @@
 """The run folder: what a run's parts left, merged into tables and one summary."""
 
 import csv
+import fcntl
 import json
+import os
 import shutil
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -20,6 +23,9 @@ from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tall
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json")
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
+
+RUNNING = "running"
+"""The exit reason of a run that has not ended, and for ever of one that was killed: see `is_under_way`."""
 
 Row = TypeVar("Row", Tally, Workload, EventState)
 
@@ -69,6 +75,17 @@ class RunFolder:
         except OSError as error:
             raise FolderError(f"{self.path} cannot be made: {error.strerror}") from None
 
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Meanwhile `is_under_way` says so; and not any more once this process has ended, however it did."""
+        handle = os.open(self.path, os.O_RDONLY)
+        try:
+            with suppress(OSError):  # a file system that locks no folder
+                fcntl.flock(handle, fcntl.LOCK_EX)
+            yield
+        finally:
+            os.close(handle)
+
     def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
         """Write what is known before the first step."""
         (self.path / "scenario.toml").write_text(to_toml(scenario))
@@ -86,6 +103,23 @@ class RunFolder:
         return self.target
 
 
+def is_under_way(folder: Path) -> bool | None:
+    """Whether somebody holds a run folder; None where the file system cannot tell.
+
+    By a lock and not by a process's number, which another process may have by now.
+    """
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return None
+    finally:
+        os.close(handle)
+    return False
+
+
 def _is_replaceable(target: Path) -> bool:
     """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
     if target.name in ("", "..") or not target.is_dir():
@@ -101,7 +135,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "engine": engine,
         "record": record,
         "started": provenance.now(),
-        "exit_reason": "running",
+        "exit_reason": RUNNING,
         "digest": None,
         "versions": provenance.versions(),
         "host": provenance.host(),

@@ -70,6 +70,12 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     if options.boards:
         options.boards.prepare(scenario)
     folder = RunFolder(options.out, force=options.force)
+    with folder.held():
+        return _run_into(folder, scenario, options, reporter)
+
+
+def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
+    """Do one run and fill its folder."""
     engine = "in-process" if options.in_process else "processes"
     manifest = results.new_manifest(scenario, engine, scenario.record)
     folder.begin(scenario, manifest)
