@@ -86,6 +86,20 @@ def test_a_ratio_that_is_claimed_is_tested_too() -> None:
         order(at_least_ratio=0.0)
 
 
+def test_p_and_effect_size_answer_one_question() -> None:
+    """That of a ratio claimed: larger in each pair, but about as often below 1.41 times as above. Else it is said."""
+    (plain,) = judge([order()])
+    (ratio,) = judge([order(at_least_ratio=1.41)])
+    assert plain.effect == 1
+    assert ratio.effect is not None
+    assert abs(ratio.effect) < 0.8
+    assert "one-sided, n = 10 pairs" in plain.why
+    assert "one-sided (at least 1.41 times), n = 10 pairs" in ratio.why
+    (same,) = judge([alike(b=[v + 0.01 for v in LOW])])
+    assert same.verdict == "holds"
+    assert same.why.endswith("matched-pairs rank-biserial of any difference -1.00")
+
+
 def test_ratio_and_shift_must_agree() -> None:
     """In most pairs the second is larger, but its median is smaller: a ratio below 1 beside "holds" would puzzle."""
     (found,) = judge([order(smaller=[1.0, 2.0, 10.0, 11.0, 12.0], larger=[9.0, 9.5, 9.6, 15.0, 16.0])])

@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from deltaswarm_orchestrator.analysis import intervals
 from deltaswarm_orchestrator.analysis.claims import judge
 from deltaswarm_orchestrator.reproduction import paper_claims
 from deltaswarm_orchestrator.reproduction.conditions import FIGURES, FULL, LARGE_READINGS
@@ -138,6 +139,21 @@ def test_no_convergence_is_no_time() -> None:
 def test_the_page_is_what_the_code_says() -> None:
     """CLAIMS.md is made by `claims_page`."""
     assert (ROOT / "CLAIMS.md").read_text() == claims_page()
+
+
+def test_the_published_tests_are_what_the_published_table_says(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each p, effect size and reason in docs/reproduction/claims.csv and docs/REPRODUCTION.md."""
+    monkeypatch.setattr(intervals, "RESAMPLES", 49)  # no interval is looked at
+    table = pd.read_csv(ROOT / "docs" / "reproduction" / "table.csv")
+    published = pd.read_csv(ROOT / "docs" / "reproduction" / "claims.csv").set_index("claim")
+    page = (ROOT / "docs" / "REPRODUCTION.md").read_text()
+    tested = [one for one in judge(claims(table, pd.DataFrame(), convergence=False)) if one.p is not None]
+    assert len(tested) == published["p"].notna().sum()
+    for one in tested:
+        row = published.loc[one.claim.name]
+        assert [row["p_holm"], row["effect"]] == pytest.approx([one.p_holm, one.effect])
+        assert (row["verdict"], row["why"]) == (one.verdict, one.why)
+        assert f"{one.why} |".replace("<", r"\<") in page
 
 
 def test_known_failures_are_claims() -> None:

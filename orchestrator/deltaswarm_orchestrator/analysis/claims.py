@@ -114,6 +114,7 @@ class Judgement:
     p_holm: float | None
     """Corrected over all claims of the report."""
     effect: float | None
+    """Of an order, of what the test asks, a claimed ratio included; of an equivalence, of any difference at all."""
     effect_name: str
     why: str
     """The reason, in a few words."""
@@ -206,6 +207,7 @@ def _order(claim: OrderClaim, seed: int) -> Judgement:
     )
     # The ratio is what the reader sees, the shift is what the test is about: both must agree.
     agrees = test.difference is not None and test.difference > 0 and (plain.ratio is None or plain.ratio >= least)
+    asked = "" if claim.at_least_ratio is None else f" (at least {words.number(least, 2)} times)"
     direction = "as the paper says" if agrees else "not as the paper says"
     return Judgement(
         claim=claim,
@@ -218,9 +220,9 @@ def _order(claim: OrderClaim, seed: int) -> Judgement:
         in_interval=low <= claim.paper_ratio <= high if ratio and claim.paper_ratio and low and high else None,
         p=test.p,
         p_holm=None,
-        effect=plain.effect,
-        effect_name=plain.effect_name,
-        why=_few(n) or f"{direction}; {test.test}, one-sided, n = {_n(test.n_a, test.n_b, claim.paired)}",
+        effect=test.effect,
+        effect_name=test.effect_name,
+        why=_few(n) or f"{direction}; {test.test}, one-sided{asked}, n = {_n(test.n_a, test.n_b, claim.paired)}",
     )
 
 
@@ -248,7 +250,7 @@ def _equivalence(claim: EquivalenceClaim, seed: int) -> Judgement:
         p=test.p,
         p_holm=None,
         effect=plain.effect,
-        effect_name=plain.effect_name,
+        effect_name=f"{plain.effect_name} of any difference",
         why=_few(n) or f"{differ}; {test.test}, n = {_n(test.n_a, test.n_b, claim.paired)}",
     )
 
