@@ -108,6 +108,17 @@ def test_references_and_faults_are_marked() -> None:
     assert [text.xy[0] for text in axes.texts[:2]] == [1.0, 1.0]
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_reference_far_above_the_values_is_in_the_drawing() -> None:
+    """As after a run too short for trees: else its name lay outside, and the axes had no room left."""
+    low = series().assign(agents_in_trees=lambda rows: rows["agents_in_trees"] / 100)
+    drawing = over_time(low, references={"paper: 33": 33.0})
+    drawing.draw_without_rendering()
+    bottom, top = drawing.axes[0].get_ylim()
+    assert bottom == 0
+    assert top > 33
+
+
 def test_any_column_can_be_drawn() -> None:
     """With its own label, also below zero."""
     rows = series().assign(drift=lambda rows: -rows["agents_in_trees"])

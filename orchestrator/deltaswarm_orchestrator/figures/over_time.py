@@ -65,9 +65,9 @@ def over_time(
             end_s = max(end_s, float(starts_s[-1]) + length_s)
             least = min(least, float(np.nanmin(windows)))
         axes.set_xlim(0.0, end_s or None)
-        if least >= 0:
-            axes.set_ylim(bottom=0.0)
         _mark(axes, references or {}, fault_s, fault_until_s)
+        if least >= 0:
+            axes.set_ylim(bottom=0.0)  # last: it keeps the top where it is, which must hold the references too
         axes.set_xlabel("time [s]")
         axes.set_ylabel(label)
         axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2, columnspacing=1.2)
