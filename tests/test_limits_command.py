@@ -34,6 +34,8 @@ def test_a_limit_that_is_always_there(tmp_path: Path, capsys: pytest.CaptureFixt
     assert main([*command, "--page", str(page), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     assert len(printed["answer"]) == 6
+    (doubt,) = printed["doubts"]
+    assert "too few replicates for any difference, however large, to be significant in the runs of loss" in doubt
     assert all(Path(file).is_file() for file in printed["files"])
     found = Findings.load(page.with_suffix(""))
     assert len(found.runs) == 5 * 3 * 2
@@ -42,7 +44,9 @@ def test_a_limit_that_is_always_there(tmp_path: Path, capsys: pytest.CaptureFixt
     assert figures == ["network-loss-messages.png", "network-loss-waiting.png"]
     assert "too few replicates" in page.read_text()
     assert main(command) == 0
-    assert "30 of 30 runs are there already" in capsys.readouterr().err
+    again = capsys.readouterr()
+    assert "30 of 30 runs are there already" in again.err
+    assert again.out.splitlines()[0] == doubt
     other = ["limits", "network-bandwidth", *SMALL, "--set", "run.duration_s=90", "--out", str(tmp_path / "out")]
     assert main(other) == 0
     assert "network-bandwidth: 6 runs are those of other experiments" in capsys.readouterr().err

@@ -113,6 +113,7 @@ def test_the_bar_for_loss(factor: float, holds: bool) -> None:
 def test_too_few_replicates_are_a_warning() -> None:
     """Else nothing being significant would look like an answer."""
     few = found(done("network-loss", table(LOSS, repeats=3)))
+    assert answer(few)[1] == "Hybrid 3 has too few replicates to show whether it pays in the runs of loss."
     assert "too few replicates" in to_markdown(limits_page(few, blank=True))
     assert "too few replicates" not in to_markdown(limits_page(lost(), blank=True))
 

@@ -45,6 +45,7 @@ def limits(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.limits.experiments import EXPERIMENTS
     from deltaswarm_orchestrator.limits.findings import Findings, findings_of
     from deltaswarm_orchestrator.limits.page import limits_page
+    from deltaswarm_orchestrator.limits.sentences import too_few
 
     if not _are_known(arguments.experiment, list(EXPERIMENTS)):
         return USAGE
@@ -69,11 +70,11 @@ def limits(arguments: argparse.Namespace) -> int:
     except OSError as error:
         complain(str(error))
         return FAILED
-    said = [*answer(found), *loss_bar_in_words(found)]
+    said, doubts = [*answer(found), *loss_bar_in_words(found)], too_few(found)
     if arguments.json:
-        print(json.dumps({"folder": str(out), "answer": said, "files": [str(file) for file in files]}))
+        print(json.dumps({"folder": str(out), "doubts": doubts, "answer": said, "files": [*map(str, files)]}))
     else:
-        print("\n".join([*said, *map(str, files)]))
+        print("\n".join([*doubts, *said, *map(str, files)]))
     bar = loss_bar(found)
     if bar is None or bar.holds or arguments.quick:
         return OK

@@ -20,6 +20,7 @@ from deltaswarm_orchestrator.limits.runs import MESSAGES, WAITING
 from deltaswarm_orchestrator.limits.sentences import (
     Row,
     back_in_words,
+    could_show,
     direction,
     listed,
     paying,
@@ -53,8 +54,11 @@ def _worst(found: Findings, mode: str, measure: str, verb: str) -> str:
 
 
 def _paying(found: Findings) -> str:
-    pays, stops, never, loses = [], [], [], []
+    pays, stops, never, loses, unknown = [], [], [], [], []
     for experiment in found.experiments:
+        if not could_show(found, experiment, BETWEEN):
+            unknown.append(experiment.title.lower())
+            continue
         stopped, lost = paying(found, experiment)
         if stopped is experiment.base:
             never.append(experiment.title.lower())
@@ -73,6 +77,8 @@ def _paying(found: Findings) -> str:
         parts.append(f"is not shown to pay, not even without the limit, in the runs of {listed(never)}")
     if loses:
         parts.append(f"waits longer than decentralised {listed(loses)}")
+    if unknown:
+        parts.append(f"has too few replicates to show whether it pays in the runs of {listed(unknown)}")
     return f"Hybrid 3 {'; it '.join(parts)}."
 
 

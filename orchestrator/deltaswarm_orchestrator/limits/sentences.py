@@ -171,14 +171,28 @@ def recovery_in_words(found: Findings, experiment: Experiment) -> list[str]:
 
 
 def too_few(found: Findings) -> list[str]:
-    """The experiments in which no difference of waiting, however large, could be significant."""
-    lines = []
+    """Of which experiments some or all differences of waiting could not be significant, however large."""
+    in_all, in_some = [], []
     for experiment in found.experiments:
-        rows = found.comparisons
-        rows = rows[(rows["experiment"] == experiment.name) & (rows["measure"] == WAITING)]
-        sizes = rows.groupby("question")["n"].agg(["size", "max"])
-        if any(smallest_p(int(n), int(n), paired=True) * size >= ALPHA for size, n in sizes.to_numpy()):
-            lines.append(
-                f"{experiment.title}: too few replicates for every question; no difference could show in some."
-            )
+        can_show = [could_show(found, experiment, question) for question in (LIMIT, BETWEEN, HARM)]
+        if not any(can_show):
+            in_all.append(experiment.title.lower())
+        elif not all(can_show):
+            in_some.append(experiment.title.lower())
+    lines = []
+    if in_all:
+        lines.append(
+            f"There are too few replicates for any difference, however large, to be significant in the runs of "
+            f"{listed(in_all)}: that something is not shown there says nothing."
+        )
+    if in_some:
+        lines.append(f"There are too few replicates for a difference to show in some questions of {listed(in_some)}.")
     return lines
+
+
+def could_show(found: Findings, experiment: Experiment, question: str) -> bool:
+    """Whether there are replicates enough for a difference of waiting to be significant, were it large enough."""
+    rows = found.comparisons
+    rows = rows[(rows["experiment"] == experiment.name) & (rows["measure"] == WAITING) & (rows["question"] == question)]
+    n = int(rows["n"].max())
+    return smallest_p(n, n, paired=True) * len(rows) < ALPHA
