@@ -9,8 +9,9 @@ import pandas as pd
 
 from deltaswarm_orchestrator.analysis import words
 from deltaswarm_orchestrator.analysis.figure_names import FIGURES, FigureName, named
+from deltaswarm_orchestrator.analysis.interaction import interactions
 from deltaswarm_orchestrator.analysis.ranks import smallest_p
-from deltaswarm_orchestrator.analysis.report import Block, Column, Command, Notes, Picture, Report, Section, Table
+from deltaswarm_orchestrator.analysis.report import Block, Cell, Column, Command, Notes, Picture, Report, Section, Table
 from deltaswarm_orchestrator.analysis.statistics import compare_all, summarise
 from deltaswarm_orchestrator.figures.boxes import boxes
 from deltaswarm_orchestrator.figures.lines import lines
@@ -26,7 +27,9 @@ METHOD = (
     "replicates have the same seeds, by Wilcoxon's signed-rank test (pairs that do not differ left out), else by "
     "Mann-Whitney's U test; differences are Hodges-Lehmann estimates. Effect sizes go from -1 to 1: matched-pairs "
     "rank-biserial correlation where paired, else Cliff's delta. p-values are corrected by Holm's method over the "
-    "variants of each figure, not over the figures."
+    "variants of each figure, not over the figures. Where two things vary, each value with each, a table tells whether "
+    "a change of the one, each replicate's ratio to itself without it, is larger with a value of the other than with "
+    "its first (signed-rank test, Holm over the table)."
 )
 
 
@@ -180,7 +183,35 @@ def _figure_blocks(
         rows = compared.to_dict("records")
         blocks.append(Notes([in_words(row, name, len(rows)) for row in rows]))
         blocks += _too_few(rows)
+    blocks += _interaction(table, figure, manifest)
     return blocks + _drawings(table, figure, summary, manifest, command)
+
+
+def _interaction(table: pd.DataFrame, figure: str, manifest: Mapping[str, Any]) -> list[Block]:
+    """Of two things that vary, each value with each: whether the one changes what the other does."""
+    factors = [labels for labels in manifest.get("factors") or () if len(labels) > 1]
+    if len(factors) != 2:
+        return []
+    found = interactions(table, figure, factors)
+    if found.empty:
+        return []
+    rows = found.to_dict("records")
+    columns = [Column("Change"), Column("in"), Column("against that in"), Column("n")]
+    columns += [Column(title, is_numeric=True) for title in ("times as large", "p (Holm)", "effect")]
+    cells: list[list[Cell]] = [
+        [
+            *(str(row[name]) for name in ("change", "beside", "reference")),
+            int(row["n_a"]),
+            words.with_interval(row["ratio"], row["ratio_low"], row["ratio_high"], 2),
+            words.p_value(row["p_holm"]),
+            words.number(row["effect"], 2),
+        ]
+        for row in rows
+    ]
+    return [
+        Table(columns, cells, f"{named(figure).title}: is a change larger in one than in another?"),
+        *_too_few(rows),
+    ]
 
 
 def _comparisons(compared: pd.DataFrame, name: FigureName, reference: str, decimals: int) -> Table:

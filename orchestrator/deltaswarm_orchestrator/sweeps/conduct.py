@@ -126,6 +126,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         **checked.plain(sweep.file.sweep),
         "swept": sweep.swept,
         "labels": [variant.label for variant in sweep.variants],
+        "factors": sweep.factors,
         "runs": runs,
         "finished": state.get("finished", 0),
         "means": means,

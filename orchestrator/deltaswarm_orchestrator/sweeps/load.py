@@ -78,8 +78,9 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     for override in overrides:
         problems += scenarios.apply(base, override)
     has_variants = file.sweep.axes or file.sweep.paired or file.sweep.variants
-    rows, found = _rows(file.sweep, beside) if has_variants or not problems else ([], [])
+    choices, found = _choices(file.sweep, beside) if has_variants or not problems else ([], [])
     problems += found
+    rows = [_joined(row) for row in itertools.product(*choices)] if choices else []
     set_here = [(f"scenario.{name}", name) for name in shared]
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
     problems += [Problem(path, name, "the sweep itself sets it") for path, name in set_here if name in OWN]
@@ -94,7 +95,8 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     # So the sweep's own record says all that its runs had in common, whatever the command line was.
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
     kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
-    return Sweep(replace(file, base=kept, scenario=shared), variants)
+    factors = [[_label(row) for row in rows] for rows in choices]
+    return Sweep(replace(file, base=kept, scenario=shared), variants, factors)
 
 
 def _read(name: str) -> tuple[dict[str, Any], Path]:
@@ -186,8 +188,8 @@ def _absolute(named: Any, beside: Path) -> Any:
     return str(beside.absolute() / named) if isinstance(named, str) and named else named
 
 
-def _rows(settings: SweepSettings, beside: Path) -> tuple[list[Row], list[Problem]]:
-    """Every combination of the axes, the paired tables' rows and the single variants; all mistakes in their form."""
+def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], list[Problem]]:
+    """The rows of each axis, of each paired table and of the single variants; all mistakes in their form."""
     problems: list[Problem] = []
     axes = _flat(settings.axes, "sweep.axes", problems)
     paired = [_flat(table, f"sweep.paired[{index}]", problems) for index, table in enumerate(settings.paired)]
@@ -209,7 +211,7 @@ def _rows(settings: SweepSettings, beside: Path) -> tuple[list[Row], list[Proble
     ]
     if single:
         choices.append(single)
-    return [_joined(rows) for rows in itertools.product(*choices)], []
+    return choices, []
 
 
 def _problems_of_lists(path: str, table: Row) -> list[Problem]:
@@ -274,14 +276,15 @@ def _joined(rows: Iterable[Row]) -> Row:
     joined: Row = {}
     labels = []
     for row in rows:
-        keys = {name: value for name, value in row.items() if name != LABEL}
-        labels.append(row[LABEL] if LABEL in row else _described(keys))
-        joined |= keys
-    return {LABEL: ", ".join(labels), **joined}
+        labels.append(_label(row))
+        joined |= row
+    return {**joined, LABEL: ", ".join(labels)}
 
 
-def _described(row: Row) -> str:
-    """A label for those who gave none: the keys' last parts with their values."""
+def _label(row: Row) -> str:
+    """A row's label; for those who gave none, the keys' last parts with their values."""
+    if LABEL in row:
+        return str(row[LABEL])
     return ", ".join(f"{name.rpartition('.')[2]}={_shown(value)}" for name, value in row.items()) or "base"
 
 

@@ -96,6 +96,8 @@ class Sweep:
 
     file: SweepFile
     variants: Sequence[Variant]
+    factors: Sequence[Sequence[str]] = ()
+    """What varies, each value with each: of every axis, paired table and the single variants the labels."""
 
     @property
     def name(self) -> str:
