@@ -143,7 +143,7 @@ def _provenance(found: Findings) -> list[Block]:
         "equal_digests": Column("with an equal digest"),
         "digest": Column("digest"),
         "begun": Column("begun"),
-        "wall_min": Column("wall time", "min", 1),
+        "wall_min": Column("wall time of all sessions", "min", 1),
         "version": Column("deltaswarm"),
         "code": Column("code"),
     }
