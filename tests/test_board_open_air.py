@@ -111,6 +111,19 @@ def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -
         assert running.stop(0) == 0
 
 
+def test_a_port_that_is_taken_is_told(tmp_path: Path) -> None:
+    """Once; the board is on the air all the same, and reaches others by what it connects to."""
+    port = free_port()
+    with boards(tmp_path) as running:
+        running.start(board_table(0, EVENT_AT, {"listen": [endpoint(port)]}, tmp_path))
+        wait_until(lambda: "is on the air" in running.said(0), "the first board")
+        air = {"listen": [endpoint(port)], "connect": [endpoint(port)]}
+        running.start(board_table(1, EVENT_AT, air, tmp_path))
+        wait_until(lambda: "links: 1 now" in running.said(1), "the second board's link")
+        assert "cannot listen" not in running.said(0)
+        assert running.said(1).count(f"cannot listen on {endpoint(port)} yet, and nobody connects to it there: ") == 1
+
+
 def test_a_board_that_is_alone_or_frozen_comes_back(tmp_path: Path) -> None:
     """A board stopped for a while takes its steps up where they are due: it makes up for none."""
     tables, endpoints = three(tmp_path)

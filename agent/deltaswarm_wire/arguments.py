@@ -9,8 +9,9 @@ from pathlib import Path
 
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls, protocol_of
+from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
@@ -24,7 +25,13 @@ def program(part: str) -> str:
 def add_link_arguments(parser: argparse.ArgumentParser) -> None:
     """How a part reaches its world."""
     parser.add_argument("--run", required=True, type=run_name, help="name of the run, as the world was given it")
-    parser.add_argument("--connect", required=True, metavar="ENDPOINT", help="the world, e.g. tcp/192.168.1.10:7447")
+    parser.add_argument(
+        "--connect",
+        required=True,
+        type=connects_to,
+        metavar="ENDPOINT",
+        help="the world, e.g. tcp/192.168.1.10:7447",
+    )
     parser.add_argument(
         "--password-file", type=Path, metavar="FILE", help=f"its password; else the environment's {PASSWORD_VARIABLE}"
     )
@@ -52,6 +59,22 @@ def run_name(text: str) -> str:
         return Keys(text).run
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def connects_to(text: str) -> str:
+    """An endpoint to connect to, checked."""
+    return _endpoint(text, connects=True)
+
+
+def listens_on(text: str) -> str:
+    """An endpoint to listen on, checked; port 0 is any free one."""
+    return _endpoint(text, connects=False)
+
+
+def _endpoint(text: str, connects: bool) -> str:
+    if problem := endpoint_problem(text, connects=connects):
+        raise argparse.ArgumentTypeError(f"{text!r}: {problem}")
+    return text
 
 
 def agent_numbers(text: str) -> list[int]:

@@ -11,6 +11,7 @@ from typing import Any, Protocol, Self, TypeVar
 
 from deltaswarm_wire.access import TLS, world_rules
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
+from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import Keys
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
@@ -171,16 +172,6 @@ def router_pairs(
         ("access_control", world_rules(keys, agents, named_over, uplink=uplink)),
         ("low_pass_filter", [reports]),
     ]
-
-
-def protocol_of(endpoint: str) -> str:
-    """`tcp` of `tcp/127.0.0.1:7447`."""
-    return endpoint.partition("/")[0]
-
-
-def is_tls_to_ipv6(endpoint: str) -> bool:
-    """Whether nobody can connect to it: with certificates Zenoh takes an IPv6 address for no server's name."""
-    return protocol_of(endpoint) in (TLS, "quic") and endpoint.partition("/")[2].startswith("[")
 
 
 def tls_pairs(tls: Tls | None, *sides: str) -> Pairs:

@@ -20,13 +20,16 @@ from deltaswarm_wire.arguments import (
     add_tls_arguments,
     add_zenoh_argument,
     agent_numbers,
+    connects_to,
     link_of,
+    listens_on,
     password_in,
     run_name,
     tls_of,
 )
+from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import OPERATOR, Keys
-from deltaswarm_wire.session import Link, air_pairs, is_tls_to_ipv6, protocol_of, tls_pairs
+from deltaswarm_wire.session import Link, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 
 NO_WORLD = "--no-world"
@@ -78,11 +81,13 @@ def open_air_parser() -> argparse.ArgumentParser:
         default=MODES[0],
         help="peer: boards reach each other by themselves; router: through it",
     )
-    for name, what in (
-        ("--listen", "where boards connect to it"),
-        ("--connect", "a board, or a router that boards use"),
+    for name, kind, what in (
+        ("--listen", listens_on, "where boards connect to it"),
+        ("--connect", connects_to, "a board, or a router that boards use"),
     ):
-        made.add_argument(name, action="append", default=[], metavar="ENDPOINT", help=f"{what}; may be repeated")
+        made.add_argument(
+            name, action="append", type=kind, default=[], metavar="ENDPOINT", help=f"{what}; may be repeated"
+        )
     made.add_argument(
         "--credentials", type=Path, metavar="FILE", help="user:password lines of all who may join; its own is operator"
     )
@@ -139,8 +144,6 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
-    if wrong := [endpoint for endpoint in connect if is_tls_to_ipv6(endpoint)]:
-        raise ValueError(f"--connect {wrong[0]}: over TLS a name or an IPv4 address is allowed")
     if not arguments.status_every_s > 0:
         raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)

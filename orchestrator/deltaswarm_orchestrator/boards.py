@@ -11,8 +11,9 @@ import tomli_w
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.endpoints import endpoint_problem, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.session import Tls, is_tls_to_ipv6, protocol_of
+from deltaswarm_wire.session import Tls
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 
@@ -38,13 +39,10 @@ class Boards:
         if self.agents[-1] >= scenario.agents.count:
             allowed = f"0 to {scenario.agents.count - 1} is allowed (agents.count)"
             found.append(Problem("--boards", str(self.agents[-1]), allowed))
-        protocol, sign, address = self.listen.partition("/")
-        if not (protocol and sign and address):
-            found.append(Problem("--listen", repr(self.listen), "PROTOCOL/ADDRESS:PORT is allowed"))
+        if problem := endpoint_problem(self.listen, connects=True):
+            found.append(Problem("--listen", repr(self.listen), problem))
         elif _is_any(self._host):
             found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
-        elif is_tls_to_ipv6(self.listen):
-            found.append(Problem("--listen", repr(self.listen), "over TLS a name or an IPv4 address is allowed"))
         found += [
             Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
             for number, fault in enumerate(scenario.fault)
@@ -75,7 +73,7 @@ class Boards:
 
     @property
     def _host(self) -> str:
-        return self.listen.partition("/")[2].rpartition(":")[0].strip("[]")
+        return host_and_port(self.listen)[0]
 
     def write(self, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]) -> list[Path]:
         """Each board's settings, and its password where it goes by one; the settings' files."""

@@ -18,7 +18,7 @@ from deltaswarm_orchestrator import cli_boards, cli_limits, cli_reports, cli_swe
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire import __version__
-from deltaswarm_wire.arguments import override
+from deltaswarm_wire.arguments import listens_on, override
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.settings import RECORDS, Scenario
@@ -73,7 +73,11 @@ def _add_run(command: argparse.ArgumentParser) -> None:
     command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
     command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
     command.add_argument(
-        "--listen", default=ANYWHERE, metavar="ENDPOINT", help=f"where the router listens (default: {ANYWHERE})"
+        "--listen",
+        default=ANYWHERE,
+        type=listens_on,
+        metavar="ENDPOINT",
+        help=f"where the router listens (default: {ANYWHERE})",
     )
     cli_boards.add_hardware_in_the_loop(command)
     command.add_argument(

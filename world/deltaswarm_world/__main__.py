@@ -17,11 +17,13 @@ from deltaswarm_wire.arguments import (
     add_boards_argument,
     add_tls_arguments,
     add_zenoh_argument,
+    listens_on,
     run_name,
     tls_of,
 )
+from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.session import CERTIFIED, Link, protocol_of
+from deltaswarm_wire.session import CERTIFIED, Link
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.process import WorldConfig, run_world
@@ -42,6 +44,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--listen",
         action="append",
+        type=listens_on,
         metavar="ENDPOINT",
         help=f"may be repeated; port 0: any free port (default: {DEFAULT_ENDPOINT})",
     )

@@ -5,12 +5,14 @@ dropped, as in any radio, and the session is opened and its links are watched in
 """
 
 import logging
+import socket
 import threading
 import time
 
 from deltaswarm_agent.board.inbox import Inbox, encode_sent
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
+from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
 from deltaswarm_wire.messages import Health, encode_health
 from deltaswarm_wire.session import configured, use_one_worker_thread
@@ -23,6 +25,25 @@ log = logging.getLogger("deltaswarm.air")
 RETRY_S = 1.0
 CLOSE_S = 1.0
 """A session that does not open or close within this is left to the end of the process."""
+
+
+def cannot_listen(endpoint: str) -> str:
+    """Why nobody can listen on a network's endpoint now; nothing if one can."""
+    protocol = protocol_of(endpoint)
+    if protocol not in WITH_PORT:
+        return ""
+    is_stream = protocol not in ("udp", QUIC)
+    try:
+        [family, kind, _, _, address], *_ = socket.getaddrinfo(
+            *host_and_port(endpoint), type=socket.SOCK_STREAM if is_stream else socket.SOCK_DGRAM
+        )
+        with socket.socket(family, kind) as probe:
+            if is_stream:
+                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # after a restart it is free, as for Zenoh
+            probe.bind(address)
+    except OSError as error:
+        return str(error)
+    return ""
 
 
 class OpenAir:
@@ -113,8 +134,15 @@ class OpenAir:
 
     # In threads of their own
 
+    def _tell_of_taken_ports(self) -> None:
+        """Zenoh tries to listen for ever, and in silence, since an address may come later than the board."""
+        for endpoint in self._settings.air.listen:
+            if problem := cannot_listen(endpoint):
+                log.warning("cannot listen on %s yet, and nobody connects to it there: %s", endpoint, problem)
+
     def _keep_opening(self) -> None:
         told = ""
+        self._tell_of_taken_ports()
         while not self._closing.is_set():
             try:
                 session = zenoh.open(self._config)

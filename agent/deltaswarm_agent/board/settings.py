@@ -12,8 +12,9 @@ from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, is_tls_to_ipv6, protocol_of, tls_pairs
+from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, tls_pairs
 from deltaswarm_wire.settings import AgentSettings
 
 MODES = ("peer", "client")
@@ -80,13 +81,10 @@ class AirSettings:
             found.append(Problem("connect", "none", "a peer needs one of connect, listen and multicast"))
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
-                protocol, sign, address = endpoint.partition("/")
-                if not (protocol and sign and address):
-                    found.append(Problem(name, repr(endpoint), "PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447"))
-                if protocol in ("tls", "quic") and not self.tls.ca_file:
+                if told := endpoint_problem(endpoint, connects=name == "connect"):
+                    found.append(Problem(name, repr(endpoint), told))
+                if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
                     found.append(Problem(name, repr(endpoint), "air.tls must name the certificates"))
-                if name == "connect" and is_tls_to_ipv6(endpoint):
-                    found.append(Problem(name, repr(endpoint), "over TLS a name or an IPv4 address is allowed"))
         found += self._unknown_agents()
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
@@ -205,7 +203,7 @@ class BoardSettings:
         found = []
         if len(self.air.connect) != 1:
             found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
-        if any(protocol_of(endpoint) == "quic" for endpoint in self.air.connect):
+        if any(protocol_of(endpoint) == QUIC for endpoint in self.air.connect):
             found.append(Problem("air.connect", self.air.connect[0], "the world listens on tls/ and tcp/"))
         if not self.air.tls.verify_name:
             found.append(Problem("air.tls.verify_name", "false", "the world's certificate names its addresses: true"))

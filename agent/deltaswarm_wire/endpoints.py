@@ -1,0 +1,44 @@
+"""Zenoh's endpoints: `PROTOCOL/ADDRESS`, as in `tcp/192.168.1.10:7447`."""
+
+import re
+
+from deltaswarm_wire.access import TLS
+
+QUIC = "quic"
+WITH_PORT = ("tcp", "udp", TLS, QUIC, "ws")
+"""Protocols whose address is HOST:PORT."""
+WITHOUT_PORT = ("serial", "unixpipe", "unixsock-stream", "vsock")
+
+
+def protocol_of(endpoint: str) -> str:
+    """`tcp` of `tcp/127.0.0.1:7447`."""
+    return endpoint.partition("/")[0]
+
+
+def host_and_port(endpoint: str) -> tuple[str, int]:
+    """`("::1", 7447)` of `tcp/[::1]:7447#iface=lo`.
+
+    Raises:
+        ValueError: it has none.
+    """
+    address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
+    found = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
+    if not found or int(found[2]) > 0xFFFF:
+        raise ValueError("HOST:PORT is expected after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
+    return found[1].strip("[]"), int(found[2])
+
+
+def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:
+    """Why nobody could listen there or, with `connects`, connect to it; nothing if that may be."""
+    protocol, _, address = endpoint.partition("/")
+    if protocol not in WITH_PORT + WITHOUT_PORT or not address:
+        return f"PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447; protocols: {', '.join(WITH_PORT + WITHOUT_PORT)}"
+    if protocol in WITHOUT_PORT:
+        return ""
+    try:
+        host, _ = host_and_port(endpoint)
+    except ValueError as error:
+        return str(error)
+    if connects and protocol in (TLS, QUIC) and ":" in host:
+        return "over TLS a name or an IPv4 address is allowed: Zenoh takes an IPv6 address for no server's name"
+    return ""

@@ -1,0 +1,97 @@
+"""What can be an endpoint, to listen on or to connect to."""
+
+import argparse
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_wire.arguments import connects_to, listens_on
+from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "parts"),
+    [
+        ("tcp/192.168.1.10:7447", ("192.168.1.10", 7447)),
+        ("tls/board.local:0", ("board.local", 0)),
+        ("tcp/[::1]:7447", ("::1", 7447)),
+        ("udp/[fe80::1%eth0]:65535#iface=eth0", ("fe80::1%eth0", 65535)),
+        ("quic/10.0.0.1:7447?prio=1", ("10.0.0.1", 7447)),
+    ],
+)
+def test_host_and_port_are_found(endpoint: str, parts: tuple[str, int]) -> None:
+    """With or without what Zenoh takes behind them."""
+    assert host_and_port(endpoint) == parts
+    assert endpoint_problem(endpoint) == ""
+
+
+@pytest.mark.parametrize("endpoint", ["unixsock-stream//tmp/x", "serial//dev/ttyUSB0#baudrate=115200", "vsock/-1:7447"])
+def test_what_has_no_port_needs_none(endpoint: str) -> None:
+    """A socket's file, a serial line."""
+    assert endpoint_problem(endpoint) == endpoint_problem(endpoint, connects=True) == ""
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "word"),
+    [
+        ("", "PROTOCOL/ADDRESS"),
+        ("nonsense", "PROTOCOL/ADDRESS"),
+        ("tcp/", "PROTOCOL/ADDRESS"),
+        ("tpc/0.0.0.0:7447", "protocols: tcp, udp, tls"),
+        ("unixpipe/", "PROTOCOL/ADDRESS"),
+        ("tcp/nonsense", "HOST:PORT"),
+        ("tcp/0.0.0.0", "HOST:PORT"),
+        ("tcp/:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1:port", "HOST:PORT"),
+        ("tcp/10.0.0.1:65536", "HOST:PORT"),
+        ("tcp/10.0.0.1:\N{ARABIC-INDIC DIGIT ONE}", "HOST:PORT"),
+        ("tcp/::1:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1:7447,tcp/10.0.0.2:7447", "HOST:PORT"),
+        ("tcp/10.0.0.1 :7447", "HOST:PORT"),
+    ],
+)
+def test_what_is_no_endpoint_is_told(endpoint: str, word: str) -> None:
+    """By an argument's own error."""
+    assert word in endpoint_problem(endpoint)
+    for kind in (connects_to, listens_on):
+        with pytest.raises(argparse.ArgumentTypeError, match=word.split("(")[0]):
+            kind(endpoint)
+
+
+def test_over_tls_nobody_connects_to_an_ipv6_address() -> None:
+    """One may listen there, for those who know a name."""
+    for protocol in ("tls", "quic"):
+        assert endpoint_problem(f"{protocol}/[::]:7447") == ""
+        assert "IPv4" in endpoint_problem(f"{protocol}/[::1]:7447", connects=True)
+    assert connects_to("tcp/[::1]:7447") == listens_on("tcp/[::1]:7447") == "tcp/[::1]:7447"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --listen",
+        "agent --id 1 --settings x --run x --connect",
+        "world --scenario x --run x --credentials x --out x --listen",
+        "operator --run x --out x --connect",
+        "operator --no-world --run x --out x --connect",
+        "operator --no-world --run x --out x --listen",
+    ],
+)
+def test_every_command_checks_its_endpoints(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Exit code 2, and what is allowed."""
+    with pytest.raises(SystemExit) as ended:
+        main([*command.split(), "tpc/127.0.0.1:1"])
+    assert ended.value.code == 2
+    assert f"argument {command.split()[-1]}: 'tpc/127.0.0.1:1': PROTOCOL/ADDRESS" in capsys.readouterr().err
+
+
+@given(st.sampled_from(WITH_PORT), st.text(max_size=20))
+def test_anything_is_taken_or_told(protocol: str, address: str) -> None:
+    """And what is taken has a host and a port."""
+    endpoint = f"{protocol}/{address}"
+    if not endpoint_problem(endpoint):
+        host, port = host_and_port(endpoint)
+        assert host
+        assert 0 <= port <= 65535
