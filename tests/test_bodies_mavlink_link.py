@@ -3,13 +3,23 @@
 import os
 import socket
 import tty
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from random import Random
+from typing import Any
 
 import pytest
+from pymavlink.dialects.v20 import common
 
-from deltaswarm_agent.bodies.mavlink import MavlinkSettings
+from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
 from deltaswarm_agent.bodies.mavlink_modes import mode_name
+from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_wire.settings import AgentSettings
+from tests.fields import free_port
+from tests.swarms import wait_until
 
 WAIT_S = 10.0
 LOCAL = "127.0.0.1"
@@ -66,6 +76,7 @@ def test_udp_answers_whoever_spoke_last() -> None:
         assert link.receive(0.01) == b""
         for _ in range(2):
             autopilot = UdpLink(LOCAL, port, listens=False)
+            autopilot.open()
             autopilot.write(b"hello")
             assert received(link, 5) == b"hello"
             link.write(b"go")
@@ -81,6 +92,7 @@ def test_tcp_opens_again_after_the_other_end_hung_up() -> None:
         link = open_link(Device("tcp", *server.getsockname()))
         try:
             assert isinstance(link, TcpLink)
+            link.open()
             for _ in range(2):
                 autopilot, _ = server.accept()
                 with autopilot:
@@ -104,6 +116,7 @@ def test_a_serial_line_that_is_pulled_out_is_told_of_and_found_again() -> None:
     link = open_link(Device("serial", os.ttyname(theirs), 57600))
     try:
         assert isinstance(link, SerialLink)
+        link.open()
         os.write(ours, b"hello")
         assert received(link, 5) == b"hello"
         link.write(b"go")
@@ -118,6 +131,63 @@ def test_a_serial_line_that_is_pulled_out_is_told_of_and_found_again() -> None:
             link.receive(WAIT_S)
     finally:
         link.close()
+
+
+@contextmanager
+def a_body(device: str) -> Iterator[MavlinkBody]:
+    """A body by itself, closed afterwards."""
+    body = MavlinkBody(load(MavlinkSettings, {"device": device}), BodyContext(1, AgentSettings(), Random(1)))
+    try:
+        yield body
+    finally:
+        body.close()
+
+
+def test_a_body_whose_autopilot_is_not_up_yet_says_so_and_finds_it_later() -> None:
+    """Refused connections end nothing; the first thing that an autopilot hears then is a heartbeat."""
+    port = free_port()
+    with a_body(f"tcp:{LOCAL}:{port}") as body:
+        wait_until(lambda: body.sense(0.0).fault == f"no link to tcp:{LOCAL}:{port}: Connection refused", "a fault")
+        with socket.create_server((LOCAL, port)) as server, server.accept()[0] as autopilot:
+            assert autopilot.recv(1)[0] == common.PROTOCOL_MARKER_V2
+            wait_until(lambda: "no heartbeat" in body.sense(0.0).fault, "a link")
+
+
+def test_a_body_whose_serial_device_is_not_there_says_so_and_finds_it_later(tmp_path: Path) -> None:
+    """Whether there is none, or what is there is no serial line."""
+    device = tmp_path / "ttyACM7"
+    ours, theirs = os.openpty()
+    tty.setraw(theirs)
+    try:
+        with a_body(str(device)) as body:
+            wait_until(lambda: f"no link to {device}: could not open port" in body.sense(0.0).fault, "a fault")
+            device.symlink_to("/dev/null")
+            wait_until(lambda: "Could not configure port" in body.sense(0.0).fault, "another fault")
+            device.unlink()
+            device.symlink_to(os.ttyname(theirs))
+            assert os.read(ours, 1)[0] == common.PROTOCOL_MARKER_V2
+            wait_until(lambda: "no heartbeat" in body.sense(0.0).fault, "a link")
+    finally:
+        os.close(theirs)
+        os.close(ours)
+
+
+@pytest.mark.parametrize("device", ["udpin:a..b:14550", "tcp:a..b:5760", "/dev/tty\0"])
+def test_a_name_that_can_be_none_breaks_the_link_and_nothing_else(device: str) -> None:
+    """Whatever Python raises for it, the vehicle's thread goes on."""
+    with pytest.raises(OSError):  # noqa: PT011 (each has its own words)
+        open_link(parse_device(device, 57600)).open()
+
+
+def test_a_rate_that_a_serial_device_refuses_breaks_the_link_and_nothing_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As pyserial tells of it, which is not as of a device that is not there."""
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise ValueError("Failed to set custom baud rate")
+
+    monkeypatch.setattr("serial.Serial", refuse)
+    with pytest.raises(OSError, match="Failed to set"):
+        open_link(Device("serial", "/dev/ttyACM7", 1201)).open()
 
 
 def test_modes_have_the_names_that_pymavlink_gives_them() -> None:

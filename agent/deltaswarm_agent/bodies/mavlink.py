@@ -119,11 +119,10 @@ class MavlinkSettings:
 
 
 class MavlinkBody:
-    """One vehicle.
+    """One vehicle, which may come later, and go: its body is not well meanwhile.
 
     Raises:
-        ImportError: pymavlink is not installed.
-        OSError: the device cannot be opened.
+        ImportError: pymavlink is not installed, or pyserial for a serial device.
     """
 
     Settings: ClassVar[type[Any]] = MavlinkSettings
@@ -147,7 +146,7 @@ class MavlinkBody:
         self._has_restarted = False
         self._boot_ms: int | None = None
         self._came_s: dict[int, float] = {}
-        self._told = ""
+        self._no_link = ""
         self._told_stalls = 0
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
@@ -162,6 +161,8 @@ class MavlinkBody:
         """The vehicle's newest place, and the events of the file that are near it."""
         with self._lock:
             sensed = self._guard.sensed(time.monotonic())
+        if self._no_link:
+            return sensed._replace(fault=self._no_link)
         if sensed.fault:
             return sensed
         at = (sensed.x_m, sensed.y_m)
@@ -187,12 +188,13 @@ class MavlinkBody:
     # The vehicle's thread
 
     def _serve(self) -> None:
-        """Hear the vehicle, and tell it what to do at the rate asked for; a broken link is tried for ever."""
+        """Hear the vehicle, and tell it what to do at the rate asked for; a link is tried for ever."""
         set_point_due_s = heartbeat_due_s = time.monotonic()
         while True:
             is_last = self._closing.is_set()
             now_s = time.monotonic()
             try:
+                self._link.open()
                 if now_s >= heartbeat_due_s:
                     heartbeat_due_s = now_s + HEARTBEAT_EVERY_S
                     self._send_heartbeat()
@@ -203,17 +205,13 @@ class MavlinkBody:
                 if is_last:
                     return
                 data = self._link.receive(max(0.001, min(set_point_due_s, heartbeat_due_s) - now_s))
+                self._no_link = ""
                 for message in self._messages(data):
                     self._take(message, time.monotonic())
             except OSError as error:
-                self._tell(f"the link to the vehicle: {error}")
+                self._no_link = f"no link to {self._options.device}: {error.strerror or error}"
                 if is_last or self._closing.wait(RETRY_S):
                     return
-
-    def _tell(self, text: str) -> None:
-        if text != self._told:
-            self._told = text
-            log.warning("%s", text)
 
     def _messages(self, data: bytes) -> Iterator[Any]:
         """The messages in what came; never more than the parser wants, whose buffer would else grow."""

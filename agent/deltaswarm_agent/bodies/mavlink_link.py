@@ -1,15 +1,17 @@
 """The bytes between a board and its autopilot: UDP, TCP or a serial line, spelled as MAVLink's tools spell them.
 
 pymavlink's own `mavutil` has such links too, but costs an agent 15 to 26 MB, and its TCP holds up the thread that
-must have the vehicle stand. Here nothing waits longer than asked, and a link that broke is opened again at the next
-`receive`.
+must have the vehicle stand. Here nothing waits longer than asked, and a link that is not open yet, or broke, is opened
+at the next `receive`: an autopilot may come after its board, and go.
 """
 
+import abc
 import contextlib
 import select
 import socket
+import termios
 from collections.abc import Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 UDP_IN = ("udpin", "udp")
 UDP_OUT = "udpout"
@@ -48,24 +50,66 @@ def parse_device(text: str, baud: int) -> Device:
     raise ValueError("udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device such as /dev/ttyACM0")
 
 
-class Link(Protocol):
-    """One of the three. Every call but `close` raises OSError when the link is broken."""
+class Link(abc.ABC):
+    """One of the three. Every call but `close` raises OSError when the link is broken, or cannot be opened."""
+
+    def __init__(self) -> None:
+        self._end: Any = None
+        """The socket or serial port; None while it is not open."""
+
+    def open(self) -> None:
+        """Open it, unless it is open."""
+        if self._end is not None:
+            return
+        try:
+            self._end = self._opened()
+        except (ValueError, termios.error) as error:  # a name that can be none, or a rate that the device refuses
+            raise OSError(str(error)) from error
 
     def receive(self, wait_s: float) -> bytes:
-        """What came, after waiting so long at most [s]; nothing if nothing came."""
+        """What came, after waiting so long at most [s]; nothing if nothing came. Opens what is not open."""
+        self.open()
+        with self._hanging_up_on_error():
+            return self._read(wait_s)
 
     def write(self, data: bytes) -> None:
-        """Send a message; it is lost while nobody is known to send to."""
+        """Send a message; it is lost while the link is not open, or nobody is known to send to."""
+        if self._end is not None:
+            with self._hanging_up_on_error():
+                self._send(data)
 
     def close(self) -> None:
         """Hang up."""
+        if self._end is not None:
+            with contextlib.suppress(OSError):  # a device that was pulled out
+                self._end.close()
+            self._end = None
+
+    @contextlib.contextmanager
+    def _hanging_up_on_error(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError:
+            self.close()
+            raise
+
+    @abc.abstractmethod
+    def _opened(self) -> Any:
+        """A new end."""
+
+    @abc.abstractmethod
+    def _read(self, wait_s: float) -> bytes:
+        """As `receive`, from an end that is open."""
+
+    @abc.abstractmethod
+    def _send(self, data: bytes) -> None:
+        """As `write`, to an end that is open."""
 
 
 def open_link(device: Device) -> Link:
-    """The link to a device.
+    """The link to a device, which need not be there yet.
 
     Raises:
-        OSError: it cannot be opened.
         ImportError: pyserial is not installed.
     """
     if device.kind == "serial":
@@ -75,128 +119,84 @@ def open_link(device: Device) -> Link:
     return UdpLink(device.name, device.number, listens=device.kind in UDP_IN)
 
 
-@contextlib.contextmanager
-def _hanging_up_on_error(link: Link) -> Iterator[None]:
-    """A link on which anything failed is opened anew by the next `receive`."""
-    try:
-        yield
-    except OSError:
-        link.close()
-        raise
-
-
-class UdpLink:
-    """Listens, and answers whoever spoke last; or speaks to one address."""
+class UdpLink(Link):
+    """Listens, and answers whoever spoke last; or speaks to one address. Reads one datagram."""
 
     def __init__(self, host: str, port: int, *, listens: bool) -> None:
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            if listens:
-                self._socket.bind((host, port))
-            else:
-                self._socket.connect((host, port))
-        except OSError:
-            self._socket.close()
-            raise
+        super().__init__()
+        self._address = (host, port)
         self._listens = listens
         self._peer: Any = None
 
-    def receive(self, wait_s: float) -> bytes:
-        """One datagram."""
-        self._socket.settimeout(wait_s)
+    def _opened(self) -> socket.socket:
+        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            data, sender = self._socket.recvfrom(READ_BYTES)
+            (opened.bind if self._listens else opened.connect)(self._address)
+        except OSError:
+            opened.close()
+            raise
+        return opened
+
+    def _read(self, wait_s: float) -> bytes:
+        self._end.settimeout(wait_s)
+        try:
+            data, self._peer = self._end.recvfrom(READ_BYTES)
         except TimeoutError:
             return b""
-        if self._listens:
-            self._peer = sender
-        return data
+        return bytes(data)
 
-    def write(self, data: bytes) -> None:
-        """One datagram."""
+    def _send(self, data: bytes) -> None:
         if not self._listens:
-            self._socket.send(data)
+            self._end.send(data)
         elif self._peer is not None:
-            self._socket.sendto(data, self._peer)
-
-    def close(self) -> None:
-        """Hang up."""
-        self._socket.close()
+            self._end.sendto(data, self._peer)
 
 
-class TcpLink:
+class TcpLink(Link):
     """A client."""
 
     def __init__(self, host: str, port: int) -> None:
+        super().__init__()
         self._address = (host, port)
-        self._socket: socket.socket | None = self._opened()
 
     def _opened(self) -> socket.socket:
         opened = socket.create_connection(self._address, CONNECT_S)
         opened.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         return opened
 
-    def receive(self, wait_s: float) -> bytes:
-        """What there is."""
-        if self._socket is None:
-            self._socket = self._opened()
-        self._socket.settimeout(wait_s)
-        with _hanging_up_on_error(self):
-            try:
-                data = self._socket.recv(READ_BYTES)
-            except TimeoutError:
-                return b""
-            if not data:
-                raise ConnectionResetError(f"{self._address[0]}:{self._address[1]} hung up")
+    def _read(self, wait_s: float) -> bytes:
+        self._end.settimeout(wait_s)
+        try:
+            data: bytes = self._end.recv(READ_BYTES)
+        except TimeoutError:
+            return b""
+        if not data:
+            raise ConnectionResetError("the other end hung up")
         return data
 
-    def write(self, data: bytes) -> None:
-        """All of it, or the link is broken: half a message would spoil the next."""
-        if self._socket is None:
-            return
-        self._socket.settimeout(WRITE_S)
-        with _hanging_up_on_error(self):
-            self._socket.sendall(data)
-
-    def close(self) -> None:
-        """Hang up."""
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+    def _send(self, data: bytes) -> None:
+        self._end.settimeout(WRITE_S)
+        self._end.sendall(data)  # all of it, or the link is broken: half a message would spoil the next
 
 
-class SerialLink:
+class SerialLink(Link):
     """A serial line. Needs `pyserial`."""
 
     def __init__(self, path: str, baud: int) -> None:
-        self._path, self._baud = path, baud
-        self._port: Any = self._opened()
-
-    def _opened(self) -> Any:
         import serial  # nobody else needs it
 
-        return serial.Serial(self._path, self._baud, timeout=0, write_timeout=WRITE_S)
+        super().__init__()
+        self._make: Any = serial.Serial
+        self._path, self._baud = path, baud
 
-    def receive(self, wait_s: float) -> bytes:
-        """What there is."""
-        if self._port is None:
-            self._port = self._opened()
-        with _hanging_up_on_error(self):
-            if not select.select([self._port], [], [], wait_s)[0]:
-                return b""
-            data: bytes = self._port.read(READ_BYTES)  # raises if there is nothing after all: the device is gone
+    def _opened(self) -> Any:
+        return self._make(self._path, self._baud, timeout=0, write_timeout=WRITE_S)
+
+    def _read(self, wait_s: float) -> bytes:
+        if not select.select([self._end], [], [], wait_s)[0]:
+            return b""
+        data: bytes = self._end.read(READ_BYTES)  # raises if there is nothing after all: the device is gone
         return data
 
-    def write(self, data: bytes) -> None:
-        """All of it, or the link is broken."""
-        if self._port is None:
-            return
-        with _hanging_up_on_error(self):
-            self._port.write(data)
-
-    def close(self) -> None:
-        """Hang up."""
-        if self._port is not None:
-            with contextlib.suppress(OSError):  # a device that was pulled out
-                self._port.close()
-            self._port = None
+    def _send(self, data: bytes) -> None:
+        self._end.write(data)
