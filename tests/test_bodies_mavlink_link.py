@@ -23,6 +23,8 @@ from tests.swarms import wait_until
 
 WAIT_S = 10.0
 LOCAL = "127.0.0.1"
+IPV6 = Path("/proc/net/if_inet6")
+HAS_IPV6 = IPV6.exists() and " lo\n" in IPV6.read_text()
 
 
 @pytest.mark.parametrize(
@@ -32,6 +34,11 @@ LOCAL = "127.0.0.1"
         ("udp:127.0.0.1:14550", Device("udpin", "127.0.0.1", 14550)),
         ("udpout:autopilot.local:14555", Device("udpout", "autopilot.local", 14555)),
         ("tcp:127.0.0.1:5760", Device("tcp", "127.0.0.1", 5760)),
+        ("udpin:[::1]:14550", Device("udpin", "::1", 14550)),
+        ("tcp:[fe80::1%eth0]:5760", Device("tcp", "fe80::1%eth0", 5760)),
+        ("udpin:::1:14550", ValueError),
+        ("udpin:[::1:14550", ValueError),
+        ("udpin:[127.0.0.1]:14550", ValueError),
         ("/dev/ttyACM0", Device("serial", "/dev/ttyACM0", 57600)),
         ("/dev/serial/by-id/usb-a,b:c", ValueError),
         ("/dev/ttyAMA0,921600", Device("serial", "/dev/ttyAMA0", 921600)),
@@ -64,18 +71,21 @@ def received(link: Link, length: int) -> bytes:
     return data
 
 
-def test_udp_answers_whoever_spoke_last() -> None:
+@pytest.mark.parametrize("host", [LOCAL, "[::1]", "localhost"])
+def test_udp_answers_whoever_spoke_last(host: str) -> None:
     """An autopilot that restarts speaks from another port; before anyone has spoken, what is said is lost."""
+    if host == "[::1]" and not HAS_IPV6:
+        pytest.skip("no IPv6 here")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind((LOCAL, 0))
         port = probe.getsockname()[1]
-    link = open_link(Device("udpin", LOCAL, port))
+    link = open_link(parse_device(f"udpin:{host}:{port}", 57600))
     try:
         assert isinstance(link, UdpLink)
         link.write(b"lost")
         assert link.receive(0.01) == b""
         for _ in range(2):
-            autopilot = UdpLink(LOCAL, port, listens=False)
+            autopilot = open_link(parse_device(f"udpout:{host}:{port}", 57600))
             autopilot.open()
             autopilot.write(b"hello")
             assert received(link, 5) == b"hello"

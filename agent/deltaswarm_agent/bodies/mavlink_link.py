@@ -41,13 +41,25 @@ def parse_device(text: str, baud: int) -> Device:
         host, colon, port = rest.rpartition(":")
         if not (host and colon and port.isdecimal() and 1 <= int(port) <= 0xFFFF):
             raise ValueError(f"{kind}:HOST:PORT is allowed, with a port of 1 to 65535")
-        return Device(UDP_IN[0] if kind in UDP_IN else kind, host, int(port))
+        return Device(UDP_IN[0] if kind in UDP_IN else kind, _without_brackets(host), int(port))
     if text.startswith("/"):
         path, comma, rate = text.partition(",")
         if comma and not (rate.isdecimal() and int(rate) > 0):
             raise ValueError("after the comma, a serial device's baud rate is allowed")
         return Device("serial", path, int(rate) if comma else baud)
     raise ValueError("udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device such as /dev/ttyACM0")
+
+
+def _without_brackets(host: str) -> str:
+    """A host's name or address; of IPv6 one is written in brackets, and may end in `%` and an interface's name."""
+    bare = host.removeprefix("[").removesuffix("]")
+    if ":" not in host and bare == host:
+        return host
+    try:
+        socket.inet_pton(socket.AF_INET6, bare.partition("%")[0] if host == f"[{bare}]" else "")
+    except OSError:
+        raise ValueError(f"for {host!r}, a name, an IPv4 address or an IPv6 address in [] is allowed") from None
+    return bare
 
 
 class Link(abc.ABC):
@@ -129,9 +141,13 @@ class UdpLink(Link):
         self._peer: Any = None
 
     def _opened(self) -> socket.socket:
-        opened = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        host, port = self._address
+        # As bytes, since for text Python loads tables of 1 MB. IPv4 first, which is what autopilots speak.
+        found = socket.getaddrinfo(host.encode(), port, type=socket.SOCK_DGRAM)
+        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
-            (opened.bind if self._listens else opened.connect)(self._address)
+            (opened.bind if self._listens else opened.connect)(address)
         except OSError:
             opened.close()
             raise
