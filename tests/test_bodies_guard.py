@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from itertools import pairwise
 
 import pytest
 from hypothesis import assume, given
@@ -10,6 +11,8 @@ from hypothesis import strategies as st
 from deltaswarm_agent.bodies.fence import Fence, Place
 from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
+from deltaswarm_agent.bodies.mavlink import MavlinkSettings
+from deltaswarm_wire.checked import SettingsError, load
 
 SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
 HORSESHOE = Fence([(0, 0), (10, 0), (10, 10), (7, 10), (7, 3), (3, 3), (3, 10), (0, 10)])
@@ -68,11 +71,36 @@ def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place)
         assert beyond_m(to) < beyond_m(at) + 1e-9
 
 
-@pytest.mark.parametrize("corners", [[], [(0, 0), (1, 1)], [(0, 0), (1, 1), (2, 2)]])
-def test_a_fence_encloses_something(corners: list[Place]) -> None:
-    """Three corners that are not on one line."""
-    with pytest.raises(ValueError, match="corners"):
+@pytest.mark.parametrize(
+    ("corners", "message"),
+    [
+        ([(0, 0), (1, 1)], "2 corners"),
+        ([(0, 0), (1, 1), (2, 2)], r"the edges \(0, 0\)-\(1, 1\) and \(2, 2\)-\(0, 0\) cross or touch"),
+        ([(0, 0), (100, 100), (100, 0), (0, 80)], r"\(0, 0\)-\(100, 100\) and \(100, 0\)-\(0, 80\) cross"),
+        ([(0, 0), (9, 0), (9, 9), (5, 0), (0, 9)], r"\(0, 0\)-\(9, 0\) and \(9, 9\)-\(5, 0\)"),
+        ([(0, 0), (9, 0), (4, 0), (4, 9)], r"\(0, 0\)-\(9, 0\) and \(9, 0\)-\(4, 0\)"),
+        ([(0, 0), (9, 0), (9, 9), (0, 0), (-9, 0)], r"the corner \(0, 0\) comes twice"),
+        ([(0, 0), (9, 0), (9, 9), (0, 0)], r"the corner \(0, 0\) comes twice"),
+        ([(0, 0), (9, 0), (9, 9), (9, 9)], r"the corner \(9, 9\) comes twice"),
+    ],
+)
+def test_a_fence_that_is_no_simple_polygon_is_refused(corners: list[Place], message: str) -> None:
+    """What is within it would be a matter of opinion; the edges or the corner are named."""
+    with pytest.raises(ValueError, match=message):
         Fence(corners)
+    with pytest.raises(SettingsError, match=f"^fence_m: .*{message}"):
+        load(MavlinkSettings, {"fence_m": [list(corner) for corner in corners]})
+
+
+@given(st.lists(st.tuples(st.floats(0, 6), st.floats(1, 9)), min_size=4, max_size=9, unique_by=lambda spoke: spoke[0]))
+def test_a_fence_whose_corners_are_seen_in_order_from_within_is_allowed(spokes: list[Place]) -> None:
+    """However far they are: no simple polygon is refused for its shape."""
+    spokes.sort()
+    turns = [angle for angle, _ in spokes]
+    gaps = [later - earlier for earlier, later in pairwise([*turns, turns[0] + math.tau])]
+    assume(min(gaps) > 0.1 and max(gaps) < 3.0)
+    corners = [(far_m * math.cos(angle), far_m * math.sin(angle)) for angle, far_m in spokes]
+    assert Fence(corners).holds((0.0, 0.0))
 
 
 @given(st.floats(-100, 100), st.floats(-100, 100), st.floats(-360, 360), st.floats(-100, 100), st.floats(-100, 100))

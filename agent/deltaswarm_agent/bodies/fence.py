@@ -1,23 +1,33 @@
 """The geofence: a polygon that no commanded velocity may lead out of. Places in m, arena frame."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 Place = tuple[float, float]
+Edge = tuple[Place, Place]
+
+TOUCH_M = 0.001
+"""Edges that come nearer to each other touch [m]."""
 
 
 class Fence:
     """A simple polygon, its corners in order.
 
     Raises:
-        ValueError: fewer than three corners, or no area within.
+        ValueError: fewer than three corners, one that comes twice, or edges that cross or touch.
     """
 
     def __init__(self, corners: Sequence[Place]) -> None:
         if len(corners) < 3:
             raise ValueError(f"{len(corners)} corners; at least 3 are allowed")
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
-        if sum(a[0] * b[1] - b[0] * a[1] for a, b in self._edges) == 0:
-            raise ValueError("the corners enclose no area")
+        for index, corner in enumerate(corners):
+            if corner in corners[:index]:
+                raise ValueError(f"the corner {_shown(corner)} comes twice; the last is joined to the first by itself")
+        for one, other in combinations(self._edges, 2):
+            if _meet(one, other):
+                edges = " and ".join(f"{_shown(a)}-{_shown(b)}" for a, b in (one, other))
+                raise ValueError(f"the edges {edges} cross or touch; edges that meet at corners alone are allowed")
 
     def holds(self, at: Place) -> bool:
         """Whether a place is within."""
@@ -42,6 +52,16 @@ class Fence:
     def _distance_m2(self, at: Place) -> float:
         """Squared distance to the nearest edge [m2]."""
         return min(_to_edge_m2(at, a, b) for a, b in self._edges)
+
+
+def _shown(at: Place) -> str:
+    return f"({at[0]:g}, {at[1]:g})"
+
+
+def _meet(one: Edge, other: Edge) -> bool:
+    """Whether two edges cross or touch, but for a corner that both have."""
+    ends = [(end, edge) for edge, ends in ((one, other), (other, one)) for end in ends if end not in edge]
+    return _cross(*one, *other) or any(_to_edge_m2(end, *edge) < TOUCH_M**2 for end, edge in ends)
 
 
 def _cross(a: Place, b: Place, c: Place, d: Place) -> bool:
