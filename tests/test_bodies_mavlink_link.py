@@ -14,7 +14,7 @@ from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
-from deltaswarm_agent.bodies.mavlink_modes import mode_name
+from deltaswarm_agent.bodies.mavlink_modes import MODES, mode_name
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings
@@ -223,3 +223,12 @@ def test_modes_have_the_names_that_pymavlink_gives_them() -> None:
             said = (px4, 2, 1, main << 16 | sub << 24)
             assert mode_name(*said) == theirs(*said), said
     assert mode_name(ardupilot, 2, 0x40, 4) == theirs(ardupilot, 2, 0x40, 4)
+
+
+def test_modes_are_named_in_any_case_and_one_that_no_autopilot_has_is_refused() -> None:
+    """Else the agent would wait for ever for a mode that cannot come."""
+    assert load(MavlinkSettings, {"modes": ["guided", "OffBoard"]}).limits(1.0).modes == ("GUIDED", "OFFBOARD")
+    for mode in MODES:
+        assert load(MavlinkSettings, {"modes": [mode]}).limits(1.0).modes == (mode,)
+    with pytest.raises(SettingsError, match=r"^modes: 'GUIDE', 'UNKNOWN'; ACRO, .* GUIDED, .* are allowed$"):
+        load(MavlinkSettings, {"modes": ["GUIDE", "GUIDED", "UNKNOWN"]})

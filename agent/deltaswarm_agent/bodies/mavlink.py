@@ -23,7 +23,7 @@ from deltaswarm_agent.bodies.fence import Fence, Place
 from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
 from deltaswarm_agent.bodies.mavlink_link import open_link, parse_device
-from deltaswarm_agent.bodies.mavlink_modes import PX4, ROVERS, SUBMARINE, mode_name
+from deltaswarm_agent.bodies.mavlink_modes import MODES, PX4, ROVERS, SUBMARINE, mode_name
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_wire.checked import Problem, key
 
@@ -72,7 +72,9 @@ class MavlinkSettings:
     position_s: float = key(1.0, "an older position is none [s]", above=0, high=60)
     heartbeat_s: float = key(3.0, "a vehicle unheard for longer is gone [s]", above=0, high=60)
     needs_armed: bool = key(True, "whether the agent waits for the vehicle to be armed")
-    modes: tuple[str, ...] = key(("GUIDED", "OFFBOARD"), "flight modes in which the agent has the say; none: all")
+    modes: tuple[str, ...] = key(
+        ("GUIDED", "OFFBOARD"), "flight modes in which the agent has the say, in any case; none: all"
+    )
     rate_hz: float = key(10.0, "set-points per second", low=3, high=100)
     std_m: float = key(0.3, "standard deviation of its place, until the vehicle says better [m]", low=0)
     events: str = key("", "a CSV file of events to pretend to sense; empty: there are none")
@@ -93,6 +95,8 @@ class MavlinkSettings:
             for module, package in (("pymavlink", "pymavlink"), ("serial", "pyserial")):
                 if (module != "serial" or kind == "serial") and find_spec(module) is None:
                     found.append(Problem("device", repr(self.device), f"needs the package {package} (extra mavlink)"))
+        if unknown := [mode for mode in self.modes if mode.upper() not in MODES]:
+            found.append(Problem("modes", ", ".join(map(repr, unknown)), f"{', '.join(sorted(MODES))} are allowed"))
         return found + file_problems(self.events)
 
     def _corners(self) -> list[Place]:
@@ -114,7 +118,7 @@ class MavlinkSettings:
             position_s=self.position_s,
             heartbeat_s=self.heartbeat_s,
             needs_armed=self.needs_armed,
-            modes=self.modes,
+            modes=tuple(mode.upper() for mode in self.modes),
         )
 
 

@@ -46,6 +46,9 @@ _ARDUPILOT = {
 _PX4 = _numbered("- MANUAL ALTCTL POSCTL AUTO ACRO OFFBOARD STABILIZED RATTITUDE")
 _PX4_AUTO = _numbered("- - TAKEOFF LOITER MISSION RTL LAND RTGS FOLLOWME")
 
+MODES = frozenset(name for numbered in (_COPTER, _PLANE, _ROVER, _SUB, _PX4, _PX4_AUTO) for name in numbered.values())
+"""All names, of which each is in capitals."""
+
 
 def mode_name(autopilot: int, vehicle: int, base_mode: int, custom_mode: int) -> str:
     """The mode in a heartbeat; one without a name here is `Mode(NUMBER)`."""
