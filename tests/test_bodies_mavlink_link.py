@@ -42,6 +42,7 @@ HAS_IPV6 = IPV6.exists() and " lo\n" in IPV6.read_text()
         ("/dev/ttyACM0", Device("serial", "/dev/ttyACM0", 57600)),
         ("/dev/serial/by-id/usb-a,b:c", ValueError),
         ("/dev/ttyAMA0,921600", Device("serial", "/dev/ttyAMA0", 921600)),
+        ("/dev/ttyAMA0,99999999999", ValueError),
         ("udpin:14540", ValueError),
         ("tcp:127.0.0.1:0", ValueError),
         ("tcp:127.0.0.1:65536", ValueError),

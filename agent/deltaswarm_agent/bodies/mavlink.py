@@ -22,7 +22,7 @@ from deltaswarm_agent.bodies.events_file import file_problems, surroundings
 from deltaswarm_agent.bodies.fence import Fence, Place
 from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
-from deltaswarm_agent.bodies.mavlink_link import open_link, parse_device
+from deltaswarm_agent.bodies.mavlink_link import MAX_BAUD, MIN_BAUD, open_link, parse_device
 from deltaswarm_agent.bodies.mavlink_modes import MODES, PX4, ROVERS, SUBMARINE, mode_name
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_wire.checked import Problem, key
@@ -57,7 +57,7 @@ class MavlinkSettings:
     device: str = key(
         "udpin:0.0.0.0:14540", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device (/dev/...)"
     )
-    baud: int = key(115200, "of a serial device", low=1200, high=10_000_000)
+    baud: int = key(115200, "of a serial device", low=MIN_BAUD, high=MAX_BAUD)
     system_id: int = key(245, "this board's own MAVLink number", low=1, high=255)
     origin_north_m: float = key(0.0, "the arena's corner (0, 0), north in the vehicle's local frame [m]")
     origin_east_m: float = key(0.0, "and east [m]")

@@ -18,6 +18,7 @@ UDP_OUT = "udpout"
 TCP = "tcp"
 READ_BYTES = 4096
 """More than a datagram with MAVLink in it can have."""
+MIN_BAUD, MAX_BAUD = 1200, 10_000_000
 CONNECT_S = 1.0
 WRITE_S = 0.2
 
@@ -44,8 +45,8 @@ def parse_device(text: str, baud: int) -> Device:
         return Device(UDP_IN[0] if kind in UDP_IN else kind, _without_brackets(host), int(port))
     if text.startswith("/"):
         path, comma, rate = text.partition(",")
-        if comma and not (rate.isdecimal() and int(rate) > 0):
-            raise ValueError("after the comma, a serial device's baud rate is allowed")
+        if comma and not (rate.isdecimal() and MIN_BAUD <= int(rate) <= MAX_BAUD):
+            raise ValueError(f"after the comma, a serial device's baud rate of {MIN_BAUD} to {MAX_BAUD} is allowed")
         return Device("serial", path, int(rate) if comma else baud)
     raise ValueError("udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device such as /dev/ttyACM0")
 
