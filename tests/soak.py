@@ -2,7 +2,7 @@
 
 `python -m tests.soak --hours 24 --accelerate 400 --out FOLDER` writes `memory.csv` (simulated hours, MB resident of
 each board) and `memory.png`, and says what grew. Boards lose and find one another again and again: every simulated
-hour the link between them and the first one is gone for five minutes.
+hour the link between them and the first one is gone for five minutes. They have the environment of the systemd unit.
 """
 
 import argparse
@@ -16,6 +16,7 @@ from tests.cable import Cable, cable
 from tests.fields import EVENT_AT, TASK, Listener, board_table, boards, endpoint, free_port, listening
 from tests.swarms import wait_until
 
+UNIT = Path(__file__).parent.parent / "agent" / "systemd" / "deltaswarm-agent@.service"
 STARTS = (EVENT_AT, (10.0, 0.5), (19.0, 18.0))
 LOSS_EVERY_S, LOSS_S = 3600.0, 300.0
 
@@ -29,6 +30,8 @@ def soak(folder: Path, hours: float, accelerate: float, samples: int, record: st
     """Rows of simulated hours and the memory of each board [MB]."""
     ports = [free_port() for _ in STARTS]
     rows: list[list[float]] = []
+    settings = [line.removeprefix("Environment=") for line in UNIT.read_text().splitlines() if "Environment=" in line]
+    environment = dict(setting.split("=", 1) for setting in settings)
     with boards(folder) as running, cable(ports[0]) as link, listening(*map(endpoint, ports)) as listener:
         first = [endpoint(link.port)]
         for agent, at in enumerate(STARTS):
@@ -37,7 +40,7 @@ def soak(folder: Path, hours: float, accelerate: float, samples: int, record: st
             table = board_table(agent, at, air, folder)
             table["agent"] = {**TASK, "control": {**TASK["control"], "gamma_max": 400}}
             table["log"] = {"folder": str(folder / "logs"), "max_bytes": 100_000, "record": record}
-            running.start(table, "--accelerate", str(accelerate))
+            running.start(table, "--accelerate", str(accelerate), environment=environment)
         wait_until(lambda: listener.alive == {0, 1, 2}, "all on the air")
         began_s = time.monotonic()
         for sample in range(samples + 1):

@@ -132,6 +132,7 @@ def test_over_tls_only_certified_boards_come_in(tmp_path: Path) -> None:
 
 
 SICK = """
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from deltaswarm_agent.body import Sensed
@@ -140,12 +141,15 @@ from deltaswarm_wire.checked import key
 @dataclass(frozen=True)
 class Options:
     charger: str = key("", "a file that is there when it is well")
+    stuck: str = key("", "a file that is there while it hangs")
 
 class Sick:
     Settings, REAL_TIME = Options, False
     def __init__(self, options, context):
-        self.charger = Path(options.charger)
+        self.charger, self.stuck = Path(options.charger), Path(options.stuck)
     def sense(self, time_s):
+        while self.stuck.exists():
+            time.sleep(0.01)
         return Sensed(5.0, 5.0, 0.1, fault="" if self.charger.exists() else "no battery")
     def move(self, vx_mps, vy_mps, observed):
         pass
@@ -156,11 +160,11 @@ class Sick:
 
 @pytest.mark.processes
 def test_it_says_whose_body_is_not_well_and_when_it_is_well_again(tmp_path: Path) -> None:
-    """Also to an operator that came later; such an agent is alive and silent, and its words of it are no workload."""
+    """Also to an operator that came later, and of one that hangs: these are alive and silent, and it is no workload."""
     port = free_port()
     (tmp_path / "sick_body.py").write_text(SICK)
     table = board_table(3, EVENT_AT, {"connect": [endpoint(port)]}, tmp_path)
-    table["body"] = {"kind": "sick_body:Sick", "options": {"charger": str(tmp_path / "charger")}}
+    table["body"] = {"kind": "sick_body:Sick", "options": {name: str(tmp_path / name) for name in ("charger", "stuck")}}
     with boards(tmp_path) as running:
         running.start(table, *FAST, environment={"PYTHONPATH": str(tmp_path)})
         wait_until(lambda: "not well: no battery" in running.said(3), "a fault")
@@ -169,6 +173,10 @@ def test_it_says_whose_body_is_not_well_and_when_it_is_well_again(tmp_path: Path
             operator.wait_for("1 agents alive (3), not well (3: no battery), ")
             (tmp_path / "charger").touch()
             operator.wait_for("agent 3 is well")
+            (tmp_path / "stuck").touch()
+            operator.wait_for("agent 3 is not well: it has not stepped for ")
+            (tmp_path / "stuck").unlink()
+            wait_until(lambda: operator.said.count("agent 3 is well") == 2, "steps")
             wait_until(lambda: "1 agents alive (3), 0.0 " in operator.said.splitlines()[-1], "a line without it")
             rows, totals = operator.end()
     assert {row["agents_ill"] for row in rows} == {"0", "1"}

@@ -23,6 +23,8 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 log = logging.getLogger("deltaswarm.air")
 
 RETRY_S = 1.0
+STALLS_S, STALLS_STEPS = 2.0, 5
+"""A board that has not stepped for so long by the wall, and for so many steps, is told of as not well."""
 CLOSE_S = 1.0
 """A session that does not open or close within this is left to the end of the process."""
 
@@ -74,6 +76,8 @@ class OpenAir:
         """Begin to look for others; the agent's clock begins now, and runs so much faster than the wall's."""
         self._accelerate = accelerate
         self._start_s = time.monotonic()
+        self._stepped_s = 0.0
+        self._stalls = False
         zenoh.init_log_from_env_or("error")
         if self._settings.air.tls.ca_file and not self._settings.air.agents:
             log.warning("without air.agents whoever has a certificate is believed, whatever number it gives")
@@ -93,6 +97,10 @@ class OpenAir:
 
     def hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
         """What came since the last step, for an agent at a place [m]."""
+        self._stepped_s = self.now_s()
+        if self._stalls:
+            self._stalls = False
+            self.health("")
         with self._lock:
             return self._inbox.empty(self.now_s(), place_m)
 
@@ -166,8 +174,13 @@ class OpenAir:
         log.info("agent %d is on the air of run %s", agent, keys.run)
 
     def _watch(self, session: zenoh.Session) -> None:
-        """Tell of links that come and go, until the end."""
+        """Tell of links that come and go, and of an agent that does not step, until the end."""
+        longest_s = max(STALLS_S * self._accelerate, STALLS_STEPS * self._settings.agent.step_s)
         while not self._closing.wait(RETRY_S):
+            stalled_s = self.now_s() - self._stepped_s
+            if stalled_s > longest_s:
+                self._stalls = True
+                self.health(f"it has not stepped for {stalled_s:.0f} s")
             links = len(session.info.peers_zid()) + len(session.info.routers_zid())
             if links != self.links:
                 log.info("links: %d now, %d before", links, self.links)
