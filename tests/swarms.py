@@ -15,7 +15,7 @@ COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]
 POLL_S = 0.02
 
 
-def wait_until(condition: Callable[[], Any], what: str, within_s: float = 30.0) -> Any:
+def wait_until(condition: Callable[[], Any], what: str, within_s: float = 60.0) -> Any:
     """The condition's first true value; fails loudly when time is up."""
     deadline = time.monotonic() + within_s
     while not (found := condition()):
