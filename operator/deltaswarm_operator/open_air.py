@@ -138,11 +138,13 @@ class OpenAirOperator:
 
     def _line(self, workload: Workload) -> str:
         alive = self.meter.alive
+        doubled = self.meter.doubled
         totals = self.meter.totals
         ill = "; ".join(f"{agent}: {fault}" for agent, fault in self.meter.ill.items())
         return (
             f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
             + (f"not well ({ill}), " if ill else "")
+            + (f"doubled ({', '.join(map(str, doubled))}), " if doubled else "")
             + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
             f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused} refused"
         )
@@ -153,13 +155,21 @@ class OpenAirOperator:
         data = sample.payload.to_bytes()
         if arrival is Arrival.REPORT:
             sent = sample.attachment
-            reason = self.meter.hear(agent, data, None if sent is None else sent.to_bytes(), self._now_s())
+            reason = self._take_report(agent, data, None if sent is None else sent.to_bytes())
         else:
             reason = self._take_health(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             whose = "no agent's key" if agent is None else f"agent {agent}'s key"
             log.warning("dropped (further ones on %s are only counted): %s", whose, reason)
+
+    def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
+        before = self.meter.is_doubled(agent)
+        reason = self.meter.hear(agent, data, sent, self._now_s())
+        if (is_doubled := self.meter.is_doubled(agent)) != before:
+            what = "two processes or more report as agent %d: has another board its number?"
+            log.warning(what if is_doubled else "one process alone reports as agent %d", agent)
+        return reason
 
     def _take_health(self, agent: int | None, data: bytes) -> str | None:
         before = self.meter.fault_of(agent)

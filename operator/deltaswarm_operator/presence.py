@@ -4,9 +4,11 @@ Pure: tokens, reports and times in [s since the operator's start], one `Workload
 """
 
 import math
-from dataclasses import dataclass
+from collections import deque
+from dataclasses import dataclass, field
 from typing import Any
 
+from deltaswarm_operator.lives import Lives
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
 from deltaswarm_wire.messages import Clock, Report, Workload, decode_health, decode_report
@@ -19,13 +21,17 @@ MAX_SENT_S = 1e11
 INSISTS = 5
 """So many old reports in a row, in order, and they are not old: the agent began anew with its clock set back."""
 
+RECENT = 64
+"""So many reports of an agent are kept, to know a copy by."""
+
 
 @dataclass
 class Known:
     """One agent: whether its token is there, how often it went, what came from it and when, what ails its body.
 
     `reports` counts what was taken, `stale` duplicates and what came after a newer one, of which `stale_run` came
-    last, in order, up to the sequence number `newest_stale`.
+    last, in order, up to the sequence number `newest_stale`. `recent` are the newest that came, each with when it was
+    sent, and `lives` the processes that they are from.
     """
 
     is_alive: bool = False
@@ -33,12 +39,25 @@ class Known:
     fault: str = ""
     reports: int = 0
     stale: int = 0
-    restarts: int = 0
     last_heard_s: float | None = None
     newest: Report | None = None
     newest_sent_s: float = -math.inf
     stale_run: int = 0
     newest_stale: int = -1
+    recent: deque[tuple[Report, float | None]] = field(default_factory=lambda: deque(maxlen=RECENT))
+    lives: Lives = field(default_factory=Lives)
+
+    def follow(self, report: Report, sent_s: float | None, now_s: float) -> int:
+        """Take a report, old or not, as one of the processes behind the agent; how many more are lost than before it.
+
+        A copy is nobody's.
+        """
+        if (report, sent_s) in self.recent:
+            return 0
+        self.recent.append((report, sent_s))
+        lost = self.lives.lost
+        self.lives.hear(report.sequence, now_s)
+        return self.lives.lost - lost
 
     def is_old(self, sequence: int, sent_s: float | None) -> bool:
         """Whether a report with a sequence number that did not grow is an old one."""
@@ -88,6 +107,16 @@ class OpenAirMeter:
         """What is wrong with the bodies of agents, by number, ascending."""
         return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
 
+    @property
+    def doubled(self) -> list[int]:
+        """Agents as whom two processes report, ascending."""
+        return sorted(agent for agent, known in self.agents.items() if known.lives.is_doubled)
+
+    def is_doubled(self, agent: int | None) -> bool:
+        """Whether two processes report as this agent; not where nothing came from it."""
+        known = None if agent is None else self.agents.get(agent)
+        return known is not None and known.lives.is_doubled
+
     def fault_of(self, agent: int | None) -> str:
         """What is wrong with its body; nothing where that is not known."""
         known = None if agent is None else self.agents.get(agent)
@@ -123,13 +152,10 @@ class OpenAirMeter:
             where = "no agent's key" if agent is None else f"the key of agent {agent}"
             return self._meter.reject(-1 if agent is None else agent, f"report.agent: {report.agent} on {where}")
         known = self._known(agent)
-        if known.newest is None:
-            self._meter.is_back(report.agent)  # what it sent before anybody listened is no loss
-        elif report.sequence <= known.newest.sequence:
-            if known.is_old(report.sequence, sent_s):
-                known.stale += 1
-                return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
-            known.restarts += 1
+        self._meter.lose(agent, known.follow(report, sent_s, now_s))
+        if known.newest is not None and report.sequence <= known.newest.sequence and known.is_old(report.sequence, sent_s):
+            known.stale += 1
+            return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
         known.take(report, sent_s, now_s)
         self._meter.take_now(report, data)
         return None
@@ -153,7 +179,8 @@ class OpenAirMeter:
                 "alive": known.is_alive,
                 "fault": known.fault,
                 "absences": known.absences,
-                "restarts": known.restarts,
+                "restarts": known.lives.restarts,
+                "doubled": known.lives.was_doubled,
                 "last_heard_s": known.last_heard_s,
                 "reports": known.reports,
                 "stale": known.stale,

@@ -101,8 +101,12 @@ class WorkloadMeter:
 
     def take_now(self, report: Report, data: bytes) -> None:
         """Take in a report of an agent whose steps are its own: it counts in the next one to be closed here."""
-        self._follow_sequence(report.agent, report.sequence)
         self._hold(self.step + 1, report, data)
+
+    def lose(self, agent: int, reports: int) -> None:
+        """So many reports of an agent are missing; below 0 if some that were thought so are not."""
+        self._lost[agent] += reports
+        self._lost_in_step += reports
 
     def reject(self, agent: int, reason: str) -> str:
         """Count a sample that is dropped; gives the reason back."""
@@ -143,8 +147,7 @@ class WorkloadMeter:
         """A gap is a loss on the way; a sequence that goes back belongs to an agent that began anew."""
         missing = sequence - self._newest_sequence.get(agent, -1) - 1
         if missing > 0:
-            self._lost[agent] += missing
-            self._lost_in_step += missing
+            self.lose(agent, missing)
         self._newest_sequence[agent] = sequence
 
     def is_back(self, agent: int) -> None:
@@ -181,7 +184,7 @@ class WorkloadMeter:
             rate_60s_hz=rate_60s_hz,
             time_above_s=self._steps_above * self._step_s,
             backlog=backlog,
-            lost=min(self._lost_in_step, MAX_ID),
+            lost=min(max(0, self._lost_in_step), MAX_ID),
             rejected=self._rejected_in_step,
         )
         self._lost_in_step = self._rejected_in_step = 0
