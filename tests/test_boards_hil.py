@@ -98,6 +98,23 @@ def test_a_board_may_stand_still_or_be_started_anew(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
+def test_a_board_that_is_there_twice_is_named(tmp_path: Path) -> None:
+    """The run is not valid, and says of which agent there may be two."""
+    with loop(tmp_path, BOARDS, *REAL, "--set", "run.duration_s=400") as made:
+        made.start(4)
+        made.start(5)
+        made.swarm.wait_for_steps(1)
+        made.processes[-5] = made.processes[5]
+        made.start(5)
+        code, printed, errors = made.swarm.finish()
+        reasons = made.swarm.summary()["invalid_because"]
+    assert code == 1, errors + printed
+    assert reasons[-1].startswith("the count of agent 5 fell back ")
+    assert reasons[-1].endswith(" times: two processes may be acting as it")
+    assert "agent 4" not in " ".join(reasons)
+
+
+@pytest.mark.processes
 def test_a_board_whose_link_was_cut_goes_on(tmp_path: Path) -> None:
     """The same process comes back, and what it said meanwhile is no loss of the fabric."""
     with loop(tmp_path, BOARDS, *REAL, "--set", "run.duration_s=400") as made:

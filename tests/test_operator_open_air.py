@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -129,6 +129,23 @@ def test_over_tls_only_certified_boards_come_in(tmp_path: Path) -> None:
         wait_until(lambda: running.said(1).count("first step"), "the other board runs")
         _, totals = operator.end()
     assert set(totals["agents"]) == {"0"}
+
+
+@pytest.mark.processes
+def test_it_says_who_is_there_twice(tmp_path: Path) -> None:
+    """Two boards with one number, each linked to it alone; none of their reports is lost."""
+    port = free_port()
+    folders = [tmp_path / name for name in ("first", "second")]
+    with operating(tmp_path, "--listen", endpoint(port)) as operator, ExitStack() as stack:
+        for folder in folders:
+            folder.mkdir()
+            board = board_table(3, EVENT_AT, {"connect": [endpoint(port)]}, folder)
+            stack.enter_context(boards(folder)).start(board, *FAST)
+        operator.wait_for("two processes or more report as agent 3")
+        operator.wait_for("1 agents alive (3), doubled (3), ")
+        _, totals = operator.end()
+    assert (totals["lost"], totals["agents"]["3"]["doubled"]) == (0, True)
+    assert totals["agents"]["3"]["restarts"] <= 1
 
 
 SICK = """

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_operator.lives import RETURNS
 from deltaswarm_operator.presence import INSISTS, OpenAirMeter
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Health, Report, encode_health, encode_report
@@ -205,3 +206,79 @@ def test_copies_of_old_reports_are_never_a_new_beginning() -> None:
     for _ in range(2 * INSISTS):
         assert hear(books, 1, 39, 139.0) is not None
     assert books.totals["agents"]["1"]["restarts"] == 0
+
+
+@given(
+    lives=st.lists(st.tuples(st.integers(0, 9), st.integers(1, 9), st.floats(2.0, 9.0)), max_size=40),
+    step_s=st.sampled_from([0.05, 1.0]),
+)
+def test_a_board_that_crashes_again_and_again_is_one(lives: list[tuple[int, int, float]], step_s: float) -> None:
+    """Whatever each of its lives begins with that is heard, and however short it is: it is away for 2 s between."""
+    books, now_s = meter(), 0.0
+    for first, count, pause_s in lives:
+        now_s += pause_s
+        for sequence in range(first, first + count):
+            now_s += step_s
+            assert hear(books, 1, sequence, 1000.0 + now_s, now_s) is None
+    assert books.doubled == []
+    if lives:
+        assert not books.totals["agents"]["1"]["doubled"]
+
+
+def test_one_that_begins_at_0_is_no_other_one_however_soon_it_is_back() -> None:
+    """It restarts each time, and loses nothing."""
+    books = meter()
+    for report_number in range(60):
+        hear(books, 1, report_number % 3, 100.0 + report_number, report_number / 10)
+    assert books.doubled == []
+    found = books.totals
+    assert (found["agents"]["1"]["restarts"], found["lost"]) == (19, 0)
+
+
+@given(
+    starts=st.lists(st.integers(0, 200), min_size=2, max_size=5),
+    skews_s=st.lists(st.floats(-5000, 5000), min_size=5, max_size=5),
+    data=st.data(),
+)
+def test_boards_with_one_number_are_told_and_nothing_is_lost(
+    starts: list[int], skews_s: list[float], data: st.DataObject
+) -> None:
+    """In whatever order they take turns, and whatever their clocks say."""
+    books, numbers, now_s = meter(), list(starts), 0.0
+    rounds = 2 * (RETURNS + len(starts))
+    for _ in range(rounds):
+        for board in data.draw(st.permutations(range(len(starts)))):
+            now_s += 1 / len(starts)
+            hear(books, 1, numbers[board], 10_000.0 + now_s + skews_s[board], now_s)
+            numbers[board] += 1
+    assert books.doubled == [1]
+    found = books.totals
+    assert found["lost"] == 0
+    assert found["agents"]["1"]["restarts"] < len(starts)
+
+
+def test_one_that_is_alone_again_is_told_of_no_more() -> None:
+    """The totals still say that it was two."""
+    books = meter()
+    for sequence in range(RETURNS + 1):
+        for start in (100, 0):
+            hear(books, 1, start + sequence, 1000.0 + 2 * sequence + (start == 0), sequence)
+    assert (books.doubled, books.is_doubled(1), books.is_doubled(2), books.is_doubled(None)) == (
+        [1],
+        True,
+        False,
+        False,
+    )
+    for sequence in range(200, 310):
+        hear(books, 1, sequence, 1000.0 + sequence, sequence)
+    assert books.doubled == []
+    assert books.totals["agents"]["1"]["doubled"]
+
+
+def test_what_was_thought_lost_and_comes_from_another_board_was_not() -> None:
+    """The operator heard the lower numbers first."""
+    books = meter()
+    for now_s, sequence in enumerate((62, 105, 63, 106)):
+        assert hear(books, 1, sequence, 100.0 + now_s, now_s) is None
+        books.close(now_s + 1.0, 0)
+        assert books.totals["lost"] == (42 if sequence == 105 else 0)

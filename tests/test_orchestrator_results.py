@@ -194,6 +194,24 @@ def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reaso
     assert any(reason in because for because in found["invalid_because"])
 
 
+def test_a_loss_names_its_agents() -> None:
+    """By the counts of world and operator, most first."""
+    outcome = whole()
+    outcome.tallies = [tally(0, transport_lost=9)]
+    outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
+    outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
+    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    assert reason == "9 messages were lost on the fabric (6 of agent 5, 3 of agent 3)"
+
+
+def test_an_agent_that_may_be_two_is_named() -> None:
+    """Also if nothing is lost; to fall back a few times is no sign of it."""
+    outcome = whole()
+    outcome.world |= {"fell_back": {"2": 4, "5": 5}}
+    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    assert reason == "the count of agent 5 fell back 5 times: two processes may be acting as it"
+
+
 # Tables
 
 

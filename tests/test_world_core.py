@@ -173,6 +173,20 @@ def test_one_frame_per_step_and_none_after_the_act() -> None:
     assert {agent: frame.heard for agent, frame in stage.begin().items()} == {0: (), 1: (first,), 2: (first,)}
 
 
+def test_whose_count_falls_back_is_named() -> None:
+    """Its gaps too, by the agent; who was away may begin anew."""
+    stage = Stage()
+    for counters in ((0, 30), (1, 31), (2, 32)):
+        stage.begin()
+        for counter in counters:
+            stage.core.hear_radio(1, encode_radio(Relocating(1, counter, 0, 0)))
+        stage.core.board_is_back(2)
+        stage.core.hear_radio(2, encode_radio(Relocating(2, 0, 0, 0)))
+        stage.end()
+    totals = stage.core.totals(True)
+    assert (totals["fell_back"], totals["transport_lost"]) == ({"1": 2}, {"1": 29 * 3})
+
+
 def test_an_act_of_a_step_to_come_is_refused() -> None:
     """It would close a step that has not begun; one of a step gone by closes nothing and is no offence."""
     stage = Stage()

@@ -153,7 +153,11 @@ class OpenAirMeter:
             return self._meter.reject(-1 if agent is None else agent, f"report.agent: {report.agent} on {where}")
         known = self._known(agent)
         self._meter.lose(agent, known.follow(report, sent_s, now_s))
-        if known.newest is not None and report.sequence <= known.newest.sequence and known.is_old(report.sequence, sent_s):
+        if (
+            known.newest is not None
+            and report.sequence <= known.newest.sequence
+            and known.is_old(report.sequence, sent_s)
+        ):
             known.stale += 1
             return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
         known.take(report, sent_s, now_s)

@@ -5,6 +5,7 @@ import fcntl
 import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ import numpy as np
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import digest
+from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
@@ -26,6 +28,12 @@ OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if nam
 
 RUNNING = "running"
 """The exit reason of a run that has not ended, and for ever of one that was killed: see `is_under_way`."""
+
+MAX_NAMED = 5
+"""So many agents are named in a reason."""
+
+OFTEN = 5
+"""So often no count falls back by itself: that of an agent which began anew behind a dead link does so once."""
 
 Row = TypeVar("Row", Tally, Workload, EventState)
 
@@ -265,6 +273,14 @@ def _rate(counts: Sequence[int], step_s: float) -> float | None:
     return None if mean is None else mean / step_s
 
 
+def _whose_were_lost(outcome: Outcome) -> str:
+    """By agent, most first; empty where it is not known."""
+    lost = Counter({agent: own["lost"] for agent, own in (outcome.operator.get("per_sender") or {}).items()})
+    lost.update(outcome.world.get("transport_lost", {}))
+    named = [f"{count} of agent {agent}" for agent, count in (+lost).most_common(MAX_NAMED) if agent != WORLD]
+    return f" ({', '.join(named)})" if named else ""
+
+
 def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """`summary.json`: the figures, and how the run went."""
     found = figures(outcome, scenario.run.step_s)
@@ -272,7 +288,12 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     simulated_s = found["steps"] * scenario.run.step_s
     reasons = [] if outcome.is_complete else ["the run did not come to its last step"]
     if found["transport_lost"]:
-        reasons.append(f"{found['transport_lost']} messages were lost on the fabric")
+        reasons.append(f"{found['transport_lost']} messages were lost on the fabric{_whose_were_lost(outcome)}")
+    reasons += [
+        f"the count of agent {agent} fell back {count} times: two processes may be acting as it"
+        for agent, count in outcome.world.get("fell_back", {}).items()
+        if count >= OFTEN
+    ]
     return {
         "name": scenario.name,
         "mode": scenario.control.mode,

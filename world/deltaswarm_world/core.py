@@ -32,7 +32,7 @@ from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, UPLINK_REASONS, Body, E
 from deltaswarm_world.channel.links import Finding
 from deltaswarm_world.environment import Environment, Happening
 from deltaswarm_world.faults import Faults
-from deltaswarm_world.ledger import FREE, Coverage, Standing, standing
+from deltaswarm_world.ledger import FREE, Coverage, Standing, by_agent, standing
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.radio import Air, Carried
 from deltaswarm_world.uplink import Uplink
@@ -53,6 +53,9 @@ class WorldCore:
         self.environment = Environment(scenario)
         self.lockstep = LockStep(range(scenario.agents.count), boards)
         self.rejected: Counter[int] = Counter()
+        self.transport_lost: Counter[int] = Counter()
+        self.fell_back: Counter[int] = Counter()
+        """How often an agent's count did not grow, and it had not been away: often, if two processes act as it."""
         """Samples dropped at the edge, per agent whose key they came on."""
         self.refused_claims = 0
         """Observations claimed of events that were out of sensing range."""
@@ -82,7 +85,7 @@ class WorldCore:
         self._links: Sequence[tuple[int, int]] = ()
         self._newest_counter: dict[int, int] = {}
         self._rejected_in_step = 0
-        self._lost_in_step = 0
+        self._lost_before = 0
         self._step = -1
         self._time_s = 0.0
         self._carried = Carried(0)
@@ -196,7 +199,8 @@ class WorldCore:
             return self.reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
         expected = self._newest_counter.get(agent, -1) + 1
         if frame.counter > expected:
-            self._lost_in_step += frame.counter - expected
+            self.transport_lost[agent] += frame.counter - expected
+        self.fell_back[agent] += frame.counter < expected <= MAX_STEP
         self._newest_counter[agent] = frame.counter
         if agent in self.lockstep.hanging:
             return None  # late: its act, which follows, ends that
@@ -219,7 +223,7 @@ class WorldCore:
             return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
         if report.step > self._step:
             return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
-        self._lost_in_step += max(0, report.sequence - self._newest_report.get(agent, -1) - 1)
+        self.transport_lost[agent] += max(0, report.sequence - self._newest_report.get(agent, -1) - 1)
         self._newest_report[agent] = report.sequence
         if agent in self._reports:
             return self.reject(agent, "report: a second one in one step")
@@ -293,7 +297,8 @@ class WorldCore:
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
-        lost, self._lost_in_step = self._lost_in_step, 0
+        lost = self.transport_lost.total() - self._lost_before
+        self._lost_before += lost
         carried, others = self._carried, self.scenario.agents.count - 1
         figures = (
             self._step,
@@ -375,7 +380,9 @@ class WorldCore:
             "agents_lost": list(self.lockstep.lost),
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
-            "rejected": {str(agent): count for agent, count in sorted(self.rejected.items())},
+            "rejected": by_agent(self.rejected),
+            "transport_lost": by_agent(self.transport_lost),
+            "fell_back": by_agent(self.fell_back),
             "refused_claims": self.refused_claims,
         }
 

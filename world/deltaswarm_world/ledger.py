@@ -1,5 +1,7 @@
 """The ledger: what happened in each step, and what the agents' own frames show of their trees."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from deltaswarm_wire.radio import Attending, Member, RadioFrame, Relocating
@@ -32,6 +34,11 @@ def standing(frame: RadioFrame) -> Standing:
     if type(frame) is Attending:
         return "attending", 0, NOBODY
     return "leaving", 0, NOBODY
+
+
+def by_agent(counts: Mapping[int, int]) -> dict[str, int]:
+    """Counts that are not 0, as JSON has them."""
+    return {str(agent): count for agent, count in sorted(counts.items()) if count}
 
 
 class Coverage:
