@@ -297,8 +297,7 @@ class WorldCore:
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
-        lost = self.transport_lost.total() - self._lost_before
-        self._lost_before += lost
+        lost, self._lost_before = self.transport_lost.total() - self._lost_before, self.transport_lost.total()
         carried, others = self._carried, self.scenario.agents.count - 1
         figures = (
             self._step,
