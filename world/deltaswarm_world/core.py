@@ -11,7 +11,7 @@ from dataclasses import asdict
 from itertools import accumulate
 from typing import Any
 
-from deltaswarm_wire.codec import MAX_STEP, WireError
+from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import (
     FRAME_ROOM_BYTES,
@@ -32,7 +32,7 @@ from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, UPLINK_REASONS, Body, E
 from deltaswarm_world.channel.links import Finding
 from deltaswarm_world.environment import Environment, Happening
 from deltaswarm_world.faults import Faults
-from deltaswarm_world.ledger import FREE, Coverage, Standing, by_agent, standing
+from deltaswarm_world.ledger import FREE, Coverage, Numbers, Standing, by_agent, standing
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.radio import Air, Carried
 from deltaswarm_world.uplink import Uplink
@@ -53,9 +53,6 @@ class WorldCore:
         self.environment = Environment(scenario)
         self.lockstep = LockStep(range(scenario.agents.count), boards)
         self.rejected: Counter[int] = Counter()
-        self.transport_lost: Counter[int] = Counter()
-        self.fell_back: Counter[int] = Counter()
-        """How often an agent's count did not grow, and it had not been away: often, if two processes act as it."""
         """Samples dropped at the edge, per agent whose key they came on."""
         self.refused_claims = 0
         """Observations claimed of events that were out of sensing range."""
@@ -72,7 +69,6 @@ class WorldCore:
         self._air = Air(scenario)
         self._uplink = Uplink(scenario) if self.has_uplink else None
         self._reports: dict[int, bytes] = {}
-        self._newest_report: dict[int, int] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
@@ -83,7 +79,7 @@ class WorldCore:
         self._standings: dict[int, Standing] = {}
         self._sensed: list[list[Event]] = []
         self._links: Sequence[tuple[int, int]] = ()
-        self._newest_counter: dict[int, int] = {}
+        self._radio_numbers, self._report_numbers = Numbers(), Numbers()
         self._rejected_in_step = 0
         self._lost_before = 0
         self._step = -1
@@ -106,8 +102,8 @@ class WorldCore:
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
                     lockstep.back(agent)
-                    self._newest_counter.pop(agent, None)
-                    self._newest_report.pop(agent, None)
+                    self._radio_numbers.begin_anew(agent)
+                    self._report_numbers.begin_anew(agent)
         lockstep.frozen = self._faults.frozen
         return orders
 
@@ -137,7 +133,8 @@ class WorldCore:
 
     def board_is_back(self, agent: int) -> None:
         """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
-        self._newest_counter[agent] = self._newest_report[agent] = MAX_STEP
+        self._radio_numbers.go_on_anywhere(agent)
+        self._report_numbers.go_on_anywhere(agent)
 
     def _sense(self) -> list[list[Event]]:
         """What each agent senses, or believes to."""
@@ -197,11 +194,7 @@ class WorldCore:
         """The same for a frame and the bytes that it was decoded from, or encoded to."""
         if frame.sender != agent:
             return self.reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
-        expected = self._newest_counter.get(agent, -1) + 1
-        if frame.counter > expected:
-            self.transport_lost[agent] += frame.counter - expected
-        self.fell_back[agent] += frame.counter < expected <= MAX_STEP
-        self._newest_counter[agent] = frame.counter
+        self._radio_numbers.follow(agent, frame.counter)
         if agent in self.lockstep.hanging:
             return None  # late: its act, which follows, ends that
         if agent in self._spoken or agent not in self.lockstep.waiting:
@@ -223,8 +216,7 @@ class WorldCore:
             return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
         if report.step > self._step:
             return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
-        self.transport_lost[agent] += max(0, report.sequence - self._newest_report.get(agent, -1) - 1)
-        self._newest_report[agent] = report.sequence
+        self._report_numbers.follow(agent, report.sequence)
         if agent in self._reports:
             return self.reject(agent, "report: a second one in one step")
         self._reports[agent] = data
@@ -297,7 +289,8 @@ class WorldCore:
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
-        lost, self._lost_before = self.transport_lost.total() - self._lost_before, self.transport_lost.total()
+        lost = (self._radio_numbers.lost + self._report_numbers.lost).total() - self._lost_before
+        self._lost_before += lost
         carried, others = self._carried, self.scenario.agents.count - 1
         figures = (
             self._step,
@@ -380,8 +373,8 @@ class WorldCore:
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             "rejected": by_agent(self.rejected),
-            "transport_lost": by_agent(self.transport_lost),
-            "fell_back": by_agent(self.fell_back),
+            "transport_lost": by_agent(self._radio_numbers.lost + self._report_numbers.lost),
+            "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
             "refused_claims": self.refused_claims,
         }
 
