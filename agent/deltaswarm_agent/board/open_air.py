@@ -36,9 +36,10 @@ def cannot_listen(endpoint: str) -> str:
         return ""
     is_stream = protocol not in ("udp", QUIC)
     try:
-        [family, kind, _, _, address], *_ = socket.getaddrinfo(
-            *host_and_port(endpoint), type=socket.SOCK_STREAM if is_stream else socket.SOCK_DGRAM
-        )
+        host, port = host_and_port(endpoint)
+        wanted = socket.SOCK_STREAM if is_stream else socket.SOCK_DGRAM
+        # The host as bytes: for text Python loads tables of 1 MB.
+        [family, kind, _, _, address], *_ = socket.getaddrinfo(host.encode(), port, type=wanted)
         with socket.socket(family, kind) as probe:
             if is_stream:
                 probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # after a restart it is free, as for Zenoh
