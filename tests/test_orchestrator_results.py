@@ -315,6 +315,19 @@ def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> Non
     assert not list((tmp_path / "run").iterdir())
 
 
+@pytest.mark.parametrize("force", [False, True])
+def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
+    """Not by force either: both would write into one folder, and the first to end would name a mixture its own."""
+    folder = RunFolder(tmp_path / "run", force=False)
+    scenario = load_scenario("smoke")
+    with folder.held():
+        folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
+        with pytest.raises(FolderError, match="by a run under way"):
+            RunFolder(tmp_path / "run", force=force)
+        assert (folder.path / "manifest.json").exists()
+    RunFolder(tmp_path / "run", force=True)
+
+
 def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No folder with anything else in it, no file, and not the folder that one is in, nor the one above."""
     (tmp_path / "work").mkdir()

@@ -61,7 +61,7 @@ class Outcome:
 
 
 class FolderError(Exception):
-    """The run folder cannot be made, or is there already and `--force` was not given."""
+    """The run folder cannot be made, is being written, or is there already and `--force` was not given."""
 
 
 class RunFolder:
@@ -75,8 +75,12 @@ class RunFolder:
         self.target = target
         self.path = target.with_name(target.name + ".part")
         self._force = force
-        if self.path.exists() and not force:
-            raise FolderError(f"{self.path} exists: an interrupted run, or one under way; --force replaces it")
+        if self.path.exists():
+            if under_way := is_under_way(self.path):
+                raise FolderError(f"{self.path} is written by a run under way: end that one, or use another folder")
+            if not force:
+                what = "an interrupted run" if under_way is False else "an interrupted run, or one under way"
+                raise FolderError(f"{self.path} exists: {what}; --force replaces it")
         shutil.rmtree(self.path, ignore_errors=True)
         try:
             self.path.mkdir(parents=True)
