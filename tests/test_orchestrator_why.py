@@ -154,7 +154,7 @@ def test_a_run_is_asked_by_its_folder(folder: Path, capsys: pytest.CaptureFixtur
 
 
 def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What another run than this one knows of itself is told, and the exit code is 1."""
+    """What another run than this one knows of itself is told, and the exit code is 1; and where it ended too early."""
     for name in ("manifest.json", "scenario.toml", "summary.json", "events.csv"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
     rows = (folder / "series.csv").read_text().splitlines()
@@ -162,8 +162,15 @@ def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: 
     rows[51] = ",".join([*cells[:2], str(int(cells[2]) - 1), *cells[3:]])
     (tmp_path / "series.csv").write_text("\n".join(rows) + "\n")
     assert main(["why", str(tmp_path), "1", "2", "--at", "40"]) == 0
+    assert "the same run to the bit" in capsys.readouterr().out
     assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 1
-    assert "from step 50 on" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "from step 50 on" in said.err
+    assert "which from step 50 on is another run than the one in the folder" in said.out
+    assert "to the bit" not in said.out
+    (tmp_path / "series.csv").write_text("\n".join(rows[:41]) + "\n")
+    assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 0
+    assert "the one in the folder has 40 steps, and did not come to this one" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

@@ -34,6 +34,8 @@ class Answer:
     """What became in this step of the sender's frames, or reports, for this receiver, those under way included."""
     differs_from_step: int | None
     """The first step in which the run in the folder was another; None if it is the same all the way."""
+    steps_in_folder: int
+    """So many steps that run has."""
 
 
 def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
@@ -94,6 +96,7 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
         tuple(finding._asdict() for finding in findings),
         tuple(fates),
         differs,
+        len(rows),
     )
 
 
@@ -130,5 +133,14 @@ def text(answer: Answer) -> str:
         lines.append(f"  agent {answer.sender} reported nothing in this step")
     else:
         lines.append(f"  agent {answer.sender} had sent nothing in the step before")
-    lines.append("  (found by doing the run again in one process, which is the same run to the bit)")
+    lines.append(f"  (found by doing the run again in one process{_kinship(answer)})")
     return "\n".join(lines)
+
+
+def _kinship(answer: Answer) -> str:
+    """How far the run that was asked is the one in the folder."""
+    if answer.differs_from_step is not None:
+        return f", which from step {answer.differs_from_step} on is another run than the one in the folder"
+    if answer.step >= answer.steps_in_folder:
+        return f"; the one in the folder has {answer.steps_in_folder} steps, and did not come to this one"
+    return ", which is the same run to the bit"
