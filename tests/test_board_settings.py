@@ -153,6 +153,12 @@ def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path)
     }
 
 
+def test_events_of_a_spreadsheet_are_read(tmp_path: Path) -> None:
+    """Which begins "CSV UTF-8" with a byte order mark, that no one would see in a message about the columns."""
+    (tmp_path / "events.csv").write_text("event,x_m,y_m\r\n1,2.0,3.0\r\n", "utf-8-sig")
+    assert main(["board", str(a_file(tmp_path, body={"options": {"events": "events.csv"}})), "--check"]) == 0
+
+
 @pytest.mark.parametrize("body", [{"kind": [], "options": {}}, {"kind": "kinematic", "options": 1}, 1])
 def test_a_body_of_another_type_is_told(body: Any, tmp_path: Path) -> None:
     """And not taken apart before it is checked."""

@@ -126,7 +126,10 @@ def surroundings(file: str, sensing_range_m: float) -> Surroundings:
     Raises:
         OSError, ValueError: it cannot be read.
     """
-    return Surroundings(read_events(Path(file).read_text().splitlines()) if file else (), sensing_range_m)
+    if not file:
+        return Surroundings((), sensing_range_m)
+    text = Path(file).read_text("utf-8-sig")  # spreadsheets put a mark before the header that no one sees
+    return Surroundings(read_events(text.splitlines()), sensing_range_m)
 
 
 def file_problems(file: str) -> list[Problem]:
