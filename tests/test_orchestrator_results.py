@@ -307,7 +307,8 @@ def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
 def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> None:
     """Neither a run nor what an interrupted one left."""
     (tmp_path / there).mkdir()
-    (tmp_path / there / "manifest.json").touch()
+    for name in ("manifest.json", "scenario.toml"):
+        (tmp_path / there / name).touch()
     with pytest.raises(FolderError, match="--force replaces it"):
         RunFolder(tmp_path / "run", force=False)
     assert (tmp_path / there / "manifest.json").exists()
@@ -329,14 +330,18 @@ def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
 
 
 def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No folder with anything else in it, no file, and not the folder that one is in, nor the one above."""
+    """No folder with anything else in it, no sweep, no file, and not the folder one is in, nor the one above."""
     (tmp_path / "work").mkdir()
     (tmp_path / "work" / "thesis").touch()
     monkeypatch.chdir(tmp_path / "work")
-    for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path("..")):
+    (tmp_path / "sweep" / "runs").mkdir(parents=True)
+    for name in ("manifest.json", "sweep.toml"):
+        (tmp_path / "sweep" / name).touch()
+    for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path(".."), tmp_path / "sweep"):
         with pytest.raises(FolderError, match="does not replace it"):
             RunFolder(target, force=True)
     assert (tmp_path / "work" / "thesis").exists()
+    assert (tmp_path / "sweep" / "runs").exists()
 
 
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:

@@ -136,7 +136,8 @@ def _is_replaceable(target: Path) -> bool:
     """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
     if target.name in ("", "..") or not target.is_dir():
         return False
-    return (target / "manifest.json").exists() or not any(target.iterdir())
+    is_run = all((target / name).exists() for name in ("manifest.json", "scenario.toml"))  # a sweep has the first too
+    return is_run or not any(target.iterdir())
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
