@@ -153,6 +153,16 @@ def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path)
     }
 
 
+def test_a_secret_by_a_path_is_sought_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not beside the agent's file, as one without a path is; the message says where that is."""
+    (tmp_path / "keys").mkdir()
+    (tmp_path / "boards").mkdir()
+    monkeypatch.chdir(tmp_path / "keys")
+    with pytest.raises(SettingsError) as caught:
+        read_settings(a_file(tmp_path / "boards", air={"connect": ["tcp/h:1"], "credentials_file": "./passwords"}))
+    assert f"a file that is there is allowed; {tmp_path}/keys/passwords is not" in str(caught.value)
+
+
 def test_events_of_a_spreadsheet_are_read(tmp_path: Path) -> None:
     """Which begins "CSV UTF-8" with a byte order mark, that no one would see in a message about the columns."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\r\n1,2.0,3.0\r\n", "utf-8-sig")

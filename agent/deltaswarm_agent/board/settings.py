@@ -261,7 +261,8 @@ def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:
     """What is wrong with a file that is named, if anything is."""
     path = Path(file)
     if not file or not path.is_file():
-        return Problem(name, repr(file), "a file that is there is allowed")
+        sought = f"; {path.absolute()} is not" if file and not path.is_absolute() else ""
+        return Problem(name, repr(file), f"a file that is there is allowed{sought}")
     mode = path.stat().st_mode & 0o777
     if secret and mode & 0o077:
         return Problem(name, f"{file!r} has mode {mode:04o}", "a secret's mode is 0600 (chmod 600)")
