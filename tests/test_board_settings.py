@@ -143,24 +143,27 @@ def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys
 
 @pytest.mark.parametrize("body", [{}, {"kind": "kinematic"}])
 def test_events_are_beside_the_agents_file(body: dict[str, Any], tmp_path: Path) -> None:
-    """As its secrets are; a path is taken as it is."""
+    """As its secrets are; a path may be given too."""
     (tmp_path / "events.csv").write_text("event,x_m,y_m\n1,2.0,3.0\n")
     file = a_file(tmp_path, body={**body, "options": {"events": "events.csv"}})
     assert main(["board", str(file), "--check"]) == 0
     assert read_settings(file).body.options["events"] == str(tmp_path / "events.csv")
-    assert read_settings(a_file(tmp_path, body={"options": {"events": "./events.csv"}})).body.options == {
-        "events": "./events.csv"
-    }
+    above = a_file(tmp_path, body={"options": {"events": "/elsewhere/events.csv"}})
+    assert read_settings(above).body.options["events"] == "/elsewhere/events.csv"
 
 
-def test_a_secret_by_a_path_is_sought_in_the_working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And not beside the agent's file, as one without a path is; the message says where that is."""
-    (tmp_path / "keys").mkdir()
-    (tmp_path / "boards").mkdir()
-    monkeypatch.chdir(tmp_path / "keys")
-    with pytest.raises(SettingsError) as caught:
-        read_settings(a_file(tmp_path / "boards", air={"connect": ["tcp/h:1"], "credentials_file": "./passwords"}))
-    assert f"a file that is there is allowed; {tmp_path}/keys/passwords is not" in str(caught.value)
+def test_paths_begin_where_the_agents_file_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wherever one works; and the message about one that is missing says where it was sought."""
+    for name in ("keys", "boards", "elsewhere"):
+        (tmp_path / name).mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    file = a_file(tmp_path / "boards", air={"connect": ["tcp/h:1"], "credentials_file": "../keys/credentials"})
+    with pytest.raises(SettingsError, match=f"{tmp_path}/boards/../keys/credentials"):
+        read_settings(file)
+    secret(tmp_path / "keys")
+    assert read_settings(file).air.link("agent-3").password == "word"
+    monkeypatch.chdir(tmp_path)
+    assert read_settings(Path("boards/board.toml")).air.link("agent-3").password == "word"
 
 
 def test_events_of_a_spreadsheet_are_read(tmp_path: Path) -> None:

@@ -253,6 +253,19 @@ def test_a_full_disk_ends_the_table_and_not_the_operator(tmp_path: Path) -> None
     assert "Traceback" not in operator.said
 
 
+def test_another_ones_certificate_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Boards that know who may be there would send it nothing, and say nothing of it."""
+    certificates.make(tmp_path, [1], [], 1)
+    files = [*tls_arguments(tmp_path, "operator")[:-1], str(tmp_path / "world.key")]
+    for given, word in (
+        (tls_arguments(tmp_path, "agent-1"), "it is of agent-1; that of operator is needed"),
+        (files, "it does not go with its key"),
+    ):
+        command = ["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), "--listen", "tls/127.0.0.1:0", *given]
+        assert main(command) == 2
+        assert word in capsys.readouterr().err
+
+
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A table that is there stays."""
     (tmp_path / "operator.csv").touch()

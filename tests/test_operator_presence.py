@@ -92,6 +92,7 @@ def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
     assert books.totals["agents"]["3"]["fault"] == "no fuel"
     books.went(3)
     assert books.ill == {}
+    assert [books.totals["agents"]["3"][name] for name in ("fault", "last_fault")] == ["", "no fuel"]
     workload = books.close(1.0, 0)
     assert workload is not None
     assert (workload.messages, workload.senders, workload.rejected) == (0, 0, 0)

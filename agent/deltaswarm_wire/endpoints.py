@@ -1,6 +1,7 @@
 """Zenoh's endpoints: `PROTOCOL/ADDRESS`, as in `tcp/192.168.1.10:7447`."""
 
 import re
+import socket
 
 from deltaswarm_wire.access import TLS
 
@@ -19,12 +20,17 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
     """`("::1", 7447)` of `tcp/[::1]:7447#iface=lo`.
 
     Raises:
-        ValueError: it has none.
+        ValueError: it has none, or an IPv4 address that is none.
     """
     address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
     found = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
     if not found or int(found[2]) > 0xFFFF:
         raise ValueError("HOST:PORT is expected after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
+    if re.fullmatch(r"[0-9.]+", found[1]):
+        try:
+            socket.inet_pton(socket.AF_INET, found[1])
+        except OSError:
+            raise ValueError(f"{found[1]} is no IPv4 address") from None
     return found[1].strip("[]"), int(found[2])
 
 

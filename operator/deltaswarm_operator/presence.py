@@ -37,6 +37,7 @@ class Known:
     is_alive: bool = False
     absences: int = 0
     fault: str = ""
+    last_fault: str = ""
     reports: int = 0
     stale: int = 0
     last_heard_s: float | None = None
@@ -133,7 +134,9 @@ class OpenAirMeter:
             return self._meter.reject(-1 if agent is None else agent, str(error))
         if agent is None:
             return self._meter.reject(-1, "health on no agent's key")
-        self._known(agent).fault = health.fault
+        known = self._known(agent)
+        known.fault = health.fault
+        known.last_fault = health.fault or known.last_fault
         return None
 
     def hear(self, agent: int | None, data: bytes, sent: bytes | None, now_s: float) -> str | None:
@@ -182,6 +185,7 @@ class OpenAirMeter:
             str(agent): {
                 "alive": known.is_alive,
                 "fault": known.fault,
+                "last_fault": known.last_fault,
                 "absences": known.absences,
                 "restarts": known.lives.restarts,
                 "doubled": known.lives.was_doubled,

@@ -66,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def check_certificate(settings: BoardSettings) -> None:
     """Raises SettingsError for one that the other end of a link would refuse, or take for another's."""
-    from deltaswarm_agent.board.certificate import certificate_problem  # costs an agent 4 MB, and nobody else needs it
+    from deltaswarm_wire.certificate import certificate_problem  # costs an agent 4 MB, and nobody else needs it
 
     tls = settings.air.tls.files
     if tls is not None and (text := certificate_problem(tls, settings.user)):

@@ -228,7 +228,7 @@ class BoardSettings:
 
 
 def read_settings(file: Path) -> BoardSettings:
-    """A board's file, checked; files that it names without a folder's path, secrets and events, are beside it.
+    """A board's file, checked; paths of files that it names, of secrets and events, begin where it is.
 
     Raises:
         OSError: it cannot be read.
@@ -251,18 +251,17 @@ def read_settings(file: Path) -> BoardSettings:
 
 
 def _find_beside(folder: Path, table: dict[str, Any], name: str) -> None:
-    """A bare file name becomes a path; anything else stays as it is."""
+    """A path that is not absolute begins where the file is, whoever reads it from wherever."""
     value = table.get(name)
-    if type(value) is str and value and "/" not in value:
-        table[name] = str(folder / value)
+    if type(value) is str and value:
+        table[name] = str(folder.absolute() / value)
 
 
 def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:
     """What is wrong with a file that is named, if anything is."""
     path = Path(file)
     if not file or not path.is_file():
-        sought = f"; {path.absolute()} is not" if file and not path.is_absolute() else ""
-        return Problem(name, repr(file), f"a file that is there is allowed{sought}")
+        return Problem(name, repr(file), "a file that is there is allowed")
     mode = path.stat().st_mode & 0o777
     if secret and mode & 0o077:
         return Problem(name, f"{file!r} has mode {mode:04o}", "a secret's mode is 0600 (chmod 600)")

@@ -1,4 +1,4 @@
-"""Tries a board's certificate as the other end of a link would: there a wrong one meets only silence. For `--check`."""
+"""Tries a certificate as the other end of a link would: there a wrong one meets only silence."""
 
 import ssl
 from typing import Any
