@@ -1,7 +1,7 @@
 """Zenoh's endpoints: `PROTOCOL/ADDRESS`, as in `tcp/192.168.1.10:7447`."""
 
+import ipaddress
 import re
-import socket
 
 from deltaswarm_wire.access import TLS
 
@@ -28,8 +28,8 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
         raise ValueError("HOST:PORT is expected after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
     if re.fullmatch(r"[0-9.]+", found[1]):
         try:
-            socket.inet_pton(socket.AF_INET, found[1])
-        except OSError:
+            ipaddress.IPv4Address(found[1])
+        except ValueError:
             raise ValueError(f"{found[1]} is no IPv4 address") from None
     return found[1].strip("[]"), int(found[2])
 
