@@ -172,6 +172,7 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
     [
         (["--boards", "4-6"], "--boards: 6; 0 to 5 is allowed (agents.count)"),
         (["--boards", "4", "--listen", "tcp/0.0.0.0:7447"], "give this machine's address"),
+        (["--boards", "4", "--listen", "unixsock-stream//tmp/world"], "give this machine's address"),
         (["--boards", "4", "--listen", "tls/[::1]:7447"], "over TLS a name or an IPv4 address is allowed"),
         (["--boards", "4", "--in-process"], "boards are processes of their own"),
         (["--boards-folder", "there"], "only with --boards"),

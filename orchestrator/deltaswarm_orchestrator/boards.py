@@ -11,7 +11,7 @@ import tomli_w
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.endpoints import endpoint_problem, host_and_port, protocol_of
+from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import Tls
 from deltaswarm_wire.settings import Scenario
@@ -41,7 +41,7 @@ class Boards:
             found.append(Problem("--boards", str(self.agents[-1]), allowed))
         if problem := endpoint_problem(self.listen, connects=True):
             found.append(Problem("--listen", repr(self.listen), problem))
-        elif _is_any(self._host):
+        elif protocol_of(self.listen) not in WITH_PORT or _is_any(self._host):
             found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
         found += [
             Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
