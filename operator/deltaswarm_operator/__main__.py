@@ -27,7 +27,6 @@ from deltaswarm_wire.arguments import (
     run_name,
     tls_of,
 )
-from deltaswarm_wire.certificate import certificate_problem
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.session import Link, air_pairs, tls_pairs
@@ -150,8 +149,11 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     if not arguments.status_every_s > 0:
         raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
-    if tls is not None and (problem := certificate_problem(tls, OPERATOR)):
-        raise ValueError(f"--certificate {tls.certificate}: {problem}")
+    if tls is not None:
+        from deltaswarm_wire.certificate import certificate_problem  # no other operator needs ssl
+
+        if problem := certificate_problem(tls, OPERATOR):
+            raise ValueError(f"--certificate {tls.certificate}: {problem}")
     link = Link((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
     pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect", "listen")
     pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
