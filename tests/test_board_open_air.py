@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 
 from deltaswarm_orchestrator import certificates
 from tests.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
+from tests.soak import resident_mb
 from tests.swarms import wait_until
 
 pytestmark = pytest.mark.processes
@@ -209,12 +210,6 @@ def busy_s(pid: int) -> float:
     """Processor time of a process [s]."""
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
-
-
-def resident_mb(pid: int) -> float:
-    """Memory of a process [MB]."""
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    return pages * 4096 / 1e6
 
 
 def test_the_helper_keeps_no_board(tmp_path: Path) -> None:
