@@ -5,13 +5,7 @@ import random
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any
 
-from hypothesis import strategies as st
-
 from deltaswarm_agent.core import AgentCore, Decision
-from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.scenario import load_scenario
-from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Event, Frame
 from deltaswarm_wire.radio import (
     Attending,
     Descendant,
@@ -24,6 +18,12 @@ from deltaswarm_wire.radio import (
     Sighting,
     encode_radio,
 )
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.messages import Event, Frame
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.truth import Tally
 from tests import strategies

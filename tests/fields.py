@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
+from deltaswarm_wire.radio import Member, RadioFrame, Relocating, decode_radio
 
 from deltaswarm_wire.keys import Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Report, decode_report
-from deltaswarm_wire.radio import Member, RadioFrame, Relocating, decode_radio
 from deltaswarm_wire.session import use_one_worker_thread
 from tests.swarms import wait_until
 

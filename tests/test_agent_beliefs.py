@@ -4,12 +4,12 @@ import random
 from collections.abc import Iterable
 
 import pytest
+from deltaswarm_agent.beliefs import GONE_STEPS, MEMORY_STEPS, Beliefs, to_cm
+from deltaswarm_wire.radio import MAX_AGE, MAX_EVENTS, MAX_GONE, Gone, Sighting
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.beliefs import GONE_STEPS, MEMORY_STEPS, Beliefs, to_cm
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import MAX_AGE, MAX_EVENTS, MAX_GONE, Gone, Sighting
 from tests.cores import event
 
 NOW = 1000

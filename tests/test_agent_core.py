@@ -4,11 +4,9 @@ import math
 from typing import Any
 
 import pytest
-
 from deltaswarm_agent.core import Decision
 from deltaswarm_agent.hearing import TRAIL_STEPS
 from deltaswarm_agent.states import FREE, State
-from deltaswarm_wire.messages import Event
 from deltaswarm_wire.radio import (
     MAX_PATH,
     MAX_TABLE,
@@ -19,6 +17,8 @@ from deltaswarm_wire.radio import (
     decode_radio,
     encode_radio,
 )
+
+from deltaswarm_wire.messages import Event
 from tests.cores import (
     INSIDE,
     ME,

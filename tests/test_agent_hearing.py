@@ -5,15 +5,15 @@ import random
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from deltaswarm_agent.core import Decision
 from deltaswarm_agent.hearing import FORGET_SENDER_STEPS
 from deltaswarm_agent.states import State
+from deltaswarm_wire.radio import Member, Order, Sighting, decode_radio, encode_radio
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from deltaswarm_wire.codec import MAX_ABS_CM
 from deltaswarm_wire.messages import Event, decode_act, decode_report, encode_act, encode_report
-from deltaswarm_wire.radio import Member, Order, Sighting, decode_radio, encode_radio
 from tests.cores import (
     INSIDE,
     ME,

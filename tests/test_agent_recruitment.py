@@ -6,14 +6,14 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-
 from deltaswarm_agent.core import ARRIVAL_STEPS, ARRIVAL_STRICT_STEPS, Decision
 from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, best_place, weakest_leaf
 from deltaswarm_agent.states import State
-from deltaswarm_wire.messages import Event
 from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, Relocating, Sighting
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_wire.messages import Event
 from tests.cores import (
     INSIDE,
     ME,

@@ -3,13 +3,13 @@
 from itertools import combinations
 
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
-
 from deltaswarm_agent.states import State
 from deltaswarm_agent.tree import CONTESTED_STEPS
 from deltaswarm_agent.tree import is_senior as senior
 from deltaswarm_wire.radio import Leaving, Member, RadioFrame
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
 from tests.cores import ME, Crowd, Lone, a_root, event, member
 
 pulses = st.integers(0, 2**32 - 1)

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-
 from deltaswarm_agent.core import AgentCore
 from deltaswarm_agent.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
-from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_wire.radio import Member, decode_radio
+
+from deltaswarm_orchestrator.in_process import InProcess
 from tests.cores import play, swarm
 
 PAGE = Path(__file__).parent.parent / "agent" / "STATES.md"

@@ -4,9 +4,6 @@ import math
 from typing import Any
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
 from deltaswarm_agent.core import LEAVING_STEPS, ORPHAN_STEPS, ORPHAN_STRICT_STEPS
 from deltaswarm_agent.states import FREE, State
 from deltaswarm_agent.tree import (
@@ -18,6 +15,9 @@ from deltaswarm_agent.tree import (
     is_fresh,
 )
 from deltaswarm_wire.radio import MAX_TABLE, Descendant, Leaving, Member, RadioFrame
+from hypothesis import given
+from hypothesis import strategies as st
+
 from tests.cores import (
     INSIDE,
     ME,

@@ -7,15 +7,15 @@ from random import Random
 from typing import Any
 
 import pytest
+from deltaswarm_agent.core import AgentCore, agent_rng
+from deltaswarm_agent.states import State
+from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating, encode_radio
 
 from deltaswarm_agent.board.driver import Driver
 from deltaswarm_agent.board.inbox import Inbox, encode_sent
 from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
-from deltaswarm_agent.core import AgentCore, agent_rng
-from deltaswarm_agent.states import State
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating, encode_radio
 from deltaswarm_wire.settings import AgentSettings
 from tests.cable import cable
 from tests.fields import EVENT_AT, TASK, board_table, boards, endpoint, free_port, listening

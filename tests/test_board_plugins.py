@@ -11,11 +11,11 @@ from typing import Any
 from zipfile import ZipFile
 
 import pytest
+from deltaswarm_agent.core import AgentCore
 
 from deltaswarm_agent.board.driver import MAX_FAILURES, Driver
 from deltaswarm_agent.bodies.loading import find_body
 from deltaswarm_agent.body import Body, Sensed
-from deltaswarm_agent.core import AgentCore
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import MAX_SENSED, Event
 from tests.cores import agent_settings

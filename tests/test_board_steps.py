@@ -4,6 +4,9 @@ import math
 from random import Random
 
 import pytest
+from deltaswarm_agent.core import AgentCore
+from deltaswarm_agent.states import State
+from deltaswarm_wire.radio import Leaving, encode_radio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -11,10 +14,7 @@ from deltaswarm_agent.board.driver import Driver, SetPoint
 from deltaswarm_agent.board.inbox import MAX_NEIGHBOURS, SETTLES_S, Inbox, Lateness, decode_sent, encode_sent
 from deltaswarm_agent.board.pace import Pace
 from deltaswarm_agent.body import NOWHERE, Sensed
-from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import State
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.radio import Leaving, encode_radio
 from tests.cores import agent_settings, event
 
 delays = st.lists(st.floats(0, 5), min_size=1, max_size=60)

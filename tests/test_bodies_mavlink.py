@@ -16,13 +16,13 @@ from random import Random
 from typing import Any
 
 import pytest
+from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, encode_radio
 from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, encode_radio
 from deltaswarm_wire.settings import AgentSettings
 from tests.fields import RUN, board_table, boards, endpoint, free_port, listening
 from tests.swarms import wait_until

@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from deltaswarm_wire.radio import Attending, Descendant, Gone, Leaving, Member, Order, Relocating, Sighting
 
 from deltaswarm_agent import beliefs, core, hearing, process, recruitment, tree
 from deltaswarm_wire import access, codec, keys, messages, radio, session, settings
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Clock, Event, Frame, Health, Report, Status, Workload
-from deltaswarm_wire.radio import Attending, Descendant, Gone, Leaving, Member, Order, Relocating, Sighting
 from tests import test_agent_protocol_machine as machine
 
 HEX_COLUMNS = 47

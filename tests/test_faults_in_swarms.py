@@ -5,8 +5,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-
 from deltaswarm_agent.states import WALKING
+
 from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.recorder import Recorder

@@ -3,9 +3,9 @@
 from typing import Any
 
 import pytest
+from deltaswarm_wire.radio import decode_radio
 
 from deltaswarm_wire.messages import decode_act, decode_report
-from deltaswarm_wire.radio import decode_radio
 from tests.cores import play, swarm
 
 

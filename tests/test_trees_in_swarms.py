@@ -7,9 +7,9 @@ with some slack: the longest of any agent, in steps on end.
 import random
 
 import pytest
-
 from deltaswarm_agent.core import AgentCore
 from deltaswarm_agent.states import State
+
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_world.channel.chance import Loss
 from tests.cores import swarm

@@ -4,13 +4,13 @@ from typing import Any
 
 import msgpack
 import pytest
+from deltaswarm_wire.radio import Leaving, encode_radio
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire import messages
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, MAX_SAMPLE_BYTES, WireError
 from deltaswarm_wire.messages import Event, Frame, decode_frame, encode_frame
-from deltaswarm_wire.radio import Leaving, encode_radio
 from tests.strategies import (
     CODECS,
     FRAME,

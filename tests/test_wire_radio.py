@@ -4,11 +4,6 @@ from typing import Any
 
 import msgpack
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-
-from deltaswarm_wire import radio
-from deltaswarm_wire.codec import MAX_ABS_CM, MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES, MAX_STEP, WireError
 from deltaswarm_wire.radio import (
     Attending,
     Descendant,
@@ -21,6 +16,11 @@ from deltaswarm_wire.radio import (
     decode_radio,
     encode_radio,
 )
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_wire import radio
+from deltaswarm_wire.codec import MAX_ABS_CM, MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES, MAX_STEP, WireError
 from tests.strategies import (
     ATTENDING,
     MEMBER,

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from deltaswarm_wire.radio import Relocating, encode_radio
 from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenario import load_scenario, reference, to_toml
 from deltaswarm_wire.checked import SettingsError, load, plain
-from deltaswarm_wire.radio import Relocating, encode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import LEAST_FRAME_BYTES, RadioSettings
 from tests.airs import EVERYTHING, radios

@@ -2,9 +2,10 @@
 
 from typing import Any
 
+from deltaswarm_wire.radio import Relocating, encode_radio
+
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Act, Frame, Report, encode_act, encode_report
-from deltaswarm_wire.radio import Relocating, encode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore

@@ -4,13 +4,13 @@ from collections import Counter
 from typing import Any
 
 import pytest
+from deltaswarm_wire.radio import Descendant, Member, RadioFrame, Relocating, encode_radio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.messages import Act, Event, Frame, encode_act, encode_frame
-from deltaswarm_wire.radio import Descendant, Member, RadioFrame, Relocating, encode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, Tally, Truth, decode_truth, encode_truth
 from deltaswarm_world.core import WorldCore

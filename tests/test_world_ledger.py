@@ -5,14 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from deltaswarm_wire.radio import RadioFrame
+from deltaswarm_world.ledger import COVERAGE_EVERY_S, FREE, Coverage, standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.radio import RadioFrame
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import IN_TREE, NOBODY, ROLES
-from deltaswarm_world.ledger import COVERAGE_EVERY_S, FREE, Coverage, standing
 from tests.cores import attending, leaving, member, relocating
 
 DISC_M2 = math.pi * 25

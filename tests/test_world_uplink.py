@@ -5,12 +5,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Act, Report, encode_act, encode_report
-from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS

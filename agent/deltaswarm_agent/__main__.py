@@ -7,9 +7,11 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of, program
+from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.settings import AgentSettings
@@ -60,6 +62,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return run_agent(config)
+    except (ControllerError, SettingsError) as error:
+        logging.getLogger("deltaswarm.agent").error("agent %d fails: %s", config.agent, error)
+        return 1
     except Exception as error:
         logging.getLogger("deltaswarm.agent").exception("agent %d fails: %s", config.agent, error)
         return 1

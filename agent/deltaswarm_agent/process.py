@@ -7,11 +7,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import cast
 
-from deltaswarm_agent.core import AgentCore, Decision, agent_rng
+from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, WORLD, Keys
-from deltaswarm_wire.messages import decode_frame, encode_act, encode_report
-from deltaswarm_wire.radio import encode_radio
+from deltaswarm_wire.messages import decode_frame
 from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
 
@@ -102,25 +102,27 @@ class Outbox:
             heard.wait()
             listener.undeclare()
 
-    def send(self, decision: Decision) -> None:
-        """Send what was decided; the act comes last, since it closes the step."""
-        if decision.radio is not None:
-            self._radio.put(encode_radio(decision.radio))
-        if decision.report is not None:
-            self._report.put(encode_report(decision.report))
-        self._act.put(encode_act(decision.act))
+    def send(self, said: Outbound) -> None:
+        """Send what was decided; the act comes last, since it closes the step, and rides on a radio frame."""
+        if said.report_bytes is not None:
+            self._report.put(said.report_bytes)
+        if said.radio is not None:
+            self._radio.put(said.radio, attachment=said.act_bytes)
+        else:
+            self._act.put(said.act_bytes)
 
 
 def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
     """Run one agent until its last frame; the process's exit code. `on_ready` is called once the world knows of it.
 
     Raises:
-        ValueError: the user's own Zenoh settings are refused.
+        ValueError: the controller's options have mistakes, or the user's own Zenoh settings are refused.
+        ControllerError: the controller failed.
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
-    rng = agent_rng(config.settings.seed, config.agent, config.restart)
-    core = AgentCore(config.agent, config.settings, rng)
+    controller = make_controller(config.agent, config.settings, config.restart)
+    shell = Shell(config.agent, config.settings.step_s, controller)
     settings = configured(zenoh.Config, client_pairs(config.link), config.link)
     try:
         opened = zenoh.open(settings)
@@ -149,7 +151,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
             if frame.step <= newest:
                 continue
             newest = frame.step
-            outbox.send(core.step(frame))
+            outbox.send(shell.step(frame))
             if frame.last:
                 break
         watch.goodbye()
@@ -159,6 +161,6 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
         config.agent,
         newest,
         rejected,
-        core.rejected_frames,
+        shell.rejected_frames,
     )
     return 0

@@ -55,6 +55,11 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def rest(doc: str) -> Any:
+    """A field of type dict for all keys that the table has besides: somebody else checks them."""
+    return dataclasses.field(default_factory=dict, metadata={"doc": doc, "rest": True})
+
+
 def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
     """An instance of `cls` from `table`, and all mistakes found; the instance is None if there are any."""
     made, problems = known(cls, table, path)
@@ -65,10 +70,12 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
     """Like `check`, but an unknown key alone prevents no instance: it shall hide no other mistake."""
     if not isinstance(table, Mapping):
         return None, [Problem(path or "settings", f"{_shown(table)}", "a table is expected")]
-    specs = {spec.name: spec for spec in dataclasses.fields(typing.cast(Any, cls))}
+    fields = dataclasses.fields(typing.cast(Any, cls))
+    specs = {spec.name: spec for spec in fields if not spec.metadata.get("rest")}
     hints = typing.get_type_hints(cls)
-    problems = [_unknown(name, specs, path) for name in table if name not in specs]
-    values: dict[str, Any] = {}
+    unknown = [name for name in table if name not in specs]
+    values: dict[str, Any] = {spec.name: {n: table[n] for n in unknown} for spec in fields if spec.name not in specs}
+    problems = [] if values else [_unknown(name, specs, path) for name in unknown]
     for name, spec in specs.items():
         if name in table:
             value, found = _value(table[name], hints[name], spec.metadata, _join(path, name))
@@ -96,11 +103,14 @@ def load(cls: type[T], table: Any, path: str = "") -> T:
 
 def plain(settings: Any) -> dict[str, Any]:
     """The settings as a plain table again, for TOML or JSON; what is None is left out."""
-    return {
-        name: plain_value(getattr(settings, name))
-        for name in (spec.name for spec in dataclasses.fields(settings))
-        if getattr(settings, name) is not None
-    }
+    table: dict[str, Any] = {}
+    for spec in dataclasses.fields(settings):
+        value = getattr(settings, spec.name)
+        if spec.metadata.get("rest"):
+            table |= value
+        elif value is not None:
+            table[spec.name] = plain_value(value)
+    return table
 
 
 def plain_value(value: Any) -> Any:

@@ -4,6 +4,7 @@ Frame and act cross the fabric once per agent and step, so they are MessagePack 
 clock, workload and status are few and read by tools and people, so they are maps with named fields.
 """
 
+from itertools import chain
 from typing import Any, NamedTuple
 
 from deltaswarm_wire.codec import (
@@ -33,8 +34,12 @@ MAX_HEARD = 4096
 MAX_SPEED_MPS = 1000.0
 MAX_TIME_S = 1e9
 MAX_REPORTED = 64
+MAX_ROLE = 16
+"""Characters."""
+MAX_POSES = 64
+"""An agent is asked at least this often [steps], so that a frame holds all places since the last."""
 
-FRAME_ROOM_BYTES = MAX_SAMPLE_BYTES - 1024
+FRAME_ROOM_BYTES = MAX_SAMPLE_BYTES - 2048
 """What a frame may hold of sensed events and heard frames; the rest is for its head."""
 
 SENSED_BYTES = 24
@@ -49,66 +54,72 @@ class Event(NamedTuple):
     y_m: float
 
 
+Pose = tuple[float, float]
+"""Where an agent is: x and y [m; world frame]."""
+
+Heard = tuple[int, bytes]
+"""A radio frame as it is heard: its sender, and the sample as the sender made it."""
+
+
 class Frame(NamedTuple):
-    """What one agent senses and hears in one step. `last` tells it to act once more and end."""
+    """What one agent senses and hears in one step. `last` tells it to act once more and end.
+
+    `poses` are its places in the steps since its last frame, oldest first: none, if it was asked in the step before.
+    """
 
     step: int
     time_s: float
     last: bool
     x_m: float
     y_m: float
+    poses: tuple[Pose, ...]
     events: tuple[Event, ...]
-    heard: tuple[bytes, ...]
+    heard: tuple[Heard, ...]
 
 
 def encode_frame(frame: Frame) -> bytes:
-    """`[version, step, time_s, last, x_m, y_m, [[event, x_m, y_m]...], [radio frame...]]`."""
-    return pack((PROTOCOL_VERSION, *frame))
+    """`[version, step, time_s, last, x_m, y_m, [x_m, y_m...], [[event, x_m, y_m]...], [sender, sample...]]`."""
+    step, time_s, last, x_m, y_m, poses, events, heard = frame
+    flat = chain.from_iterable
+    return pack((PROTOCOL_VERSION, step, time_s, last, x_m, y_m, tuple(flat(poses)), events, tuple(flat(heard))))
 
 
 def decode_frame(data: bytes) -> Frame:
     """Check and decode. Raises WireError."""
-    raw = array(unpack(data), 8, "frame")
-    known, step, time_s, last, x_m, y_m, events, heard = raw
-    if (
-        # Every agent does this in every step: a frame that is as it should be takes no further calls.
-        type(known) is type(step) is int
-        and type(time_s) is type(x_m) is type(y_m) is float
-        and type(last) is bool
-        and type(events) is type(heard) is list
-        and known == PROTOCOL_VERSION
-        and 0 <= step <= MAX_STEP
-        and 0.0 <= time_s <= MAX_TIME_S
-        and -MAX_ABS_M <= x_m <= MAX_ABS_M
-        and -MAX_ABS_M <= y_m <= MAX_ABS_M
-    ):
-        return Frame(
-            step,
-            time_s,
-            last,
-            x_m,
-            y_m,
-            _events(events, MAX_SENSED, "frame.events") if events else (),
-            _heard(heard) if heard else (),
-        )
+    known, step, time_s, last, x_m, y_m, poses, events, heard = array(unpack(data), 9, "frame")
     version(known)
     return Frame(
-        integer(raw[1], 0, MAX_STEP, "frame.step"),
-        number(raw[2], 0.0, MAX_TIME_S, "frame.time_s"),
-        boolean(raw[3], "frame.last"),
-        number(raw[4], -MAX_ABS_M, MAX_ABS_M, "frame.x_m"),
-        number(raw[5], -MAX_ABS_M, MAX_ABS_M, "frame.y_m"),
-        _events(raw[6], MAX_SENSED, "frame.events"),
-        _heard(raw[7]),
+        integer(step, 0, MAX_STEP, "frame.step"),
+        number(time_s, 0.0, MAX_TIME_S, "frame.time_s"),
+        boolean(last, "frame.last"),
+        number(x_m, -MAX_ABS_M, MAX_ABS_M, "frame.x_m"),
+        number(y_m, -MAX_ABS_M, MAX_ABS_M, "frame.y_m"),
+        _poses(poses),
+        _events(events, MAX_SENSED, "frame.events"),
+        _heard(heard),
     )
 
 
-def _heard(raw: Any) -> tuple[bytes, ...]:
-    heard = arrays(raw, MAX_HEARD, "frame.heard")
-    for item in heard:
-        if type(item) is not bytes or len(item) > MAX_RADIO_BYTES:
+def _poses(raw: Any) -> tuple[Pose, ...]:
+    flat = arrays(raw, 2 * MAX_POSES, "frame.poses")
+    for value in flat:
+        number(value, -MAX_ABS_M, MAX_ABS_M, "frame.poses")
+    return _pairs(flat, "frame.poses")
+
+
+def _heard(raw: Any) -> tuple[Heard, ...]:
+    heard = _pairs(arrays(raw, 2 * MAX_HEARD, "frame.heard"), "frame.heard")
+    for sender, sample in heard:
+        integer(sender, 0, MAX_AGENT_ID, "frame.heard")
+        if type(sample) is not bytes or len(sample) > MAX_RADIO_BYTES:
             raise WireError("frame.heard", f"bytes are expected, at most {MAX_RADIO_BYTES}")
-    return tuple(heard)
+    return heard
+
+
+def _pairs(flat: list[Any], field: str) -> tuple[tuple[Any, Any], ...]:
+    if len(flat) % 2:
+        raise WireError(field, f"{len(flat)} items, an even number is expected")
+    return tuple(zip(flat[::2], flat[1::2], strict=True))
 
 
 def _events(raw: Any, limit: int, field: str) -> tuple[Event, ...]:
@@ -125,43 +136,71 @@ def _event(row: Any, field: str) -> Event:
     )
 
 
+NOBODY = -1
+"""In place of an agent's id, where there is none."""
+
+FREE = "free"
+"""The role of an agent that belongs to nothing and has nothing to say."""
+
+
+class Standing(NamedTuple):
+    """What an agent says it is: a role to be shown, and its place in a tree.
+
+    `root` is its tree's root, and its own id if it is one; NOBODY outside a tree. `level` is the number of agents above
+    it, `parent` the one right above it, or NOBODY.
+    """
+
+    role: str = FREE
+    level: int = 0
+    parent: int = NOBODY
+    root: int = NOBODY
+
+
 class Act(NamedTuple):
-    """What an agent does in one step: a velocity [m/s; world frame] and the events it observes."""
+    """What an agent does from one step on: a velocity [m/s; world frame], the events it observes, what it is.
+
+    It holds until the step `until`, in which the agent is asked again; earlier, if it senses or hears something.
+    """
 
     step: int
     vx_mps: float
     vy_mps: float
     observed: tuple[int, ...]
+    standing: Standing
+    until: int
 
 
 def encode_act(act: Act) -> bytes:
-    """`[version, step, vx_mps, vy_mps, [event...]]`."""
-    return pack((PROTOCOL_VERSION, *act))
+    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, until]`."""
+    step, vx_mps, vy_mps, observed, standing, until = act
+    return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *standing, until))
 
 
 def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
-    raw = array(unpack(data), 5, "act")
-    known, step, vx_mps, vy_mps, observed = raw
-    if (
-        # As for frames: the world does this for every agent in every step.
-        type(known) is type(step) is int
-        and type(vx_mps) is type(vy_mps) is float
-        and observed == []
-        and type(observed) is list
-        and known == PROTOCOL_VERSION
-        and 0 <= step <= MAX_STEP
-        and -MAX_SPEED_MPS <= vx_mps <= MAX_SPEED_MPS
-        and -MAX_SPEED_MPS <= vy_mps <= MAX_SPEED_MPS
-    ):
-        return Act(step, vx_mps, vy_mps, ())
+    known, step, vx_mps, vy_mps, observed, role, level, parent, root, until = array(unpack(data), 10, "act")
     version(known)
     return Act(
-        integer(raw[1], 0, MAX_STEP, "act.step"),
-        number(raw[2], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
-        number(raw[3], -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
-        _observed(raw[4]),
+        integer(step, 0, MAX_STEP, "act.step"),
+        number(vx_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
+        number(vy_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
+        _observed(observed) if observed else (),
+        Standing(
+            role_name(role, "act.role"),
+            integer(level, 0, MAX_AGENT_ID, "act.level"),
+            integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
+            integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
+        ),
+        integer(until, step + 1, MAX_STEP + 1, "act.until"),
     )
+
+
+def role_name(value: Any, field: str) -> str:
+    """A role: one to `MAX_ROLE` printable ASCII characters."""
+    role = text(value, field, MAX_ROLE)
+    if not (role and role.isascii() and role.isprintable()):
+        raise WireError(field, "printable ASCII characters are expected")
+    return role
 
 
 def _observed(raw: Any) -> tuple[int, ...]:
@@ -174,7 +213,7 @@ def _observed(raw: Any) -> tuple[int, ...]:
 class Report(NamedTuple):
     """One message for the human operator.
 
-    A free agent reports the event that it observes; a root reports what its tree knows of.
+    Under the paper's control a free agent reports the event that it observes; a root what its tree knows of.
     """
 
     agent: int
@@ -187,7 +226,6 @@ class Report(NamedTuple):
     events: tuple[Event, ...]
 
 
-REPORT_ROLES = ("attending", "root")
 _REPORT_FIELDS = ("agent", "sequence", "step", "role", "x_m", "y_m", "followers", "events")
 
 
@@ -203,7 +241,7 @@ def decode_report(data: bytes) -> Report:
         integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),
         integer(raw["sequence"], 0, MAX_STEP, "report.sequence"),
         integer(raw["step"], 0, MAX_STEP, "report.step"),
-        text(raw["role"], "report.role", allowed=REPORT_ROLES),
+        role_name(raw["role"], "report.role"),
         number(raw["x_m"], -MAX_ABS_M, MAX_ABS_M, "report.x_m"),
         number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
         integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),

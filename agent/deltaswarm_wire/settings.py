@@ -5,17 +5,17 @@
 
 import re
 from dataclasses import dataclass
+from typing import Any
 
-from deltaswarm_wire.checked import Problem, key, plain_value
+from deltaswarm_wire.checked import Problem, key, plain_value, rest
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
-MODES = ("decentralised", "hierarchical", "hybrid")
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
 CLOCKS = ("lockstep", "realtime")
-OBSERVES = ("all", "nearest")
 RECORDS = ("off", "views", "wire")
 
 PAPER, OURS = "paper", "our reading"
@@ -32,6 +32,7 @@ class RunSettings:
     step_s: float = key(1.0, "length of a step [s]", source="paper (implied)", low=0.01, high=60)
     clock: str = key("lockstep", "as fast as the machine goes, or paced by the wall clock", choices=CLOCKS)
     real_time_factor: float = key(1.0, "simulated per wall second, with clock realtime", above=0, high=1e4)
+    ask_every_step: bool = key(False, "ask every agent in every step, also those whose last act still holds")
     step_timeout_s: float = key(5.0, "wall time after which the world goes on without an agent", low=0.05, high=3600)
     start_timeout_s: float = key(60.0, "wall time within which all parts must have come up", low=1, high=3600)
 
@@ -108,23 +109,13 @@ class SwarmSettings:
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """How agents decide (Hybrid coordination)."""
+    """How agents decide: the controller, and its own options, which its `Settings` class checks."""
 
-    mode: str = key("hybrid", "control structure", source=PAPER, choices=MODES)
-    delta: int = key(3, "hybrid: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
-    rho: int = key(2, "hierarchical: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
-    recruitment: bool = key(True, "active recruitment; off is an ablation", source=PAPER)
-    dissolution: bool = key(True, "dissolution; off is an ablation", source=PAPER)
-    d_min_m: float = key(6.0, "least distance between members of a tree [m]", source=OURS, low=0)
-    gamma_max: int = key(40, "dissolution parameter when an event is sensed", source=OURS, low=1, high=1_000_000)
-    recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
-    leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
-    member_observes: str = key(
-        "nearest",
-        "events that a tree member works on at once: all it senses, or the nearest",
-        source=OURS,
-        choices=OBSERVES,
-    )
+    mode: str = key("hybrid", "the controller: a shipped one, an entry point, or module:Class", source=PAPER)
+    options: dict[str, Any] = rest("the controller's own options")
+
+    def __hash__(self) -> int:
+        return hash((self.mode, repr(sorted(self.options.items()))))
 
 
 @dataclass(frozen=True)
@@ -136,15 +127,19 @@ class OperatorSettings:
 
 @dataclass(frozen=True)
 class AgentSettings:
-    """All that one agent is told before it starts: its task and its own body, nothing of the others."""
+    """All that one agent is told before it starts: its task and its own body, nothing of the others.
 
-    seed: int = key(1, "seed of the run", low=0, high=2**63 - 1)
+    In a run it is told this, its number, the run's name, the router's address and its own password, and nothing else.
+    """
+
+    seed: int = key(1, "the agent's own seed", low=0, high=2**63 - 1)
     step_s: float = key(1.0, "length of a step [s]", low=0.01, high=60)
     width_m: float = key(100.0, "arena along x [m]", low=1, high=1e5)
     height_m: float = key(100.0, "arena along y [m]", low=1, high=1e5)
     speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
     sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
     range_m: float = key(9.0, "nominal range of its radio [m]", above=0)
+    latency_s: float = key(0.0, "longest delay of its radio beside the step of each hop [s]", low=0, high=7200)
     control: ControlSettings = key(ControlSettings, "how it decides")
 
 
@@ -171,9 +166,6 @@ class Scenario:
         found = []
         if not NAME.fullmatch(self.name):
             found.append(Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed"))
-        if self.control.d_min_m >= self.radio.range_m:
-            allowed = f"below radio.range_m ({self.radio.range_m:g}) is allowed"
-            found.append(Problem("control.d_min_m", f"{self.control.d_min_m:g}", allowed))
         if self.run.duration_s < self.run.step_s:
             allowed = f"at least run.step_s ({self.run.step_s:g}) is allowed"
             found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
@@ -202,15 +194,16 @@ class Scenario:
             if not (0 <= mean[0] <= self.arena.width_m and 0 <= mean[1] <= self.arena.height_m)
         ]
 
-    def for_agent(self) -> AgentSettings:
-        """What an agent of this scenario is told."""
+    def for_agent(self, agent: int) -> AgentSettings:
+        """What one agent of this scenario is told: nothing of the run's seed, of events, or of the others."""
         return AgentSettings(
-            seed=self.seed,
+            seed=agent_seed(self.seed, agent),
             step_s=self.run.step_s,
             width_m=self.arena.width_m,
             height_m=self.arena.height_m,
             speed_mps=self.agents.speed_mps,
             sensing_range_m=self.agents.sensing_range_m,
             range_m=self.radio.range_m,
+            latency_s=self.radio.latency_s + self.radio.jitter_s,
             control=self.control,
         )

@@ -18,17 +18,12 @@ from deltaswarm_wire.codec import (
     integer,
     number,
     pack,
-    text,
     unpack,
 )
-from deltaswarm_wire.messages import MAX_TIME_S
+from deltaswarm_wire.messages import MAX_TIME_S, NOBODY, role_name
 
-ROLES = ("free", "attending", "root", "member", "orphan", "relocating", "leaving", "dead")
-"""What an agent is, as its radio frame of this step shows: a silent agent is free."""
-
-IN_TREE = frozenset({"root", "member", "orphan", "relocating"})
-
-NOBODY = -1
+DEAD = "dead"
+"""The role of an agent that is not there."""
 
 DROP_REASONS = (
     "range",
@@ -63,7 +58,7 @@ dead: who sent or carried it is gone, hangs, or its radio is dead.
 
 
 class Body(NamedTuple):
-    """One agent, as it is. Place in m, world frame; `parent` is NOBODY outside a tree."""
+    """One agent: its place [m; world frame], and what it says of itself (`Standing`)."""
 
     agent: int
     x_m: float
@@ -71,6 +66,7 @@ class Body(NamedTuple):
     role: str
     level: int
     parent: int
+    root: int
 
 
 class EventState(NamedTuple):
@@ -103,6 +99,7 @@ class Tally(NamedTuple):
     time_s: float
     agents_alive: int
     agents_late: int
+    agents_asked: int
     agents_in_trees: int
     trees: int
     covered_area_m2: float | None
@@ -174,14 +171,15 @@ def decode_truth(data: bytes) -> Truth:
 
 
 def _body(row: Any) -> Body:
-    array(row, 6, "truth.bodies")
+    array(row, 7, "truth.bodies")
     return Body(
         integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
         number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
         number(row[2], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.y_m"),
-        text(row[3], "truth.bodies.role", allowed=ROLES),
+        role_name(row[3], "truth.bodies.role"),
         integer(row[4], 0, MAX_AGENT_ID, "truth.bodies.level"),
         integer(row[5], NOBODY, MAX_AGENT_ID, "truth.bodies.parent"),
+        integer(row[6], NOBODY, MAX_AGENT_ID, "truth.bodies.root"),
     )
 
 

@@ -91,7 +91,7 @@ class Boards:
             _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
         told = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}}
         file = self.folder / f"{agent}.toml"
-        file.write_text(tomli_w.dumps({**told, "agent": checked.plain(scenario.for_agent())}))
+        file.write_text(tomli_w.dumps({**told, "agent": checked.plain(scenario.for_agent(agent))}))
         return file
 
 

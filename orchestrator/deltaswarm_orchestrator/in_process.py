@@ -5,49 +5,24 @@ the digest is the same.
 """
 
 import time
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Callable
 from logging import WARNING
 
-from deltaswarm_agent.core import AgentCore, agent_rng
+from deltaswarm_agent.controller import ControllerError, make_controller
+from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.progress import Quiet, Reporter
 from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_orchestrator.sink import Sink
 from deltaswarm_wire.keys import WORLD
-from deltaswarm_wire.messages import Clock, Status, encode_act, encode_report
+from deltaswarm_wire.messages import Clock, Status
 from deltaswarm_wire.orders import START
-from deltaswarm_wire.radio import RadioFrame, decode_radio, encode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore
 
 STATUS_EVERY_STEPS = 500
-
-MOST_DECODED = 10_000
-"""Where frames can be late, so many of the past are kept at most rather than decoded again."""
-
-QUEUED_STEPS = 3
-"""For so many steps more than its delay a frame is kept: it may have waited in queues."""
-
-
-class _Decoded(OrderedDict[bytes, RadioFrame]):
-    """Frames by their bytes; one that comes later than they are kept is decoded, as an agent's process would."""
-
-    def __init__(self, scenario: Scenario) -> None:
-        super().__init__()
-        radio = scenario.radio
-        steps = QUEUED_STEPS + (radio.latency_s + radio.jitter_s) / scenario.run.step_s
-        self._most = min(MOST_DECODED, int(steps * scenario.agents.count)) if radio.is_late else 0
-
-    def forget(self) -> None:
-        """Drop the oldest: kept longer, they cost more in garbage collections than decoding does."""
-        while len(self) > self._most:
-            self.popitem(last=False)
-
-    def __missing__(self, data: bytes) -> RadioFrame:
-        frame = self[data] = decode_radio(data)
-        return frame
 
 
 class InProcess:
@@ -56,18 +31,17 @@ class InProcess:
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
         self.world = WorldCore(scenario)
-        self._frames = _Decoded(scenario)
-        """What recent radio frames were encoded from; a test holds that decoding gives the same."""
-        self._settings = scenario.for_agent()
         self._restarts: Counter[int] = Counter()
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.agents_s = 0.0
-        """Wall time spent in the agents' cores and their encoding [s]."""
+        """Wall time spent in the agents' controllers and their encoding [s]."""
+        self.failed: list[str] = []
+        """What ailed each agent whose controller failed."""
 
-    def _agent(self, agent: int) -> AgentCore:
-        rng = agent_rng(self.scenario.seed, agent, self._restarts[agent])
-        return AgentCore(agent, self._settings, rng, self._frames.__getitem__)
+    def _agent(self, agent: int) -> Shell:
+        settings = self.scenario.for_agent(agent)
+        return Shell(agent, settings.step_s, make_controller(agent, settings, self._restarts[agent]))
 
     def _strike(self, step: int, sink: Sink | None) -> None:
         """What fails or recovers before a step. The dead and the frozen get no frame, which is all it takes."""
@@ -83,25 +57,24 @@ class InProcess:
         """One step, in agent order."""
         world = self.world
         self._strike(step, sink)
-        frames = list(world.begin(step, last))
+        frames = world.begin(step, last)
         clock = time.perf_counter
         began = clock()
-        sent = []
+        said: list[tuple[int, Outbound]] = []
         for agent, frame in frames:
-            act, radio, report = self.agents[agent].step(frame)
-            radio_bytes = None if radio is None else encode_radio(radio)
-            report_bytes = None if report is None else encode_report(report)
-            sent.append((agent, radio, radio_bytes, report, report_bytes, act, encode_act(act)))
+            try:
+                said.append((agent, self.agents[agent].step(frame)))
+            except ControllerError as error:  # as when its process ends
+                self.failed.append(f"agent {agent}: {error}")
+                world.lockstep.gone(agent)
         self.agents_s += clock() - began
-        self._frames.forget()
         take_report = world.take_report if world.has_uplink else self.operator.take
         reported = 0
-        for agent, radio, radio_bytes, report, report_bytes, act, act_bytes in sent:
-            if radio is not None and radio_bytes is not None:
-                self._frames[radio_bytes] = radio
-                world.take_radio(agent, radio, radio_bytes)
+        for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
+            if radio is not None:
+                world.take_radio(agent, counter, radio)
                 if sink is not None:
-                    sink.radio(step, agent, radio_bytes)
+                    sink.radio(step, agent, radio)
             if report is not None and report_bytes is not None:
                 take_report(agent, report, report_bytes)
                 reported += 1
@@ -150,6 +123,7 @@ def run_in_process(
         if last:
             break
     complete = len(outcome.tallies) == steps
+    outcome.messages += swarm.failed
     outcome.events = swarm.world.events()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.operator.totals}

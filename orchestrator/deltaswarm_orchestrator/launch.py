@@ -21,6 +21,7 @@ from deltaswarm_orchestrator import child
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, Order
+from deltaswarm_wire.plugins import CONTROLLERS
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE
@@ -29,7 +30,7 @@ MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERAT
 """The other parts are known by module name alone."""
 
 PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
-"""Imported once by the fork server and shared by all agents."""
+"""Imported once by the fork server and shared by all agents, as is a shipped controller."""
 
 END_WITHIN_S = 5.0
 FROZEN_LEASE_MS = 24 * 3600 * 1000
@@ -136,10 +137,10 @@ class Swarm:
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents that are no boards, or those given; each gets its own number, password and log."""
-        settings = str(self._folder / "agent.toml")  # written by the world
         everyone = (agent for agent in range(self._scenario.agents.count) if agent not in self._boards)
         for agent in everyone if agents is None else agents:
-            argv = ["--id", str(agent), "--settings", settings, "--low-latency", *self._joining()]
+            settings = self._folder / "agents" / f"{agent}.toml"  # written by the world
+            argv = ["--id", str(agent), "--settings", str(settings), "--low-latency", *self._joining()]
             if self._restarts[agent]:
                 argv += ["--restart", str(self._restarts[agent])]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
@@ -173,11 +174,16 @@ class Swarm:
             daemon=True,
         )
         with bare_main_module(), safe_path():
-            self._context.set_forkserver_preload(PRELOADED)
+            self._context.set_forkserver_preload([*PRELOADED, *self._shipped_controller()])
             process.start()
         part = Part(role, number, process, log_file)
         self.parts.append(part)
         return part
+
+    def _shipped_controller(self) -> list[str]:
+        """The module of the scenario's controller, if it is one of ours: a stranger's is loaded by its agents alone."""
+        target = CONTROLLERS.get(self._scenario.control.mode)
+        return [target.partition(":")[0]] if target else []
 
     def write_pids(self) -> None:
         """`logs/pids.json`: who is who, for those who want to look at a process or to kill it."""

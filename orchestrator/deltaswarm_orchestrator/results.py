@@ -47,6 +47,8 @@ class Outcome:
     workloads: list[Workload] = field(default_factory=list)
     world: dict[str, Any] = field(default_factory=dict)
     operator: dict[str, Any] = field(default_factory=dict)
+    messages: list[str] = field(default_factory=list)
+    """What the user should know: agents that failed, and why."""
 
     @property
     def is_complete(self) -> bool:

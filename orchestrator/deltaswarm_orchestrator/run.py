@@ -83,6 +83,7 @@ def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, report
     with _recorder(folder.path, scenario) as recorder, _stoppable() as stop:
         if options.in_process:
             outcome, reason = run_in_process(scenario, recorder, reporter, lambda: stop.by), "finished"
+            messages += outcome.messages
         else:
             outcome, reason = _run_processes(scenario, options, folder.path, recorder, reporter, stop, messages)
         if stop.by:

@@ -14,7 +14,8 @@ import tomli_w
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.settings import AgentSettings, Scenario
+from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
+from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
 
 BUILT_IN = ("paper-25", "paper-100", "smoke")
 
@@ -39,9 +40,24 @@ def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = N
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     """The scenario that a table describes, and all mistakes in it."""
     scenario, problems = checked.check(Scenario, table)
-    if scenario is not None:
-        problems += _grid_problems(scenario)
-    return scenario, problems
+    if scenario is None:
+        return None, problems
+    try:
+        scenario = with_control(scenario)
+    except SettingsError as error:
+        problems += error.problems
+    return scenario, problems + _grid_problems(scenario)
+
+
+def with_control(scenario: Scenario) -> Scenario:
+    """The scenario with all options of its controller written out.
+
+    Raises:
+        SettingsError: there is no such controller, or its options have mistakes.
+    """
+    control = scenario.control
+    settings = controller_settings(control.mode, control.options, scenario.for_agent(0))
+    return dataclasses.replace(scenario, control=ControlSettings(control.mode, checked.plain(settings)))
 
 
 def to_toml(settings: Scenario | AgentSettings) -> str:
@@ -151,6 +167,9 @@ def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
     hints = typing.get_type_hints(type(settings))
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
+        if spec.metadata.get("rest"):
+            yield from _controller_rows(prefix)
+            continue
         if dataclasses.is_dataclass(value):
             yield from _reference_rows(value, f"{prefix}{spec.name}.")
             continue
@@ -161,3 +180,12 @@ def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
         for item in typing.get_args(hints[spec.name]):
             if dataclasses.is_dataclass(item):
                 yield from _reference_rows(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")
+
+
+def _controller_rows(prefix: str) -> Iterator[str]:
+    """The options of each shipped controller."""
+    for target in dict.fromkeys(CONTROLLERS.values()):
+        modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        for row in _reference_rows(find_controller(modes[0]).Settings(), prefix):
+            key, default, meaning = row.removeprefix("| ").split(" | ")[:3]
+            yield row.replace(f"| {meaning} |", f"| {'/'.join(modes)}: {meaning} |", 1)

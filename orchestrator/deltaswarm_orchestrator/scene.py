@@ -4,14 +4,16 @@ One entity per topic holds all its shapes: each message replaces the one before 
 nothing needs to be deleted, also when a viewer jumps in time.
 """
 
+import zlib
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 import orjson
 
 from deltaswarm_orchestrator.foxglove import ARENA_FRAME, ROOT_FRAME, Json
+from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import NOBODY, ROLES, Body, EventState, Truth
+from deltaswarm_wire.truth import DEAD, Body, EventState, Truth
 
 EPOCH_S = 946_684_800
 """Simulated time 0 is 2000-01-01T00:00:00Z in every recording, so that runs align."""
@@ -27,6 +29,18 @@ ROLE_COLOURS = {
     "dead": "#999999",
 }
 """Okabe and Ito's palette, which the colour-blind can tell apart; black is for events."""
+
+OTHER_COLOURS = ("#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99", "#882255")
+"""Paul Tol's muted palette, for roles of other controllers."""
+
+
+def role_colour(role: str) -> str:
+    """The colour of a role, known or not: the same in every recording."""
+    return ROLE_COLOURS.get(role) or OTHER_COLOURS[zlib.crc32(role.encode()) % len(OTHER_COLOURS)]
+
+
+MAX_LOOKS = 256
+"""Roles whose look is kept ready."""
 
 LINE_LOOP, LINE_LIST = 1, 2
 
@@ -92,7 +106,8 @@ class Scene:
         corners = [_vector(x, y) for x, y in ((0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m))]
         self._walls = [_ready(_line(LINE_LOOP, corners, [], _WALL_PX, colour("#000000")))]
         size_m = {kind: share * max(width_m, height_m) for kind, share in _SIZE_OF_ARENA.items()}
-        self._agent_looks = {role: _agent_look(role, size_m) for role in ROLES}
+        self._size_m = size_m
+        self._looks: dict[str, Json] = {}
         self._event_size_m = size_m["event"]
         self._event_colours = {
             waiting: _ready(colour("#000000", alpha)) for waiting, alpha in ((True, 1.0), (False, 0.6))
@@ -143,11 +158,18 @@ class Scene:
         return name
 
     def _agents(self, bodies: Iterable[Body], places: Iterable[Json]) -> list[Json]:
-        upright, looks = self._upright, self._agent_looks
+        upright = self._upright
         return [
-            {"pose": {"position": place, "orientation": upright}, **looks[body.role]}
+            {"pose": {"position": place, "orientation": upright}, **self._look(body.role)}
             for body, place in zip(bodies, places, strict=True)
         ]
+
+    def _look(self, role: str) -> Json:
+        if role not in self._looks:
+            if len(self._looks) >= MAX_LOOKS:
+                self._looks.clear()
+            self._looks[role] = _agent_look(role, self._size_m)
+        return self._looks[role]
 
     def _event(self, event: EventState) -> Json:
         """A black disc that shrinks with the work done; paler once sensed."""
@@ -166,8 +188,8 @@ class Scene:
 def _agent_look(role: str, size_m: Mapping[str, float]) -> Json:
     """Size and colour; a root is larger, so that it stands out without colour, too."""
     diameter_m = size_m["root" if role == "root" else "agent"]
-    alpha = 0.4 if role == "dead" else 1.0
-    return {"size": _ready(_vector(*[diameter_m] * 3)), "color": _ready(colour(ROLE_COLOURS[role], alpha))}
+    alpha = 0.4 if role == DEAD else 1.0
+    return {"size": _ready(_vector(*[diameter_m] * 3)), "color": _ready(colour(role_colour(role), alpha))}
 
 
 def _pairs(pairs: Iterable[tuple[int, int]], index: Mapping[int, int]) -> list[int]:

@@ -32,8 +32,8 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
 LOOPBACK = ("127.", "localhost:", "[::1]:")
 
-AGENT_SETTINGS = "agent.toml"
-"""What each agent is told, written beside the world's tables."""
+AGENT_SETTINGS = "agents"
+"""The folder of what each agent is told, one file for each, beside the world's tables."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar="FOLDER",
-        help="for its tables, and for agent.toml, the agents' settings",
+        help="for its tables, and for agents/N.toml, what each agent is told",
     )
     made.add_argument(
         "--expect",
@@ -95,7 +95,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if tls:
             admit_certified(listen, arguments.credentials)
         arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / AGENT_SETTINGS).write_text(tomli_w.dumps(checked.plain(scenario.for_agent())))
+        write_agent_settings(arguments.out / AGENT_SETTINGS, scenario)
         config = WorldConfig(
             run=arguments.run,
             scenario=scenario,
@@ -115,6 +115,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     except Exception as error:
         logging.getLogger("deltaswarm.world").exception("the world fails: %s", error)
         return 1
+
+
+def write_agent_settings(folder: Path, scenario: Scenario) -> None:
+    """A file for each agent, with its own seed: no agent is handed another's."""
+    folder.mkdir(exist_ok=True)
+    for agent in range(scenario.agents.count):
+        (folder / f"{agent}.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))))
 
 
 def write_credentials(file: Path, agents: int) -> None:

@@ -1,48 +1,57 @@
 """The world's core: one step at a time, frames out, acts and radio frames in, truth and tally out.
 
 Inputs are processed in agent order, never in arrival order. What arrives is checked here: an agent's
-bytes are a stranger's.
+bytes are a stranger's. Of a radio frame the world reads the envelope, never the payload.
 """
 
 from bisect import bisect_right
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from itertools import accumulate
+from itertools import accumulate, islice
 from typing import Any
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
+from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import (
     FRAME_ROOM_BYTES,
+    MAX_POSES,
     MAX_SENSED,
+    NOBODY,
     SENSED_BYTES,
     Act,
     Event,
     Forwarded,
     Frame,
+    Heard,
+    Pose,
     Report,
+    Standing,
     decode_act,
     decode_report,
 )
 from deltaswarm_wire.orders import KILL, START, Order
-from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, UPLINK_REASONS, Body, EventState, Tally, Truth
+from deltaswarm_wire.truth import DEAD, DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally, Truth
 from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.environment import Environment, Happening
 from deltaswarm_world.faults import Faults
-from deltaswarm_world.ledger import FREE, Coverage, Numbers, Standing, by_agent, standing
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.radio import Air, Carried
+from deltaswarm_world.sequence import SequenceNumbers, by_agent
 from deltaswarm_world.uplink import Uplink
 
-HEARD_BYTES = 3
-"""What a heard frame takes in an agent's frame besides its own bytes."""
+HEARD_BYTES = 6
+"""What a heard frame takes in an agent's frame besides its own bytes: its sender, and its length."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
 
-NONE_DROPPED = (0,) * len(UPLINK_REASONS)
+NONE_DROPPED = {f"dropped_{reason}": 0 for reason in DROP_REASONS}
+NO_REPORTS_DROPPED = {f"reports_dropped_{reason}": 0 for reason in UPLINK_REASONS}
+
+SILENT, GONE = Standing(), Standing(DEAD)
 
 
 class WorldCore:
@@ -72,14 +81,23 @@ class WorldCore:
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
-        self._present = [True] * scenario.agents.count
-        self._listening = self._speaking = [True] * scenario.agents.count
-        self._spoken: dict[int, tuple[bytes, RadioFrame]] = {}
+        count = scenario.agents.count
+        self._present = [True] * count
+        self._listening = self._speaking = [True] * count
+        self._spoken: dict[int, bytes] = {}
         self._acts: dict[int, tuple[bytes, Act]] = {}
         self._standings: dict[int, Standing] = {}
+        """What each agent that takes part says it is, by its last act."""
+        self._asks_all = scenario.run.ask_every_step
+        self._quiet_until = [0] * count
+        """The step until which each agent's act holds."""
+        self._asked = [-1] * count
+        """The step in which each agent was asked last."""
+        self._places: deque[list[Pose]] = deque(maxlen=MAX_POSES)
+        """All agents' places in the last steps, this one last."""
         self._sensed: list[list[Event]] = []
         self._links: Sequence[tuple[int, int]] = ()
-        self._radio_numbers, self._report_numbers = Numbers(), Numbers()
+        self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
         self._rejected_in_step = 0
         self._lost_before = 0
         self._step = -1
@@ -93,62 +111,90 @@ class WorldCore:
         if self._faults is None:
             return ()
         lockstep = self.lockstep
-        roots = [agent for agent, (role, _, _) in self._standings.items() if role == "root"]
+        roots = [agent for agent, standing in self._standings.items() if standing.root == agent]
         orders = self._faults.strike(step, lockstep.alive, roots)
         for order in orders:
             for agent in order.agents:
+                self._quiet_until[agent] = 0
                 if order.action == KILL:
                     lockstep.take_out(agent)
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
                     lockstep.back(agent)
+                    self._asked[agent] = step - 1
                     self._radio_numbers.begin_anew(agent)
                     self._report_numbers.begin_anew(agent)
         lockstep.frozen = self._faults.frozen
         return orders
 
-    def begin(self, step: int, last: bool) -> Iterable[tuple[int, Frame]]:
-        """Move, let events arrive, work out sensing and hearing; yields each agent's frame."""
-        environment = self.environment
+    def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
+        """Move, let events arrive, work out sensing and hearing; a frame for each agent that has something to decide."""
+        environment, lockstep = self.environment, self.lockstep
         self._step, self._time_s = step, step * self.scenario.run.step_s
-        taking_part = self.lockstep.begin(step)
-        knocked, self.lockstep.knocked = self.lockstep.knocked, []
-        alive = self.lockstep.alive
+        taking_part = lockstep.taking_part()
+        knocked, lockstep.knocked = lockstep.knocked, []
+        alive = lockstep.alive
         for agent, there in enumerate(self._present):
             if there != (agent in alive):
                 self._present[agent] = not there
+                self._quiet_until[agent] = 0
                 environment.command(agent, 0.0, 0.0)
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
             environment.move(self._faults.speed_factors if self._faults else None)
         environment.arrive(self._time_s)
-        self._sensed = self._sense()
+        self._sensed = self._sense((*taking_part, *knocked))
         heard = self._hear(taking_part)
-        positions = environment.positions_m.tolist()
+        self._places.append([(x_m, y_m) for x_m, y_m in environment.positions_m.tolist()])
+        asked = taking_part if last or self._asks_all else self._with_something_to_decide(taking_part, heard)
+        lockstep.begin(step, asked)
+        before = self._standings
+        self._standings = {agent: before[agent] for agent in taking_part if agent in before}
         self._spoken, self._acts = {}, {}
-        for agent in (*taking_part, *knocked):
-            x_m, y_m = positions[agent]
-            sensed = tuple(self._sensed[agent][:MAX_SENSED])
-            yield agent, Frame(step, self._time_s, last, x_m, y_m, sensed, tuple(heard[agent]))
+        return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *knocked)]
+
+    def _with_something_to_decide(self, agents: Sequence[int], heard: Sequence[Sequence[Heard]]) -> list[int]:
+        """Those whose act has run out, who sense or hear something, whom a fault afflicts; and boards, always."""
+        quiet_until, sensed, step = self._quiet_until, self._sensed, self._step
+        afflicted = self._faults.afflicted if self._faults else NOBODY_HIT
+        boards = self.lockstep.boards
+        return [
+            agent
+            for agent in agents
+            if quiet_until[agent] <= step or sensed[agent] or heard[agent] or agent in afflicted or agent in boards
+        ]
+
+    def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
+        places = self._places
+        missed = min(self._step - self._asked[agent], len(places)) - 1
+        self._asked[agent] = self._step
+        poses: tuple[Pose, ...] = ()
+        if missed > 0:
+            poses = tuple([there[agent] for there in islice(places, len(places) - 1 - missed, len(places) - 1)])
+        sensed = tuple(self._sensed[agent][:MAX_SENSED])
+        return Frame(self._step, self._time_s, last, *places[-1][agent], poses, sensed, tuple(heard))
 
     def board_is_back(self, agent: int) -> None:
         """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
         self._radio_numbers.go_on_anywhere(agent)
         self._report_numbers.go_on_anywhere(agent)
 
-    def _sense(self) -> list[list[Event]]:
-        """What each agent senses, or believes to."""
+    def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
+        """What each of these agents senses, or believes to; an agent that gets no frame senses nothing."""
         faults, environment = self._faults, self.environment
+        present = [False] * len(self._present)
+        for agent in agents:
+            present[agent] = True
         if faults is None:
-            return environment.sense(self._time_s, self._present)
-        sensed = environment.sense(self._time_s, faults.seeing(self._present), faults.misses)
+            return environment.sense(self._time_s, present)
+        sensed = environment.sense(self._time_s, faults.seeing(present), faults.misses)
         faults.distort(sensed, environment.positions_m)
         return sensed
 
-    def _hear(self, taking_part: Sequence[int]) -> list[list[bytes]]:
-        """Deliver the radio frames of the step before; per agent those that reach it."""
+    def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
+        """Deliver the radio frames of the step before; per agent those that reach it, with their senders."""
         deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
-        spoken = {agent: data for agent, (data, _) in self._spoken.items() if agent not in mute}
+        spoken = {agent: data for agent, data in self._spoken.items() if agent not in mute}
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = agent not in deaf
@@ -165,7 +211,11 @@ class WorldCore:
             self._links = [link for link in carried.links if next(kept[link[1]], None) is not None]
             carried.drop("crowded", crowded)
         self._carried = carried
-        return heard
+        pairs: list[list[Heard]] = [[] for _ in heard]
+        frames_of = [iter(frames) for frames in heard]
+        for sender, receiver in self._links:
+            pairs[receiver].append((sender, next(frames_of[receiver])))
+        return pairs
 
     def _cut_crowded(self, heard: list[list[bytes]], largest_bytes: int) -> int:
         """Drop what does not fit into its receiver's frame beside the events sensed; how many frames that is."""
@@ -185,21 +235,19 @@ class WorldCore:
     def hear_radio(self, agent: int, data: bytes) -> str | None:
         """Take one radio frame from an agent's key; the reason if it is dropped."""
         try:
-            frame = decode_radio(data)
+            counter = decode_sample(data).counter
         except WireError as error:
             return self.reject(agent, str(error))
-        return self.take_radio(agent, frame, data)
+        return self.take_radio(agent, counter, data)
 
-    def take_radio(self, agent: int, frame: RadioFrame, data: bytes) -> str | None:
-        """The same for a frame and the bytes that it was decoded from, or encoded to."""
-        if frame.sender != agent:
-            return self.reject(agent, f"radio.sender: {frame.sender} on the key of agent {agent}")
-        self._radio_numbers.follow(agent, frame.counter)
+    def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
+        """The same for a frame whose envelope is open."""
+        self._radio_numbers.follow(agent, counter)
         if agent in self.lockstep.hanging:
             return None  # late: its act, which follows, ends that
         if agent in self._spoken or agent not in self.lockstep.waiting:
             return self.reject(agent, "radio: a second frame in one step, or one out of turn")
-        self._spoken[agent] = (data, frame)
+        self._spoken[agent] = data
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
@@ -260,14 +308,22 @@ class WorldCore:
                         self.refused_claims += 1
             spoken = self._spoken.get(agent)
             if spoken is not None:
-                self.digest.add(self._step, agent, RADIO, spoken[0])
+                self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
+            self._standings[agent] = act.standing
+            self._quiet_until[agent] = min(act.until, self._step + MAX_POSES)
         self.environment.work(observers, self._time_s)
         passing, self.reports_passing = self.reports_passing, 0
-        reports = (passing, passing, 0, *NONE_DROPPED) if self._uplink is None else self._forward(self._uplink)
+        for agent in late:
+            self._standings.pop(agent, None)
+            self._quiet_until[agent] = 0
+        if self._uplink is None:
+            reports = {"reports_sent": passing, "reports_arrived": passing, "reports_in_flight": 0}
+        else:
+            reports = self._forward(self._uplink)
         return self._tally(len(late), reports)
 
-    def _forward(self, uplink: Uplink) -> tuple[int, ...]:
+    def _forward(self, uplink: Uplink) -> dict[str, int]:
         """Let the reports of this step into the uplink; how many were sent, arrived, are under way, were dropped."""
         sent, self._reports = self._reports, {}
         for agent in sorted(sent):
@@ -275,55 +331,52 @@ class WorldCore:
         lockstep = self.lockstep
         absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
         there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
-        spoken = [(agent, frame) for agent, (_, frame) in self._spoken.items()]
-        arrived = uplink.carry(self._step, self._time_s, self.environment.positions_m, there, spoken, sent)
+        roots = {agent: standing.root for agent, standing in self._standings.items() if standing.root != NOBODY}
+        arrived = uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
         first = self._forwarded_ever
         self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
         self._forwarded_ever += len(arrived)
-        dropped = [uplink.dropped.get(reason, 0) for reason in UPLINK_REASONS]
-        return len(sent), len(arrived), uplink.under_way, *dropped
+        counts = {"reports_sent": len(sent), "reports_arrived": len(arrived), "reports_in_flight": uplink.under_way}
+        return counts | {f"reports_dropped_{reason}": count for reason, count in uplink.dropped.items()}
 
-    def _tally(self, late: int, reports: tuple[int, ...]) -> Tally:
-        self._standings = {agent: standing(frame) for agent, (_, frame) in self._spoken.items()}
-        in_trees = [agent for agent, (role, _, _) in self._standings.items() if role in IN_TREE]
+    def _tally(self, late: int, reports: dict[str, int]) -> Tally:
+        in_trees = sorted(agent for agent, standing in self._standings.items() if standing.root != NOBODY)
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, self._rejected_in_step = self._rejected_in_step, 0
         lost = (self._radio_numbers.lost + self._report_numbers.lost).total() - self._lost_before
         self._lost_before += lost
         carried, others = self._carried, self.scenario.agents.count - 1
-        figures = (
-            self._step,
-            self._time_s,
-            len(self.lockstep.alive),
-            late,
-            len(in_trees),
-            sum(role == "root" for role, _, _ in self._standings.values()),
-            self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
-            len(self.environment.active),
-            len(self._spoken),
-            sum(len(data) for data, _ in self._spoken.values()),
-            len(self._links),
-            carried.duplicated,
-            len(self._spoken) * others + self._air.under_way,
-            *[carried.dropped.get(reason, 0) for reason in DROP_REASONS],
-            *reports,
-            rejected,
-            lost,
+        dropped = {f"dropped_{reason}": count for reason, count in carried.dropped.items()}
+        return Tally(
+            step=self._step,
+            time_s=self._time_s,
+            agents_alive=len(self.lockstep.alive),
+            agents_late=late,
+            agents_asked=len(self._acts) + late,
+            agents_in_trees=len(in_trees),
+            trees=sum(standing.root == agent for agent, standing in self._standings.items()),
+            covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
+            events_active=len(self.environment.active),
+            frames_sent=len(self._spoken),
+            bytes_sent=sum(map(len, self._spoken.values())),
+            frames_received=len(self._links),
+            frames_duplicated=carried.duplicated,
+            frames_in_flight=len(self._spoken) * others + self._air.under_way,
+            rejected=rejected,
+            transport_lost=lost,
+            **{**NONE_DROPPED, **dropped, **NO_REPORTS_DROPPED, **reports},
         )
-        return Tally._make(figures)  # by name it takes three times as long
 
     def truth(self, tally: Tally) -> Truth:
         """Everything about the step just ended, for the recorder. Call once a step, or never."""
         bodies = []
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
-            role, level, parent = self._standings.get(agent, FREE)
-            if agent not in self.lockstep.alive:
-                role = "dead"
-            bodies.append(Body(agent, x_m, y_m, role, level, parent))
+            standing = self._standings.get(agent, SILENT) if agent in self.lockstep.alive else GONE
+            bodies.append(Body(agent, x_m, y_m, *standing))
         shown = {happening.event: happening for happening in self.environment.active}
         shown |= {happening.event: happening for happening in self.environment.take_changed()}
-        events = tuple(_as_state(shown[event]) for event in sorted(shown))
+        events = tuple(_as_state(happening) for happening in sorted(shown.values(), key=_by_arrival))
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
 
     def watch(self, sender: int, receiver: int) -> None:
@@ -361,7 +414,7 @@ class WorldCore:
         return sum(waits) / len(waits) if waits else 0.0
 
     def events(self) -> list[EventState]:
-        """All events so far, by id."""
+        """All events so far, in order of arrival."""
         return [_as_state(happening) for happening in self.environment.happenings]
 
     def totals(self, complete: bool) -> dict[str, Any]:
@@ -377,6 +430,10 @@ class WorldCore:
             "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
             "refused_claims": self.refused_claims,
         }
+
+
+def _by_arrival(happening: Happening) -> tuple[float, int]:
+    return happening.arrived_s, happening.event
 
 
 def _as_state(happening: Happening) -> EventState:

@@ -8,6 +8,7 @@ import numpy as np
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats, sampler
+from deltaswarm_world.event_ids import EventIds
 from deltaswarm_world.near import near
 
 ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
@@ -55,6 +56,7 @@ class Environment:
         self._mean_arrivals = scenario.events.rate_hz * scenario.run.step_s
         self._draw = sampler(scenario.events.density, scenario.arena)
         self._rng = generator(scenario.seed, ARRIVALS_STREAM)
+        self._ids = EventIds(scenario.seed)
         self._places_m: Floats = np.zeros((0, 2))
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
@@ -76,7 +78,7 @@ class Environment:
         """Let events arrive (Poisson)."""
         for _ in range(self._rng.poisson(self._mean_arrivals)):
             x_m, y_m = self._draw(self._rng)
-            happening = Happening(len(self.happenings) + 1, x_m, y_m, time_s)
+            happening = Happening(self._ids.of(len(self.happenings)), x_m, y_m, time_s)
             self.happenings.append(happening)
             self.active.append(happening)
             self.changed.append(happening)
@@ -85,7 +87,7 @@ class Environment:
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
     ) -> list[list[Event]]:
-        """Per agent the events within its sensing range, by id; notes when an event is first sensed.
+        """Per agent the events within its sensing range, as they arrived; notes when an event is first sensed.
 
         `misses`, if given, says of an agent whether it misses the event before it all the same.
         """

@@ -28,12 +28,13 @@ from deltaswarm_wire.settings_fault import (
 )
 from deltaswarm_wire.settings_fault import KILL as KILLED
 from deltaswarm_world.density import Floats
+from deltaswarm_world.event_ids import EventIds
 
 FAULT_STREAM = 11
 """Of the run's streams of chance; below it each fault has two: for its victims, and for what it does."""
 
 FIRST_PHANTOM = MAX_ID
-"""Phantoms are numbered downwards from here, events upwards from 1: they never meet."""
+"""Phantoms are numbered downwards from here, events upwards from 0, before both get opaque ids: they never meet."""
 
 
 @dataclass
@@ -81,6 +82,7 @@ class Faults:
         self._errors_m: dict[tuple[int, int, int], tuple[float, float]] = {}
         self._phantoms: dict[int, list[Event]] = {}
         self._next_phantom = FIRST_PHANTOM
+        self._ids = EventIds(scenario.seed)
 
     def strike(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[Order]:
         """What ends and what begins before this step; the orders that follow, to be carried out one by one."""
@@ -149,6 +151,11 @@ class Faults:
         wanted = int((fault.fraction or 0.0) * len(living) + 0.5)
         return set([agent for agent in shuffled if agent in living][:wanted])
 
+    @property
+    def afflicted(self) -> frozenset[int]:
+        """All upon whom a fault is in this step."""
+        return frozenset(agent for spell in self._spells for agent in spell.agents)
+
     def _of(self, *kinds: str) -> list[_Spell]:
         return [spell for spell in self._spells if spell.fault.kind in kinds]
 
@@ -213,7 +220,7 @@ class Faults:
         radius_m = self._sensing_range_m * float(rng.random()) ** 0.5
         angle = 2 * math.pi * float(rng.random())
         place = self._in_arena(x_m + radius_m * math.cos(angle), y_m + radius_m * math.sin(angle))
-        phantom = Event(self._next_phantom, *place)
+        phantom = Event(self._ids.of(self._next_phantom), *place)
         self._next_phantom -= 1
         return phantom
 

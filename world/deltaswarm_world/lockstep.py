@@ -38,13 +38,16 @@ class LockStep:
         """Boards that hang and get the next frame all the same, unwaited for: who was started anew owes no act."""
         self.step = -1
 
-    def begin(self, step: int) -> list[int]:
-        """Open a step; the agents that take part in it, ascending."""
+    def taking_part(self) -> list[int]:
+        """The agents whose process is there and goes on, ascending."""
+        return sorted(self.alive - self.hanging - self.frozen)
+
+    def begin(self, step: int, asked: Iterable[int]) -> None:
+        """Open a step, in which these agents get a frame."""
         self.step = step
-        self.waiting = self.alive - self.hanging - self.frozen
+        self.waiting = set(asked)
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent not in self.alive
-        return sorted(self.waiting)
 
     def close(self, agent: int, step: int) -> bool:
         """An act arrived; True if it closes the agent's step, False if it is late or comes twice."""

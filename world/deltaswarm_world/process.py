@@ -211,9 +211,12 @@ class WorldProcess:
         reason: str | None
         if leaf == REPORT:
             reason = self._take_report(agent, sample)
+        elif leaf == RADIO:
+            reason = self._core.hear_radio(agent, sample.payload.to_bytes())
+            if sample.attachment is not None:
+                reason = self._core.hear_act(agent, sample.attachment.to_bytes()) or reason
         else:
-            data = sample.payload.to_bytes()
-            reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
+            reason = self._core.hear_act(agent, sample.payload.to_bytes())
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)

@@ -1,7 +1,7 @@
 """The relay: members of a tree carry to the base what its sender cannot reach it with.
 
-A model in the world, no protocol of the agents: which tree an agent is in and who is near whom the world reads
-off the agents' last frames and their places. A report goes one hop a step, over links that are open on the air
+A model in the world, no protocol of the agents: which tree an agent is in the world reads off its last act, and who
+is near whom off their places. A report goes one hop a step, over links that are open on the air
 then (reach, blackouts, walls, jammers, asymmetry; no chance), towards the member with the fewest hops to one
 within the base's range. Where there is no way it waits. Each hop loses by the uplink's own share.
 """
@@ -11,7 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_wire.radio import Member, RadioFrame, Relocating
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.channel.links import Ends, Links
 from deltaswarm_world.channel.queues import Arrival
@@ -55,17 +54,6 @@ class Way(NamedTuple):
 
     to: int
     hops: int
-
-
-def roots_of(spoken: Iterable[tuple[int, RadioFrame]], before: Mapping[int, int]) -> dict[int, int]:
-    """Who is in whose tree, as the frames of a step show; who relocates says no root, and stays in its tree."""
-    roots = {}
-    for agent, frame in spoken:
-        if type(frame) is Member:
-            roots[agent] = frame.path[0]
-        elif type(frame) is Relocating and agent in before:
-            roots[agent] = before[agent]
-    return roots
 
 
 class Relay:

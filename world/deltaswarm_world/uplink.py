@@ -8,11 +8,10 @@ the queue of the operator's radio (`crowded`). What meets it first is its one re
     sent = arrived + dropped, by reason + under way
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from deltaswarm_wire.radio import RadioFrame
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.channel.chance import Bursts, Loss
 from deltaswarm_world.channel.links import Ends, Finding, Links, Piece
@@ -21,7 +20,7 @@ from deltaswarm_world.channel.reach import RangeDisc
 from deltaswarm_world.channel.zones import Blackouts
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.relay import Moment, Relay, roots_of
+from deltaswarm_world.relay import Moment, Relay
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
 """Each model has its own chance, as on the air; the relay's is 45."""
@@ -78,12 +77,11 @@ class Uplink:
         time_s: float,
         positions_m: Floats,
         there: Sequence[bool],
-        spoken: Iterable[tuple[int, RadioFrame]],
+        roots: Mapping[int, int],
         sent: Mapping[int, bytes],
     ) -> list[bytes]:
-        """One step: places [m] and presence by agent, radio frames and reports by sender; what arrives, by sender."""
+        """One step: places [m], presence and tree's root by agent, reports by sender; what arrives, by sender."""
         self.fates, self.dropped = [], {}
-        roots = roots_of(spoken, self._moment.roots) if self._relay else {}
         self._moment = moment = Moment(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
         for sender in sorted(sent):

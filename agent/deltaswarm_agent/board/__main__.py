@@ -15,6 +15,7 @@ from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.process import BoardRun, run_board
 from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettings, read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
+from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire.arguments import LOG_FORMAT, program
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -59,6 +60,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return begin()
+    except ControllerError as error:
+        logging.getLogger("deltaswarm.board").error("agent %d fails: %s", settings.id, error)
+        return 1
     except Exception as error:
         logging.getLogger("deltaswarm.board").exception("agent %d fails: %s", settings.id, error)
         return 1

@@ -1,6 +1,6 @@
-"""One step of an agent on a board: body and air make the frame, the core decides, the body moves.
+"""One step of an agent on a board: body and air make the frame, the controller decides, the body moves.
 
-The core is the same as in a simulation and does not know the difference.
+The controller is the same as in a simulation and does not know the difference. It is asked in every step.
 """
 
 import math
@@ -8,9 +8,9 @@ from collections.abc import Callable
 from typing import Any
 
 from deltaswarm_agent.body import NOWHERE, Body, Sensed
-from deltaswarm_agent.core import AgentCore, Decision
+from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
-from deltaswarm_wire.messages import MAX_SENSED, Event, Frame
+from deltaswarm_wire.messages import FREE, MAX_SENSED, Event, Frame, Heard
 
 Place = tuple[float, float]
 
@@ -40,7 +40,7 @@ def checked_sensed(found: Any) -> Sensed:
 class SetPoint:
     """Where the body was last sent; near enough to it is there.
 
-    A core plans to the centimetre, and a robot's place is never that certain. Without this an agent would circle
+    A controller plans to the centimetre, and a robot's place is never that certain. Without this an agent would circle
     round a place that it has reached, and a member that stands would seem to move.
     """
 
@@ -60,36 +60,40 @@ class SetPoint:
 
 
 class Driver:
-    """Body, core and set point of one agent."""
+    """Body, controller and set point of one agent."""
 
-    def __init__(self, core: AgentCore, body: Body, *, arrive_m: float, max_std_m: float) -> None:
-        self.core = core
+    def __init__(self, shell: Shell, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
+        self.role = FREE
+        """What the agent says it is."""
         self.faulty_steps = 0
         """Steps in which the body could not be relied on."""
         self.fault = ""
         """What is wrong with the body now, in a few words."""
         self.place_m = (math.nan, math.nan)
         """Where the agent takes itself to be."""
+        self._shell = shell
+        self._step_s = step_s
         self._body = body
         self._set_point = SetPoint(arrive_m)
         self._max_std_m = max_std_m
         self._failures = 0
 
-    def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[bytes, ...]]) -> Decision | None:
+    def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
         """Sense, decide, move. None where the body is not well: then it stands, and the agent says nothing.
 
         `hear` gives the frames that were heard at a place [m].
 
         Raises:
+            ControllerError: the controller failed.
             Exception: what the body raises, when its calls failed in `MAX_FAILURES` steps in a row.
         """
         before, self.fault = self._failures, ""
-        decision = self._step(step, time_s, hear)
+        said = self._step(step, time_s, hear)
         if self._failures == before:
             self._failures = 0
-        return decision
+        return said
 
-    def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[bytes, ...]]) -> Decision | None:
+    def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
         sensed = self._sense(time_s)
         self.fault = self.fault or sensed.fault or self._doubt(sensed)
         if self.fault:
@@ -99,11 +103,13 @@ class Driver:
             self._move(0.0, 0.0, ())
             return None
         self.place_m = self._set_point.settled(sensed.x_m, sensed.y_m)
-        decision = self.core.step(Frame(step, time_s, False, *self.place_m, sensed.events, hear(self.place_m)))
-        act = decision.act
+        heard = hear(self.place_m)
+        said = self._shell.step(Frame(step, time_s, False, *self.place_m, (), sensed.events, heard))
+        act = said.act
+        self.role = act.standing.role
         if self._move(act.vx_mps, act.vy_mps, act.observed):
-            self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self.core.settings.step_s)
-        return decision
+            self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self._step_s)
+        return said
 
     def _sense(self, time_s: float) -> Sensed:
         try:

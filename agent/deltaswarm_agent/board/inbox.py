@@ -1,7 +1,7 @@
 """What came through open air since the last step: checked, counted, and of each neighbour the newest.
 
 The radio decides who is heard. What is dropped here is what no radio would bring: frames that break the protocol
-or speak as another, frames that lay in a dead link and come late, and on request those of senders out of range.
+or are on no agent's key, frames that lay in a dead link and come late, and on request those of senders out of range.
 """
 
 import math
@@ -9,9 +9,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError, number, pack, unpack
-from deltaswarm_wire.messages import MAX_TIME_S
-from deltaswarm_wire.radio import decode_radio
+from deltaswarm_wire.codec import MAX_ABS_M, MAX_RADIO_BYTES, WireError, array, number, pack, unpack
+from deltaswarm_wire.envelope import decode_sample
+from deltaswarm_wire.messages import MAX_TIME_S, Heard
 
 MAX_NEIGHBOURS = 256
 """So many senders are kept in one step: bounds the memory that strangers can take."""
@@ -24,6 +24,10 @@ CLOCK_DRIFT = 1e-3
 
 STEADY_S, SETTLES_S = 1.0, 10.0
 """Arrival less sending that varies by less than this for so long is the usual: a clock jumped, or the way is new."""
+
+
+MAX_SENT_BYTES = 32
+"""Of a radio sample's attachment."""
 
 
 @dataclass
@@ -42,12 +46,20 @@ class _Sender:
 
 
 class _Arrival(NamedTuple):
-    """A sender's newest frame: its counter, when it came [s], where it was sent from [m], its bytes."""
+    """A sender's newest frame: its counter, when it came [s], where it was sent from [m] if that is known, its bytes."""
 
     counter: int
     arrived_s: float
-    place_m: tuple[float, float]
+    place_m: tuple[float, float] | None
     data: bytes
+
+
+class Sent(NamedTuple):
+    """The attachment of a radio sample: when it was sent, by the sender's own clock [s since its start], and where [m]."""
+
+    sent_s: float
+    x_m: float
+    y_m: float
 
 
 class Lateness:
@@ -82,14 +94,19 @@ class Lateness:
         return offset_s - known.least_s
 
 
-def encode_sent(sent_s: float) -> bytes:
-    """The attachment of a radio sample: when it was sent, by the sender's own clock [s since its start]."""
-    return pack(sent_s)
+def encode_sent(sent: Sent) -> bytes:
+    """`[sent_s, x_m, y_m]`."""
+    return pack(sent)
 
 
-def decode_sent(data: bytes) -> float:
+def decode_sent(data: bytes) -> Sent:
     """Check and decode. Raises WireError."""
-    return number(unpack(data, 16), 0.0, MAX_TIME_S, "sent_s")
+    sent_s, x_m, y_m = array(unpack(data, MAX_SENT_BYTES), 3, "sent")
+    return Sent(
+        number(sent_s, 0.0, MAX_TIME_S, "sent.sent_s"),
+        number(x_m, -MAX_ABS_M, MAX_ABS_M, "sent.x_m"),
+        number(y_m, -MAX_ABS_M, MAX_ABS_M, "sent.y_m"),
+    )
 
 
 class Inbox:
@@ -120,33 +137,39 @@ class Inbox:
         if len(data) > MAX_RADIO_BYTES:
             return "oversized"
         try:
-            frame = decode_radio(data)
-            sent_s = None if sent is None else decode_sent(sent)
+            counter = decode_sample(data).counter
+            told = None if sent is None else decode_sent(sent)
         except WireError:
             return "malformed"
-        if frame.sender != sender:
-            return "forged"
+        if sender is None:
+            return "on no agent's key"
         if sender == self._agent:
             return "of another agent with this number"
-        if sent_s is not None and self._lateness.of(sender, sent_s, now_s) > self._stale_s:
+        if told is not None and self._lateness.of(sender, told.sent_s, now_s) > self._stale_s:
             return "stale"
         before = self._newest.get(sender)
         if before is None and len(self._newest) >= MAX_NEIGHBOURS:
             return "crowded"
-        if before is None or frame.counter > before.counter:
-            self._newest[sender] = _Arrival(frame.counter, now_s, (frame.x_cm / 100, frame.y_cm / 100), data)
+        if before is None or counter > before.counter:
+            place_m = None if told is None else (told.x_m, told.y_m)
+            self._newest[sender] = _Arrival(counter, now_s, place_m, data)
         return ""
 
-    def empty(self, now_s: float, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+    def empty(self, now_s: float, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         """What is heard in the step at `now_s` by an agent at `place_m`: what came since the last one."""
         heard = []
-        for arrival in self._newest.values():
+        for sender, arrival in self._newest.items():
             if now_s - arrival.arrived_s > self._stale_s:
                 self.dropped["stale"] += 1
-            elif self._range_m and not math.dist(place_m, arrival.place_m) <= self._range_m:
+            elif self._range_m and not _is_within(self._range_m, place_m, arrival.place_m):
                 self.dropped["out of range"] += 1
             else:
-                heard.append(arrival.data)
+                heard.append((sender, arrival.data))
         self._newest.clear()
         self.heard += len(heard)
         return tuple(heard)
+
+
+def _is_within(range_m: float, place_m: tuple[float, float], other_m: tuple[float, float] | None) -> bool:
+    """Whether a sender's place is known and within range."""
+    return other_m is not None and math.dist(place_m, other_m) <= range_m

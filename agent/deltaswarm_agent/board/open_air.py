@@ -9,12 +9,12 @@ import socket
 import threading
 import time
 
-from deltaswarm_agent.board.inbox import Inbox, encode_sent
+from deltaswarm_agent.board.inbox import Inbox, Sent, encode_sent
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
-from deltaswarm_wire.messages import Health, encode_health
+from deltaswarm_wire.messages import Health, Heard, encode_health
 from deltaswarm_wire.session import configured, use_one_worker_thread
 
 use_one_worker_thread()
@@ -96,7 +96,7 @@ class OpenAir:
         """The agent's own clock [s since `open`]: no clock of the calendar, which may be set."""
         return (time.monotonic() - self._start_s) * self._accelerate
 
-    def hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+    def hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         """What came since the last step, for an agent at a place [m]."""
         self._stepped_s = self.now_s()
         if self._stalls:
@@ -105,9 +105,9 @@ class OpenAir:
         with self._lock:
             return self._inbox.empty(self.now_s(), place_m)
 
-    def say(self, data: bytes) -> None:
-        """Put one radio frame on the air."""
-        self._put(self._radio, data, encode_sent(self.now_s()))
+    def say(self, data: bytes, place_m: tuple[float, float]) -> None:
+        """Put one radio frame on the air, from a place [m]."""
+        self._put(self._radio, data, encode_sent(Sent(self.now_s(), *place_m)))
 
     def report(self, data: bytes) -> None:
         """Send one report to the operator, with the board's own wall clock [Unix s] beside it."""

@@ -20,12 +20,13 @@ from deltaswarm_agent.board.pace import Pace
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
-from deltaswarm_agent.core import AgentCore, Decision, agent_rng
+from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
-from deltaswarm_wire.messages import encode_report
-from deltaswarm_wire.radio import decode_radio, encode_radio
+from deltaswarm_wire.messages import Heard
+from deltaswarm_wire.plugins import controller_settings
 
 if TYPE_CHECKING:
     from deltaswarm_agent.board.recording import FrameRecorder
@@ -68,6 +69,8 @@ class BoardRun:
         """
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
+        control = self.settings.agent.control
+        controller_settings(control.mode, control.options, self.settings.agent, "agent.control")
         if body.REAL_TIME and self.accelerate != 1.0:
             raise SettingsError([Problem("--accelerate", f"{self.accelerate:g}", f"{body.__name__} is a real body: 1")])
         if self.settings.log.record != "off":
@@ -81,6 +84,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     Call it in the main thread, with what `BoardRun.check` gave.
 
     Raises:
+        ControllerError: the controller failed.
         Exception: what the body raises, as it is made or later.
     """
     settings = run.settings
@@ -90,10 +94,12 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     body_class = find_body(settings.body.kind)
     options = options_of(body_class, settings.body.options)
     seed, agent = settings.agent.seed, settings.id
-    core = AgentCore(agent, settings.agent, agent_rng(seed, agent))
+    step_s = settings.agent.step_s
+    shell = Shell(agent, step_s, make_controller(agent, settings.agent))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
-    driver = Driver(core, body, arrive_m=settings.body.arrive_m, max_std_m=settings.body.max_std_m)
+    told = settings.body
+    driver = Driver(shell, body, step_s=step_s, arrive_m=told.arrive_m, max_std_m=told.max_std_m)
     recorder = _recorder(settings)
     try:
         air.open(run.accelerate)
@@ -154,9 +160,9 @@ class _Loop:
         self._tell(step, pace.skipped)
 
     def _take(self, step: int) -> None:
-        decision = self._driver.step(step, step * self._step_s, self._hear)
-        if decision is not None:
-            self._send(decision)
+        said = self._driver.step(step, step * self._step_s, self._hear)
+        if said is not None:
+            self._send(said)
         fault, before = self._driver.fault, self._fault
         if fault or before:
             self._air.health(fault)  # in each step: the link, or the operator, may come later than the fault
@@ -164,11 +170,11 @@ class _Loop:
             self._fault = fault
             log.warning("the body is %s", f"not well: {fault}" if fault else "well")
 
-    def _hear(self, place_m: tuple[float, float]) -> tuple[bytes, ...]:
+    def _hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         heard = self._air.hear(place_m)
         if self._recorder:
-            for data in heard:
-                self._keep(decode_radio(data).sender, RADIO, data)
+            for sender, data in heard:
+                self._keep(sender, RADIO, data)
         return heard
 
     def _keep(self, agent: int, leaf: str, data: bytes) -> None:
@@ -180,20 +186,18 @@ class _Loop:
                 log.error("nothing more is recorded: %s", error)
                 self._recorder = None
 
-    def _send(self, decision: Decision) -> None:
+    def _send(self, said: Outbound) -> None:
         agent = self._run.settings.id
-        if decision.radio is not None:
-            data = encode_radio(decision.radio)
-            self._air.say(data)
-            self._keep(agent, RADIO, data)
-        if decision.report is not None:
-            data = encode_report(decision.report)
-            self._air.report(data)
-            self._keep(agent, REPORT, data)
+        if said.radio is not None:
+            self._air.say(said.radio, self._driver.place_m)
+            self._keep(agent, RADIO, said.radio)
+        if said.report_bytes is not None:
+            self._air.report(said.report_bytes)
+            self._keep(agent, REPORT, said.report_bytes)
 
     def _tell(self, step: int, skipped: int) -> None:
         driver = self._driver
-        text = f"{driver.core.state.value} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
+        text = f"{driver.role} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
         text += f"; not well: {self._fault}" if self._fault else ""
         log.info("%s", text)

@@ -184,9 +184,6 @@ class BoardSettings:
             Keys(self.run)
         except ValueError as error:
             found.append(Problem("run", repr(self.run[:80]), str(error)))
-        if self.agent.control.d_min_m >= self.agent.range_m:
-            allowed = f"below agent.range_m ({self.agent.range_m:g}) is allowed"
-            found.append(Problem("agent.control.d_min_m", f"{self.agent.control.d_min_m:g}", allowed))
         if self.air.credentials_file:
             try:
                 password_in(Path(self.air.credentials_file), self.user)

@@ -26,7 +26,7 @@ FREE = frozenset({State.WALKING, State.GOING, State.ATTENDING})
 
 
 class Cause(Enum):
-    """Why an agent changes its state; the paper's section, or the rule of `agent/PROTOCOL.md`, behind it."""
+    """Why an agent changes its state: the rule of the paper, or of `TREES.md`, behind it."""
 
     EVENT_SENSED = "event sensed"
     NEIGHBOUR_ATTENDS = "newly in range of an attending agent"

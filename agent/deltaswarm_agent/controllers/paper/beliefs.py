@@ -2,14 +2,9 @@
 
 from collections.abc import Sequence
 
+from deltaswarm_agent.controllers.paper.frames import MAX_EVENTS, MAX_GONE, Gone, Member, PaperFrame, Sighting, sighting
+from deltaswarm_agent.controllers.paper.timers import Timers
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.radio import MAX_EVENTS, MAX_GONE, Gone, Sighting, sighting
-
-MEMORY_STEPS = 12
-"""An event is forgotten when nobody of the tree has sensed it for so long; longer memory breeds ghosts."""
-
-GONE_STEPS = 30
-"""For so long it is told that an event is gone."""
 
 GONE_MARGIN_M = 0.05
 """An event this far within sensing range, and not sensed, is gone: places are rounded to centimetres."""
@@ -23,7 +18,8 @@ def to_cm(metres: float) -> int:
 class Beliefs:
     """Events by the freshest word about each: seen at a place in some step, or found missing in it."""
 
-    def __init__(self, sensing_range_m: float) -> None:
+    def __init__(self, sensing_range_m: float, timers: Timers) -> None:
+        self._memory, self._gone = timers.memory, timers.gone
         self._near_cm2 = (100.0 * max(0.0, sensing_range_m - GONE_MARGIN_M)) ** 2
         self._word: dict[int, int] = {}
         """The step of the freshest word about an event, that it is there or that it is gone."""
@@ -59,12 +55,18 @@ class Beliefs:
                 word[event] = sent - age
                 self._places.pop(event, None)
 
+    def hear_tree(self, heard: Sequence[PaperFrame], root: int, now: int) -> None:
+        """Take in what members of the tree with this root say."""
+        for frame in heard:
+            if type(frame) is Member and frame.path[0] == root:
+                self.hear(frame.events, frame.gone, now)
+
     def forget(self, now: int) -> None:
         """Drop what is too old to be believed, or to be told."""
         word, places = self._word, self._places
-        old = [event for event, step in word.items() if now - step > MEMORY_STEPS]
+        old = [event for event, step in word.items() if now - step > self._memory]
         for event in old:
-            if event in places or now - word[event] > GONE_STEPS:
+            if event in places or now - word[event] > self._gone:
                 del word[event]
                 places.pop(event, None)
 

@@ -1,0 +1,180 @@
+"""Controllers: what an agent decides. Each is a plug-in: a pure object that takes a percept and gives a decision.
+
+A controller is named in `control.mode`, by a short name, by an entry point of the group `deltaswarm.controllers`, or
+as `module:Class`. Its options are a frozen dataclass of its own, `Settings`, and stand in `[control]`. It has no
+clock, no network and no randomness but the generator that it is handed, so that it runs the same as a process, in
+one process with others, and on a board.
+"""
+
+from dataclasses import dataclass
+from random import Random
+from typing import Any, ClassVar, NamedTuple, Protocol
+
+from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID
+from deltaswarm_wire.messages import (
+    FREE,
+    MAX_POSES,
+    MAX_REPORTED,
+    MAX_SPEED_MPS,
+    NOBODY,
+    Event,
+    Pose,
+    role_name,
+)
+from deltaswarm_wire.plugins import controller_settings, find_controller
+from deltaswarm_wire.settings import AgentSettings
+
+Velocity = tuple[float, float]
+"""Along x and y [m/s; world frame]."""
+
+STAND: Velocity = (0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class ControllerContext:
+    """What a controller is told when it is made.
+
+    Attributes:
+        agent: the agent's id.
+        mode: the name by which the controller was asked for.
+        settings: its own options, an instance of its `Settings`.
+        shared: the agent's task and body: arena, step, speed, ranges.
+        rng: the agent's own generator; the only source of chance.
+    """
+
+    agent: int
+    mode: str
+    settings: Any
+    shared: AgentSettings
+    rng: Random
+
+
+class Percept(NamedTuple):
+    """What an agent senses and hears in one step.
+
+    Attributes:
+        step: the number of the step; steps may be missing between two percepts.
+        time_s: its simulated time [s].
+        pose: where the agent is [m; world frame].
+        poses: where it was in the steps since its last percept, oldest first.
+        events: the events within its sensing range.
+        heard: (sender, payload) of the radio frames that reached it, by sender: of each the newest.
+        commands: the operator's commands that reached it.
+    """
+
+    step: int
+    time_s: float
+    pose: Pose
+    poses: tuple[Pose, ...]
+    events: tuple[Event, ...]
+    heard: list[tuple[int, bytes]]
+    commands: tuple[bytes, ...] = ()
+
+
+class OperatorReport(NamedTuple):
+    """One message for the operator: events that the agent tells of, and how many agents it speaks for besides itself.
+
+    At most `MAX_REPORTED` events are sent.
+    """
+
+    events: tuple[Event, ...]
+    followers: int = 0
+
+
+class Decision(NamedTuple):
+    """What an agent does until it is asked again.
+
+    Attributes:
+        velocity: [m/s; world frame]; above the body's speed limit the direction is kept.
+        observed: ids of the events that it works on; those out of its sensing range do not count.
+        payload: what it broadcasts in this step, or None.
+        report: what it tells the operator in this step, or None.
+        role: a word for figures and recordings, such as "free" or "attending".
+        level, parent, root: its place in a tree, if it is in one (see `Standing`).
+        until: the step in which it wants to be asked again, later than this one; None is the next. It is asked earlier
+            when it senses an event, hears a frame, is commanded, or while a fault is upon it.
+    """
+
+    velocity: Velocity = STAND
+    observed: tuple[int, ...] = ()
+    payload: bytes | None = None
+    report: OperatorReport | None = None
+    role: str = FREE
+    level: int = 0
+    parent: int = NOBODY
+    root: int = NOBODY
+    until: int | None = None
+
+
+class Controller(Protocol):
+    """One agent's decisions. Made once per agent and start; `step` is called in order of the steps."""
+
+    Settings: ClassVar[type[Any]]
+    """A frozen dataclass whose fields are made by `deltaswarm_wire.checked.key`.
+
+    It may have a method `problems_with(shared: AgentSettings) -> list[Problem]`.
+    """
+
+    def __init__(self, context: ControllerContext) -> None: ...
+
+    def step(self, percept: Percept) -> Decision:
+        """Decide."""
+
+
+class ControllerError(Exception):
+    """A controller raised, or returned what it may not; the agent has failed. The text is one line."""
+
+
+def agent_rng(seed: int, agent: int, restart: int = 0) -> Random:
+    """The agent's own generator; the same for the same seed and number of its restart on any machine."""
+    return Random(f"deltaswarm/{seed}/agent/{agent}" + (f"/restart/{restart}" if restart else ""))
+
+
+def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Controller:
+    """The controller that an agent's settings ask for.
+
+    Raises:
+        SettingsError: there is no such controller, or its options have mistakes.
+        ControllerError: it raised while it was made.
+    """
+    control = settings.control
+    found = find_controller(control.mode)
+    own = controller_settings(control.mode, control.options, settings)
+    context = ControllerContext(agent, control.mode, own, settings, agent_rng(settings.seed, agent, restart))
+    try:
+        controller: Controller = found(context)
+    except Exception as error:
+        raise ControllerError(f"controller {control.mode} cannot be made: {described(error)}") from error
+    return controller
+
+
+def described(error: Exception) -> str:
+    """An error as one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def checked_decision(found: Any, step: int) -> Decision:
+    """A decision as plain values that the wire carries; a controller may be anybody's.
+
+    Raises:
+        TypeError, ValueError: it is not what a controller may return; the text says what must hold.
+    """
+    if type(found) is not Decision:
+        raise TypeError(f"step must return a Decision (got {type(found).__name__})")
+    (vx_mps, vy_mps), observed, payload, report, role, level, parent, root, until = found
+    if not (abs(vx_mps) <= MAX_SPEED_MPS and abs(vy_mps) <= MAX_SPEED_MPS):
+        raise ValueError(f"velocity must be finite, at most {MAX_SPEED_MPS:g} m/s (got {vx_mps}, {vy_mps})")
+    if payload is not None and type(payload) is not bytes:
+        raise TypeError(f"payload must be bytes or None (got {type(payload).__name__})")
+    if not all(type(event) is int and 0 <= event <= MAX_ID for event in observed):
+        raise ValueError(f"observed must be ids of events (got {observed!r:.80})")
+    if not (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID):
+        raise ValueError(f"level, parent and root must be numbers of agents (got {level}, {parent}, {root})")
+    if until is not None and not until > step:
+        raise ValueError(f"until must be later than step {step} (got {until})")
+    role_name(role, "role")
+    if report is not None:
+        report = OperatorReport(tuple(report.events[:MAX_REPORTED]), report.followers)
+    velocity = float(vx_mps), float(vy_mps)
+    until = step + 1 if until is None else min(int(until), step + MAX_POSES)
+    return Decision(velocity, tuple(observed), payload, report, role, int(level), int(parent), int(root), until)

@@ -1,0 +1,1 @@
+"""The controllers that are shipped; each is one file or one folder, and a line in `deltaswarm_wire.plugins`."""

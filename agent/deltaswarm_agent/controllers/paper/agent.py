@@ -1,0 +1,85 @@
+"""What one agent knows and is doing; each of the paper's rules reads it and changes it."""
+
+from deltaswarm_agent.controller import ControllerContext
+from deltaswarm_agent.controllers.paper.beliefs import Beliefs
+from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder
+from deltaswarm_agent.controllers.paper.hybrid import strategy_of
+from deltaswarm_agent.controllers.paper.membership import Former, Membership
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.controllers.paper.states import TRANSITIONS, WALKING, Cause
+from deltaswarm_agent.controllers.paper.timers import timers
+from deltaswarm_agent.controllers.paper.walk import Walk
+from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
+from deltaswarm_wire.messages import Event, Pose
+
+
+class Agent:
+    """One agent's state."""
+
+    def __init__(self, context: ControllerContext) -> None:
+        settings: PaperSettings = context.settings
+        self.id = context.agent
+        self.settings = settings
+        self.shared = context.shared
+        self.rng = context.rng
+        self.strategy = strategy_of(context.mode, settings)
+        self.timers = timers(context.shared.step_s, context.shared.latency_s)
+        self.here = Whereabouts(context.shared, settings.d_min_m, self.timers.trail)
+        self.walk = Walk(context.shared, settings.leg_max_s, context.rng)
+        self.beliefs = Beliefs(context.shared.sensing_range_m, self.timers)
+        self.now = 0
+        self.state = WALKING
+        self.target: Event | None = None
+        """The event that a free agent goes to or observes."""
+        self.membership: Membership | None = None
+        self.gamma = 0.0
+        """The dissolution parameter."""
+        self.contested = 0
+        """Steps in which this root has stayed beside an equal one."""
+        self.order: RecruitmentOrder | None = None
+        """The order that this agent sends, or relays, in this step."""
+        self.followed_order: int | None = None
+        """The number of the last order that this agent carried out in its tree."""
+        self.post: Pose = (0.0, 0.0)
+        """Where it was ordered to go."""
+        self.movers: dict[int, tuple[Pose, int]] = {}
+        """A root's recruited agents under way: their places, and until when these are blocked."""
+        self.since = 0
+        """Since when an orphan, or a recruited agent at its place, has looked for a parent."""
+        self.farewells = 0
+        """How often it still says that it has left."""
+        self.former: Former | None = None
+
+    def change(self, cause: Cause) -> None:
+        """The one place where the state changes: along the table."""
+        self.state = TRANSITIONS[self.state, cause]
+        if self.state is WALKING:
+            self.target = None
+            self.walk.turn(self.now)
+
+    def enter_tree(self, parent: Member | None, cause: Cause) -> Membership:
+        """Become a member below `parent`, or a root."""
+        self.change(cause)
+        self.membership = Membership(self.id, parent, self.now, self.timers)
+        self.gamma = self.settings.gamma_max
+        self.contested = 0
+        self.target = self.order = self.followed_order = None
+        self.movers.clear()
+        self.farewells = 0
+        return self.membership
+
+    def leave_tree(self, cause: Cause) -> None:
+        """Become free, and the whole subtree with it: children hear of it and leave too."""
+        assert self.membership is not None
+        self.former = Former(self.membership, self.now, self.timers)
+        self.membership = None
+        self.farewells = self.timers.leaving
+        self.change(cause)
+
+    def sender_distance(self, frame: PaperFrame) -> tuple[float, int]:
+        """By which the nearest sender is found; of equally near ones that with the lowest id."""
+        return self.here.sender_m2(frame), frame.sender
+
+    def event_distance(self, event: Event) -> tuple[float, int]:
+        """By which the nearest event is found."""
+        return self.here.distance_m2(event.x_m, event.y_m), event.event

@@ -1,0 +1,50 @@
+"""Baseline coordination algorithm (the paper's section of that name): the decentralised swarm.
+
+"When an agent observes an event, the agent corrects its heading to move directly towards the event." There it stops and
+observes until the event is complete; then it goes to another one that it senses, or walks on. "If a randomly moving
+agent moves within communication range of an agent that is observing an event", it goes to that event too.
+"""
+
+from collections.abc import Sequence
+
+from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.beliefs import GONE_MARGIN_M
+from deltaswarm_agent.controllers.paper.frames import Attending, PaperFrame
+from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, WALKING, Cause
+from deltaswarm_wire.messages import Event
+
+
+def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+    """Go to an event, and observe it until it is complete."""
+    target = agent.target
+    if agent.state is ATTENDING and target is not None:
+        if any(event.event == target.event for event in sensed):
+            return
+        agent.change(Cause.ANOTHER_SENSED if sensed else Cause.EVENT_COMPLETE)
+    if sensed:
+        agent.target = min(sensed, key=agent.event_distance)
+        if agent.state is WALKING:
+            agent.change(Cause.EVENT_SENSED)
+    elif agent.state is GOING and target is not None:
+        if agent.event_distance(target)[0] < (agent.shared.sensing_range_m - GONE_MARGIN_M) ** 2:
+            agent.change(Cause.EVENT_NOT_THERE)
+    elif heard and agent.state is WALKING:
+        _join_attending(agent, heard)
+    if agent.state is GOING and sensed and agent.target is not None:
+        if agent.here.is_at(agent.target.x_m, agent.target.y_m):
+            agent.change(Cause.AT_THE_EVENT)
+
+
+def _join_attending(agent: Agent, heard: Sequence[PaperFrame]) -> None:
+    """A walking agent that comes newly into range of an attending one goes to its event too."""
+    attending = [
+        frame
+        for frame in heard
+        if type(frame) is Attending
+        and agent.here.is_newly_met(frame)
+        and agent.here.is_in_arena(frame.event_x_cm / 100, frame.event_y_cm / 100)
+    ]
+    if attending:
+        near = min(attending, key=agent.sender_distance)
+        agent.target = Event(near.event, near.event_x_cm / 100, near.event_y_cm / 100)
+        agent.change(Cause.NEIGHBOUR_ATTENDS)

@@ -1,0 +1,199 @@
+"""One step of an agent under the paper's control structures: the order in which the rules are asked."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from deltaswarm_agent.controller import STAND, ControllerContext, Decision, OperatorReport, Percept, Velocity
+from deltaswarm_agent.controllers.paper import baseline, dissolution, growth, orphans, recruitment, root_contest
+from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.beliefs import to_cm
+from deltaswarm_agent.controllers.paper.frames import (
+    Attending,
+    Leaving,
+    Member,
+    PaperFrame,
+    Relocating,
+    decode,
+    encode,
+)
+from deltaswarm_agent.controllers.paper.membership import Membership
+from deltaswarm_agent.controllers.paper.root_formation import founds
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, MEMBER, ORPHAN, RELOCATING, ROOT, WALKING, State
+from deltaswarm_agent.controllers.paper.walk import towards
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.messages import MAX_REPORTED, NOBODY, Event, Standing
+
+_SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
+
+
+class PaperController:
+    """One agent of a decentralised, hierarchical or hybrid swarm. `step` is its one mutating method."""
+
+    Settings: ClassVar[type[PaperSettings]] = PaperSettings
+
+    def __init__(self, context: ControllerContext) -> None:
+        self.agent = Agent(context)
+        self.rejected_frames = 0
+        """Frames heard that broke the protocol."""
+
+    @property
+    def state(self) -> State:
+        """What the agent is doing."""
+        return self.agent.state
+
+    @property
+    def membership(self) -> Membership | None:
+        """Its place in a tree; None if it is free."""
+        return self.agent.membership
+
+    def step(self, percept: Percept) -> Decision:
+        """Decide."""
+        agent = self.agent
+        agent.now = percept.step
+        agent.here.move_to(percept.pose, percept.poses)
+        heard = self._decoded(percept.heard) if percept.heard else []
+        if agent.membership is None:
+            self._step_free(percept.events, heard)
+        else:
+            self._step_in_tree(agent.membership, percept.events, heard)
+        decision = self._decision(percept.events)
+        agent.here.keep()
+        return decision
+
+    def _decoded(self, heard: Sequence[tuple[int, bytes]]) -> list[PaperFrame]:
+        frames = []
+        for sender, payload in heard:
+            try:
+                frames.append(decode(sender, payload))
+            except WireError:
+                self.rejected_frames += 1
+        return frames
+
+    def _step_free(self, sensed: Sequence[Event], heard: list[PaperFrame]) -> None:
+        agent = self.agent
+        members = [frame for frame in heard if type(frame) is Member] if heard else []
+        if founds(agent, sensed, members) or (members and growth.joins(agent, members)):
+            assert agent.membership is not None
+            self._step_in_tree(agent.membership, sensed, heard)
+        elif agent.strategy.attends:
+            baseline.seek_event(agent, sensed, heard)
+
+    def _step_in_tree(self, membership: Membership, sensed: Sequence[Event], heard: list[PaperFrame]) -> None:
+        agent = self.agent
+        carried, agent.order = agent.order, None
+        membership.hear_children(heard, agent.now)
+        agent.beliefs.hear_tree(heard, membership.root, agent.now)
+        agent.beliefs.sense(sensed, agent.here.x_m, agent.here.y_m, agent.now)
+        agent.beliefs.forget(agent.now)
+        times = agent.timers
+        if agent.state is ROOT:
+            if not root_contest.yields(agent, membership, heard):
+                membership.beat(agent.now)
+                recruitment.recruit(agent, membership, carried)
+        elif agent.state is MEMBER:
+            self._step_member(membership, sensed, heard)
+        elif agent.state is ORPHAN:
+            orphans.find_parent(agent, membership, heard, times.orphan_strict, times.orphan)
+        elif recruitment.has_arrived(agent):
+            if orphans.find_parent(agent, membership, heard, times.arrival_strict, times.arrival):
+                agent.gamma = agent.settings.gamma_max
+
+    def _step_member(self, membership: Membership, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+        agent, parent = self.agent, membership.parent
+        for frame in heard:
+            if frame.sender == parent:
+                if not orphans.hear_parent(agent, membership, frame):
+                    return
+                if type(frame) is Member and recruitment.hear_order(agent, membership, frame):
+                    return
+        if not orphans.misses_parent(agent, membership):
+            dissolution.dissolve(agent, membership, sensed)
+
+    # The decision
+
+    def _decision(self, sensed: tuple[Event, ...]) -> Decision:
+        agent = self.agent
+        velocity, until = self._motion()
+        frame = self._frame(len(sensed))
+        return Decision(
+            velocity,
+            self._observed(sensed) if sensed else (),
+            None if frame is None else encode(frame),
+            self._report(frame),
+            *self._standing(frame),
+            agent.now + 1 if frame is not None else until,
+        )
+
+    def _motion(self) -> tuple[Velocity, int]:
+        """The velocity, and the step up to which it holds whatever the agent would decide until then."""
+        agent, here = self.agent, self.agent.here
+        if agent.state is WALKING:
+            velocity = agent.walk.velocity(agent.now, here.x_m, here.y_m)
+            return velocity, agent.walk.straight_until(agent.now, here.x_m, here.y_m, velocity)
+        velocity = STAND
+        if agent.state is GOING and agent.target is not None:
+            velocity = towards(here.x_m, here.y_m, agent.target.x_m, agent.target.y_m, agent.shared)
+        elif agent.state is RELOCATING:
+            velocity = towards(here.x_m, here.y_m, *agent.post, agent.shared)
+        return velocity, agent.now + 1
+
+    def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
+        """The events that this agent works on in this step."""
+        agent = self.agent
+        if agent.state in (WALKING, GOING, RELOCATING):
+            return ()
+        if agent.state is ATTENDING:
+            assert agent.target is not None
+            return (agent.target.event,)
+        if agent.settings.member_observes == "all":
+            return tuple(event.event for event in sensed)
+        return (min(sensed, key=agent.event_distance).event,)
+
+    def _frame(self, score: int) -> PaperFrame | None:
+        """What the neighbours are told; an agent that has nothing to say is silent."""
+        agent, membership = self.agent, self.agent.membership
+        attends = agent.state is ATTENDING
+        if membership is None and not attends and agent.farewells == 0:
+            return None
+        head = (agent.id, to_cm(agent.here.x_m), to_cm(agent.here.y_m))
+        if agent.state is RELOCATING:
+            return Relocating(*head)
+        if membership is not None:
+            return Member(
+                *head,
+                agent.state is ORPHAN,
+                membership.path,
+                membership.pulse,
+                score,
+                membership.table(),
+                agent.beliefs.sightings(agent.now),
+                agent.beliefs.departures(agent.now),
+                agent.order,
+            )
+        if agent.farewells > 0:
+            agent.farewells -= 1
+            return Leaving(*head)
+        target = agent.target
+        assert target is not None
+        return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
+
+    def _standing(self, frame: PaperFrame | None) -> Standing:
+        """What it says it is: silent agents are free."""
+        if type(frame) is Member:
+            level = len(frame.path) - 1
+            role = "orphan" if frame.orphan else "member" if level else "root"
+            return Standing(role, level, frame.path[-2] if level else NOBODY, frame.path[0])
+        if type(frame) is Relocating:
+            assert self.agent.membership is not None
+            return Standing("relocating", root=self.agent.membership.root)
+        return _SILENT if frame is None else _ATTENDING if type(frame) is Attending else _LEAVING
+
+    def _report(self, frame: PaperFrame | None) -> OperatorReport | None:
+        """What the operator is told: by an attending agent its event, by a root what its tree knows."""
+        agent = self.agent
+        if agent.state is ATTENDING and agent.target is not None:
+            return OperatorReport((agent.target,))
+        if agent.state is ROOT and agent.beliefs and type(frame) is Member:
+            return OperatorReport(tuple(agent.beliefs.active()[:MAX_REPORTED]), len(frame.table))
+        return None

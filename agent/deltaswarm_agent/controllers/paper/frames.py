@@ -1,0 +1,242 @@
+"""The payload of the paper's radio frames: all that an agent ever tells another agent (`FRAMES.md` has every byte).
+
+They are MessagePack arrays, since their bytes count on the air; rows stand one after the other in flat arrays.
+Positions are whole centimetres in the world frame. An agent that has nothing to say is silent. The sender is known
+from the key on which the frame came, and is not in the payload.
+"""
+
+import struct
+from collections.abc import Callable
+from functools import lru_cache, partial
+from itertools import chain, cycle
+from typing import Any, NamedTuple
+
+from deltaswarm_wire.codec import (
+    MAX_ABS_CM,
+    MAX_AGENT_ID,
+    MAX_ID,
+    MAX_RADIO_BYTES,
+    WireError,
+    array,
+    arrays,
+    boolean,
+    integer,
+    pack,
+    unpack,
+)
+
+MAX_PATH = 128
+MAX_TABLE = 350
+MAX_EVENTS = 16
+MAX_GONE = 8
+MAX_AGE = 0xFFFF
+MAX_SCORE = 0xFFFF
+MAX_TTL = 0xFF
+
+ATTENDING, MEMBER, RELOCATING, LEAVING = 0, 1, 2, 3
+
+
+class Attending(NamedTuple):
+    """A free agent stands at an event and observes it (Baseline coordination algorithm)."""
+
+    sender: int
+    x_cm: int
+    y_cm: int
+    event: int
+    event_x_cm: int
+    event_y_cm: int
+
+
+class Descendant(NamedTuple):
+    """One row of a member's table: an agent below it (the paper's F_i with its scores S_i)."""
+
+    agent: int
+    parent: int
+    x_cm: int
+    y_cm: int
+    score: int
+
+
+class Sighting(NamedTuple):
+    """An event that some member of the tree sensed `age` steps ago."""
+
+    event: int
+    x_cm: int
+    y_cm: int
+    age: int
+
+
+class Gone(NamedTuple):
+    """An event that some member of the tree found missing `age` steps ago."""
+
+    event: int
+    age: int
+
+
+class RecruitmentOrder(NamedTuple):
+    """A root tells a leaf where to go (Active Recruitment); relayed down while `ttl` lasts."""
+
+    leaf: int
+    x_cm: int
+    y_cm: int
+    number: int
+    ttl: int
+
+
+class Member(NamedTuple):
+    """An agent in a tree. The path runs from the root to the sender, so its length less 1 is the level.
+
+    On the air the path ends with the parent: the sender is known.
+    """
+
+    sender: int
+    x_cm: int
+    y_cm: int
+    orphan: bool
+    path: tuple[int, ...]
+    pulse: int
+    score: int
+    table: tuple[Descendant, ...]
+    events: tuple[Sighting, ...]
+    gone: tuple[Gone, ...]
+    order: RecruitmentOrder | None
+
+
+class Relocating(NamedTuple):
+    """A recruited leaf on its way."""
+
+    sender: int
+    x_cm: int
+    y_cm: int
+
+
+class Leaving(NamedTuple):
+    """An agent that has just left its tree, and with it its whole subtree (Dissolution)."""
+
+    sender: int
+    x_cm: int
+    y_cm: int
+
+
+PaperFrame = Attending | Member | Relocating | Leaving
+
+_KINDS = (Attending, Member, Relocating, Leaving)
+_KIND_OF = {cls: kind for kind, cls in enumerate(_KINDS)}
+
+_PLACE_CODES, _ATTENDING_CODES = "ii", "iiIii"
+_DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiH", "IH", "HiiIB"
+_BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
+"""The C types that the integers fit, and their bounds."""
+_ONLY_INT = {int}
+
+_flat = chain.from_iterable
+_new: Any = tuple.__new__  # a NamedTuple's own constructors cost several times as much
+_descendant: Callable[[tuple[int, ...]], Descendant] = partial(_new, Descendant)
+sighting: Callable[[tuple[int, int, int, int]], Sighting] = partial(_new, Sighting)
+"""A sighting of its four fields."""
+_gone: Callable[[tuple[int, ...]], Gone] = partial(_new, Gone)
+
+_KEPT = 8
+"""Frames kept of each sender that this process encodes for."""
+
+_encoded: dict[int, dict[bytes, PaperFrame]] = {}
+"""By sender and payload: where many agents share a process, the receivers need not decode again."""
+
+
+def encode(frame: PaperFrame) -> bytes:
+    """The frame's payload: `[kind, *fields]`, rows in flat arrays."""
+    if type(frame) is Member:
+        sender, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, order = frame
+        rows = (tuple(_flat(table)), tuple(_flat(events)), tuple(_flat(gone)))
+        payload = pack((MEMBER, x_cm, y_cm, orphan, path[:-1], pulse, score, *rows, order), MAX_RADIO_BYTES)
+    else:
+        sender = frame.sender
+        payload = pack((_KIND_OF[type(frame)], *frame[1:]), MAX_RADIO_BYTES)
+    kept = _encoded.setdefault(sender, {})
+    kept[payload] = frame
+    if len(kept) > _KEPT:
+        del kept[next(iter(kept))]
+    return payload
+
+
+def decode(sender: int, payload: bytes) -> PaperFrame:
+    """Check and decode one frame of a sender.
+
+    Raises:
+        WireError: anything that breaks the protocol, naming the field.
+    """
+    kept = _encoded.get(sender)
+    if kept is not None and payload in kept:
+        return kept[payload]
+    raw = unpack(payload, MAX_RADIO_BYTES)
+    if type(raw) is not list or len(raw) < 3:
+        raise WireError("frame", "an array of at least 3 items is expected")
+    kind = integer(raw[0], ATTENDING, LEAVING, "frame.kind")
+    if kind == MEMBER:
+        return _decode_member(sender, array(raw, 11, "frame"))
+    if kind == ATTENDING:
+        _check_integers(raw[1:], _ATTENDING_CODES, "frame.x_cm", "frame.y_cm", "frame.event", "frame.event_cm")
+        return Attending(sender, *raw[1:])
+    _check_integers(raw[1:], _PLACE_CODES, "frame.x_cm", "frame.y_cm")
+    return (Relocating if kind == RELOCATING else Leaving)(sender, *raw[1:])
+
+
+def _decode_member(sender: int, raw: list[Any]) -> Member:
+    _, x_cm, y_cm, orphan, above, pulse, score, table, events, gone, order = raw
+    _check_integers([x_cm, y_cm, pulse, score], "iiIH", "frame.x_cm", "frame.y_cm", "frame.pulse", "frame.score")
+    boolean(orphan, "frame.orphan")
+    _check_integers(above, "H" * len(arrays(above, MAX_PATH - 1, "frame.path")), "frame.path")
+    path = (*above, sender)
+    if len(set(path)) != len(path):
+        raise WireError("frame.path", "names an agent twice")
+    return Member(
+        sender,
+        x_cm,
+        y_cm,
+        orphan,
+        path,
+        pulse,
+        score,
+        _rows(table, _descendant, _DESCENDANT_CODES, MAX_TABLE, "frame.table"),
+        _rows(events, sighting, _SIGHTING_CODES, MAX_EVENTS, "frame.events"),
+        _rows(gone, _gone, _GONE_CODES, MAX_GONE, "frame.gone"),
+        None if order is None else _order(order),
+    )
+
+
+def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: str) -> tuple[Any, ...]:
+    """Rows of integers, one after the other in a flat array."""
+    flat = arrays(raw, limit * len(codes), field)
+    if not flat:
+        return ()
+    count, left = divmod(len(flat), len(codes))
+    if left:
+        raise WireError(field, f"{len(flat)} items, a multiple of {len(codes)} is expected")
+    _check_integers(flat, codes * count, field)
+    return tuple(map(row, zip(*[iter(flat)] * len(codes), strict=True)))
+
+
+def _order(raw: Any) -> RecruitmentOrder:
+    _check_integers(array(raw, len(_ORDER_CODES), "frame.order"), _ORDER_CODES, "frame.order")
+    return RecruitmentOrder._make(raw)
+
+
+def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
+    """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
+    if len(values) != len(codes):
+        raise WireError("frame", f"{len(codes)} integers are expected, not {len(values)}")
+    if values and set(map(type, values)) == _ONLY_INT:
+        try:
+            _layout(codes).pack(*values)
+        except struct.error:
+            pass
+        else:
+            return
+    for value, code, field in zip(values, codes, cycle(fields)):
+        integer(value, *_BOUNDS[code], field)
+
+
+@lru_cache(512)
+def _layout(codes: str) -> struct.Struct:
+    """Packing with it is the quickest check of many integers at once."""
+    return struct.Struct("<" + codes)

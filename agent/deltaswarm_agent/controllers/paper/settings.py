@@ -1,0 +1,40 @@
+"""The options of the paper's control structures, with the paper's values as defaults."""
+
+from dataclasses import dataclass
+
+from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.settings import OURS, PAPER, AgentSettings
+
+OBSERVES = ("all", "nearest")
+
+
+@dataclass(frozen=True)
+class PaperSettings:
+    """How agents decide (Hybrid coordination)."""
+
+    delta: int = key(3, "hybrid: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
+    rho: int = key(2, "hierarchical: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
+    recruitment: bool = key(True, "active recruitment; off is an ablation", source=PAPER)
+    dissolution: bool = key(True, "dissolution; off is an ablation", source=PAPER)
+    d_min_m: float = key(6.0, "least distance between members of a tree [m]", source=OURS, low=0)
+    gamma_max: float = key(
+        40.0,
+        "dissolution parameter when an event is sensed: a member of level n leaves after 1/n of it [s]",
+        source=OURS,
+        low=1,
+        high=1_000_000,
+    )
+    recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
+    leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
+    member_observes: str = key(
+        "nearest",
+        "events that a tree member works on at once: all it senses, or the nearest",
+        source=OURS,
+        choices=OBSERVES,
+    )
+
+    def problems_with(self, shared: AgentSettings) -> list[Problem]:
+        """Members of a tree must be able to hear each other."""
+        if self.d_min_m < shared.range_m:
+            return []
+        return [Problem("d_min_m", f"{self.d_min_m:g}", f"below radio.range_m ({shared.range_m:g}) is allowed")]

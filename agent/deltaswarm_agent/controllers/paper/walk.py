@@ -1,0 +1,91 @@
+"""The random walk and the way to a place (Tree Growth). Velocities in m/s, places in m, world frame.
+
+"A custom random walk where agents move in a straight line for a uniformly distributed amount of time before turning
+onto a new randomly chosen heading."
+"""
+
+import math
+from random import Random
+
+from deltaswarm_agent.controller import Velocity
+from deltaswarm_wire.messages import MAX_POSES
+from deltaswarm_wire.settings import AgentSettings
+
+WALL_MARGIN_M = 1e-6
+"""A stride that ends this close to a wall is looked at when it is due."""
+
+
+class Walk:
+    """Straight legs of uniform length in time, a uniform new heading, specular walls.
+
+    On a straight leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
+    """
+
+    def __init__(self, shared: AgentSettings, leg_max_s: float, rng: Random) -> None:
+        self._rng = rng
+        self._speed_mps = shared.speed_mps
+        self._step_s = shared.step_s
+        self._leg_max_s = leg_max_s
+        self._size_m = (shared.width_m, shared.height_m)
+        self._vx = self._vy = 0.0
+        self._ends = -1
+        """The step in which the next leg begins."""
+
+    def turn(self, now: int) -> None:
+        """Begin a new leg."""
+        heading = self._rng.uniform(0.0, math.tau)
+        self._vx = self._speed_mps * math.cos(heading)
+        self._vy = self._speed_mps * math.sin(heading)
+        self._ends = now + max(1, math.ceil(self._rng.uniform(0.0, self._leg_max_s) / self._step_s))
+
+    def velocity(self, now: int, x_m: float, y_m: float) -> Velocity:
+        """The velocity of this step, from where the agent is."""
+        if now >= self._ends:
+            self.turn(now)
+        vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
+        vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
+        return vx_mps, vy_mps
+
+    def straight_until(self, now: int, x_m: float, y_m: float, velocity: Velocity) -> int:
+        """The step up to which `velocity`, that of this step, holds: the leg's end, or the stride before a wall."""
+        if velocity != (self._vx, self._vy):
+            return now + 1
+        ahead = min(
+            self._ends - now,
+            MAX_POSES,
+            _strides(x_m, self._vx * self._step_s, self._size_m[0]),
+            _strides(y_m, self._vy * self._step_s, self._size_m[1]),
+        )
+        return now + max(1, ahead)
+
+
+def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[float, float]:
+    """The velocity of a stride that may cross a wall, and that after it; from beyond a wall it leads back."""
+    to_m = at_m + v_mps * step_s
+    if 0.0 <= to_m <= wall_m and 0.0 <= at_m <= wall_m:
+        return v_mps, v_mps
+    stride_m = abs(v_mps * step_s)
+    if at_m < 0.0:
+        to_m, after = min(at_m + stride_m, wall_m), abs(v_mps)
+    elif at_m > wall_m:
+        to_m, after = max(at_m - stride_m, 0.0), -abs(v_mps)
+    elif to_m < 0.0:
+        to_m, after = min(-to_m, wall_m), -v_mps
+    else:
+        to_m, after = max(2.0 * wall_m - to_m, 0.0), -v_mps
+    return (to_m - at_m) / step_s, after
+
+
+def _strides(at_m: float, stride_m: float, wall_m: float) -> int:
+    """Whole strides along an axis that surely end before the wall."""
+    room_m = (wall_m - at_m if stride_m > 0.0 else at_m) - WALL_MARGIN_M
+    if room_m <= 0.0 or stride_m == 0.0:
+        return 0 if stride_m else MAX_POSES
+    return int(min(room_m / abs(stride_m), MAX_POSES))
+
+
+def towards(x_m: float, y_m: float, to_x_m: float, to_y_m: float, shared: AgentSettings) -> Velocity:
+    """Straight to a place, stopping on it."""
+    dx, dy = to_x_m - x_m, to_y_m - y_m
+    time_s = max(math.sqrt(dx * dx + dy * dy) / shared.speed_mps, shared.step_s)
+    return dx / time_s, dy / time_s

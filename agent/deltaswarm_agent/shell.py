@@ -1,0 +1,103 @@
+"""The shell around a controller: hears, numbers and encodes, and holds the controller to what it may return."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_decision, described
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
+from deltaswarm_wire.messages import Act, Frame, Heard, Report, Standing, decode_report, encode_act, encode_report
+
+FORGET_SENDER_S = 20.0
+"""A sender unheard for this long may begin its counter anew."""
+
+
+class Outbound(NamedTuple):
+    """What an agent sends in one step; the act closes it."""
+
+    act: Act
+    act_bytes: bytes
+    counter: int
+    """The radio frame's, if there is one."""
+    radio: bytes | None
+    report: Report | None
+    report_bytes: bytes | None
+
+
+class Receiver:
+    """Takes radio frames out of their envelopes; of each sender it keeps the newest."""
+
+    def __init__(self, agent: int, step_s: float) -> None:
+        self.rejected = 0
+        """Frames that broke the protocol."""
+        self._agent = agent
+        self._forget_steps = round(FORGET_SENDER_S / step_s)
+        self._newest: dict[int, tuple[int, int]] = {}
+
+    def newest_of(self, heard: Sequence[Heard], now: int) -> list[tuple[int, bytes]]:
+        """Of each sender its newest payload, in sender order; late and duplicate frames are dropped."""
+        newest: dict[int, bytes] = {}
+        known = self._newest
+        for sender, data in heard:
+            try:
+                counter, payload, _ = decode_sample(data)
+            except WireError:
+                self.rejected += 1
+                continue
+            before = known.get(sender)
+            is_new = before is None or counter > before[0] or now - before[1] > self._forget_steps
+            if is_new and sender != self._agent:
+                known[sender] = (counter, now)
+                newest[sender] = payload
+        return sorted(newest.items())
+
+
+class Shell:
+    """One agent without its edges. `step` is its one mutating method."""
+
+    def __init__(self, agent: int, step_s: float, controller: Controller) -> None:
+        self.agent = agent
+        self.controller = controller
+        self._receiver = Receiver(agent, step_s)
+        self._counter = 0
+        self._sequence = 0
+
+    @property
+    def rejected_frames(self) -> int:
+        """Frames heard whose envelope broke the protocol."""
+        return self._receiver.rejected
+
+    def step(self, frame: Frame) -> Outbound:
+        """Decide. Frames come in order of their steps; steps may be missing between them.
+
+        Raises:
+            ControllerError: the controller raised, or returned what it may not.
+        """
+        step, time_s, _, x_m, y_m, poses, events, heard = frame
+        frames = self._receiver.newest_of(heard, step) if heard else []
+        percept = Percept(step, time_s, (x_m, y_m), poses, events, frames)
+        try:
+            decision = self.controller.step(percept)
+            return self._outbound(frame, checked_decision(decision, step))
+        except Exception as error:
+            name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
+            raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
+
+    def _outbound(self, frame: Frame, decision: Decision) -> Outbound:
+        """Number and encode. Raises ValueError for what the wire does not carry."""
+        step = frame.step
+        (vx_mps, vy_mps), observed, payload, told, role, level, parent, root, until = decision
+        assert until is not None
+        act = Act(step, vx_mps, vy_mps, observed, Standing(role, level, parent, root), until)
+        radio = report = report_bytes = None
+        counter = self._counter
+        if payload is not None:
+            radio = encode_sample(Sample(counter, payload))
+            self._counter += 1
+        if told is not None:
+            place = frame.x_m, frame.y_m
+            report = Report(self.agent, self._sequence, step, role, *place, told.followers, told.events)
+            report_bytes = encode_report(report)
+            decode_report(report_bytes)
+            self._sequence += 1
+        return Outbound(act, encode_act(act), counter, radio, report, report_bytes)

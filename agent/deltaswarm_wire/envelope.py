@@ -1,0 +1,59 @@
+"""The envelope of a radio frame: all that the air, the recorder and the tools ever read of one.
+
+The payload belongs to the sender's controller. The sender is known from the key on which the sample came.
+"""
+
+from typing import NamedTuple
+
+from deltaswarm_wire.codec import (
+    MAX_ID,
+    MAX_RADIO_BYTES,
+    PROTOCOL_VERSION,
+    WireError,
+    arrays,
+    integer,
+    pack,
+    unpack,
+    version,
+)
+
+MAX_COMMANDS = 8
+"""Commands of the operator that one frame can carry on."""
+
+
+class Sample(NamedTuple):
+    """One radio frame: its sender's count of frames, the controller's payload, commands that it carries on."""
+
+    counter: int
+    payload: bytes
+    commands: tuple[bytes, ...] = ()
+
+
+def encode_sample(sample: Sample) -> bytes:
+    """`[version, counter, payload]`, with `[command...]` as a fourth item where there are any.
+
+    Raises:
+        WireError: more bytes than a radio frame may have.
+    """
+    counter, payload, commands = sample
+    items = (PROTOCOL_VERSION, counter, payload, commands) if commands else (PROTOCOL_VERSION, counter, payload)
+    return pack(items, MAX_RADIO_BYTES)
+
+
+def decode_sample(data: bytes) -> Sample:
+    """Check and decode; the payload stays as it is. Raises WireError."""
+    raw = unpack(data, MAX_RADIO_BYTES)
+    if type(raw) is not list or not 3 <= len(raw) <= 4:
+        raise WireError("radio", "an array of 3 or 4 items is expected")
+    version(raw[0])
+    counter = integer(raw[1], 0, MAX_ID, "radio.counter")
+    if type(raw[2]) is not bytes:
+        raise WireError("radio.payload", f"bytes are expected, not {type(raw[2]).__name__}")
+    return Sample(counter, raw[2], _commands(raw[3]) if len(raw) == 4 else ())
+
+
+def _commands(raw: object) -> tuple[bytes, ...]:
+    commands = arrays(raw, MAX_COMMANDS, "radio.commands")
+    if not all(type(command) is bytes for command in commands):
+        raise WireError("radio.commands", "bytes are expected")
+    return tuple(commands)

@@ -1,0 +1,99 @@
+"""Plug-ins: classes found by name, and their options checked by their own `Settings`.
+
+A name is that of a shipped class, of an entry point, or `module:Class`.
+"""
+
+import importlib
+from collections.abc import Collection, Mapping
+from dataclasses import is_dataclass
+from typing import Any
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+
+PAPER = "deltaswarm_agent.controllers.paper.controller:PaperController"
+
+CONTROLLERS = {
+    "decentralised": PAPER,
+    "hierarchical": PAPER,
+    "hybrid": PAPER,
+    "potential": "deltaswarm_agent.controllers.potential:PotentialController",
+}
+"""The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""
+
+CONTROLLER_GROUP = "deltaswarm.controllers"
+"""The group of entry points in which an installed package names its controllers."""
+
+
+def find_class(
+    name: str, *, what: str, path: str, shipped: Mapping[str, str], group: str, needed: Collection[str]
+) -> type[Any]:
+    """The class that `name` means.
+
+    Args:
+        name: a key of `shipped`, an entry point of `group`, or `module:Class`.
+        what: what it should be, for messages, such as "controller".
+        path: the settings key that holds the name, for messages.
+        shipped: `module:Class` by short name, found without a search through all installed packages.
+        group: the group of entry points.
+        needed: the attributes that such a class has; `Settings` must be a dataclass.
+
+    Raises:
+        SettingsError: there is no such class, it cannot be imported, or it lacks something.
+    """
+    target = name if ":" in name else shipped.get(name) or _entry_point(name, what, path, shipped, group)
+    module, _, attribute = target.partition(":")
+    try:
+        found: Any = getattr(importlib.import_module(module), attribute)
+    except Exception as error:  # whatever a plug-in's module may raise
+        told = f"cannot be imported: {type(error).__name__}: {error}"
+        raise SettingsError([Problem(path, repr(name), told)]) from None
+    missing = [attribute for attribute in needed if not hasattr(found, attribute)]
+    if missing:
+        raise SettingsError([Problem(path, repr(name), f"is no {what}: it lacks {', '.join(missing)}")])
+    if not is_dataclass(found.Settings):
+        raise SettingsError([Problem(path, repr(name), f"is no {what}: its Settings is no dataclass")])
+    cls: type[Any] = found
+    return cls
+
+
+def _entry_point(name: str, what: str, path: str, shipped: Mapping[str, str], group: str) -> str:
+    from importlib.metadata import entry_points  # takes a board 2 MB, and most need none
+
+    installed = {point.name: point.value for point in entry_points(group=group)}
+    if name not in installed:
+        known = ", ".join(sorted({*shipped, *installed}))
+        raise SettingsError([Problem(path, repr(name), f"no such {what}; use one of {known}, or module:Class")])
+    return installed[name]
+
+
+def find_controller(mode: str, path: str = "control.mode") -> type[Any]:
+    """The controller class that `control.mode` names.
+
+    Raises:
+        SettingsError: as `find_class`.
+    """
+    return find_class(
+        mode,
+        what="controller",
+        path=path,
+        shipped=CONTROLLERS,
+        group=CONTROLLER_GROUP,
+        needed=("Settings", "step"),
+    )
+
+
+def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path: str = "control") -> Any:
+    """The controller's own settings, checked; `shared` are the agent's.
+
+    A `Settings` class may have a method `problems_with(shared)` for what its options alone cannot show.
+
+    Raises:
+        SettingsError: with every mistake.
+    """
+    found = find_controller(mode, f"{path}.mode")
+    settings: Any = checked.load(found.Settings, options, path)
+    check = getattr(settings, "problems_with", None)
+    if check and (problems := check(shared)):
+        raise SettingsError([Problem(f"{path}.{p.path}", p.found, p.allowed) for p in problems])
+    return settings
