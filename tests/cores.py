@@ -1,29 +1,28 @@
 """Cores for tests: one agent driven by hand, and whole swarms in one process."""
 
 import math
-import random
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from typing import Any
+from dataclasses import replace
+from typing import Any, NamedTuple
 
-from deltaswarm_agent.core import AgentCore, Decision
-from deltaswarm_wire.radio import (
+from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.frames import (
     Attending,
     Descendant,
     Gone,
     Leaving,
     Member,
-    Order,
-    RadioFrame,
+    PaperFrame,
+    RecruitmentOrder,
     Relocating,
     Sighting,
-    encode_radio,
+    decode,
+    encode,
 )
-from hypothesis import strategies as st
-
-from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.scenario import load_scenario
-from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Event, Frame
+from deltaswarm_agent.controllers.paper.membership import Membership
+from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_agent.shell import Shell
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.truth import Tally
 from tests import strategies
@@ -43,7 +42,7 @@ def event(number: int, x_m: float, y_m: float) -> Event:
 
 
 def attending(sender: int, at: Place, number: int, event_at: Place) -> Attending:
-    return Attending(sender, 0, cm(at[0]), cm(at[1]), number, cm(event_at[0]), cm(event_at[1]))
+    return Attending(sender, cm(at[0]), cm(at[1]), number, cm(event_at[0]), cm(event_at[1]))
 
 
 def member(
@@ -56,9 +55,9 @@ def member(
     table: Iterable[Descendant] = (),
     events: Iterable[Sighting] = (),
     gone: Iterable[Gone] = (),
-    order: Order | None = None,
+    order: RecruitmentOrder | None = None,
 ) -> Member:
-    head = (path[-1], 0, cm(at[0]), cm(at[1]))
+    head = (path[-1], cm(at[0]), cm(at[1]))
     return Member(*head, orphan, tuple(path), pulse, score, tuple(table), tuple(events), tuple(gone), order)
 
 
@@ -68,17 +67,64 @@ def child(sender: int, parent_path: Sequence[int], at: Place, **more: Any) -> Me
 
 
 def relocating(sender: int, at: Place) -> Relocating:
-    return Relocating(sender, 0, cm(at[0]), cm(at[1]))
+    return Relocating(sender, cm(at[0]), cm(at[1]))
 
 
 def leaving(sender: int, at: Place) -> Leaving:
-    return Leaving(sender, 0, cm(at[0]), cm(at[1]))
+    return Leaving(sender, cm(at[0]), cm(at[1]))
 
 
 def agent_settings(*, width_m: float = 100.0, height_m: float = 100.0, **control: Any) -> AgentSettings:
     """An agent's settings, with a radio of 10 m and gamma of 50 in mind; keywords are keys of its control."""
     own = {"gamma_max": 50, **control}
-    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "range_m": 10.0, "control": own})
+    control_table = {"mode": "hybrid", **own}
+    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "range_m": 10.0, "control": control_table})
+
+
+class Said(NamedTuple):
+    """What an agent sends in one step, decoded."""
+
+    act: Act
+    radio: PaperFrame | None
+    report: Report | None
+
+
+class Core:
+    """An agent under the paper's control, in its shell."""
+
+    def __init__(self, agent: int, settings: AgentSettings, restart: int = 0) -> None:
+        self.agent = agent
+        controller = make_controller(agent, settings, restart)
+        assert isinstance(controller, PaperController)
+        self.controller = controller
+        self.shell = Shell(agent, settings.step_s, controller)
+
+    @property
+    def state(self) -> State:
+        return self.controller.state
+
+    @property
+    def membership(self) -> Membership | None:
+        return self.controller.membership
+
+    @property
+    def gamma(self) -> float:
+        return self.controller.agent.gamma
+
+    @property
+    def rejected_frames(self) -> int:
+        return self.shell.rejected_frames + self.controller.rejected_frames
+
+    def step(self, frame: Frame) -> Said:
+        """One step, as the world asks for it."""
+        out = self.shell.step(frame)
+        radio = None if out.radio is None else decode(self.agent, decode_sample(out.radio).payload)
+        return Said(out.act, radio, out.report)
+
+
+def heard(frame: PaperFrame, counter: int) -> Heard:
+    """A frame as the air delivers it."""
+    return frame.sender, encode_sample(Sample(counter, encode(frame)))
 
 
 class Lone:
@@ -88,25 +134,31 @@ class Lone:
     """
 
     def __init__(self, agent: int = ME, at: Place = (50.0, 50.0), seed: int = 1, **control: Any) -> None:
-        self.settings = agent_settings(**control)
-        self.core = AgentCore(agent, self.settings, random.Random(seed))
+        self.settings = replace(agent_settings(**control), seed=seed)
+        self.core = Core(agent, self.settings)
         self.at = at
         self.now = -1
 
     def step(
-        self, *heard: RadioFrame | bytes, events: Iterable[Event] = (), at: Place | None = None, skip: int = 0
-    ) -> Decision:
+        self,
+        *frames: PaperFrame | Heard,
+        events: Iterable[Event] = (),
+        at: Place | None = None,
+        skip: int = 0,
+        poses: Iterable[Pose] = (),
+    ) -> Said:
         """One step; `at` moves it there first, `skip` is a number of steps that it misses before."""
         self.now += 1 + skip
         self.at = at or self.at
-        data = [h if isinstance(h, bytes) else encode_radio(h._replace(counter=self.now)) for h in heard]
-        return self.core.step(Frame(self.now, float(self.now), False, *self.at, tuple(events), tuple(data)))
+        data = [one if type(one) is tuple else heard(one, self.now) for one in frames]  # type: ignore[arg-type]
+        frame = Frame(self.now, float(self.now), False, *self.at, tuple(poses), tuple(events), tuple(data))  # type: ignore[arg-type]
+        return self.core.step(frame)
 
-    def steps(self, count: int, *heard: RadioFrame, events: Sequence[Event] = ()) -> list[Decision]:
+    def steps(self, count: int, *heard: PaperFrame, events: Sequence[Event] = ()) -> list[Said]:
         """Several alike."""
         return [self.step(*heard, events=events) for _ in range(count)]
 
-    def go_where_it_wants(self, *heard: RadioFrame, events: Iterable[Event] = ()) -> Decision:
+    def go_where_it_wants(self, *heard: PaperFrame, events: Iterable[Event] = ()) -> Said:
         """One step, after which the body has moved by the act."""
         decision = self.step(*heard, events=events)
         step_s = self.settings.step_s
@@ -119,10 +171,9 @@ class Lone:
         return self.core.membership.path if self.core.membership else ()
 
     @property
-    def gamma(self) -> int:
+    def gamma(self) -> float:
         """Its dissolution parameter."""
-        assert self.core.membership is not None
-        return self.core.membership.gamma
+        return self.core.gamma
 
 
 PARENT_AT: Place = (50.0, 50.0)
@@ -153,11 +204,11 @@ class Crowd:
 
     def __init__(self, *lones: Lone) -> None:
         self.lones = {lone.core.agent: lone for lone in lones}
-        self._said: dict[int, RadioFrame] = {}
+        self._said: dict[int, PaperFrame] = {}
 
     def step(
         self, events: dict[int, list[Event]] | None = None, silent: Collection[int] = (), deaf: Collection[int] = ()
-    ) -> dict[int, Decision]:
+    ) -> dict[int, Said]:
         """One step of all; what `silent` agents say is lost, and `deaf` ones hear nothing."""
         decisions = {}
         for agent, lone in self.lones.items():
@@ -217,10 +268,9 @@ def near_members(draw: st.DrawFn, places_cm: st.SearchStrategy[int] = near_cm) -
     path = draw(st.lists(neighbours, min_size=1, max_size=4, unique=True) | st.sampled_from(KIN))
     rows = st.builds(Descendant, neighbours, neighbours, places_cm, places_cm, st.integers(0, 3))
     sightings = st.builds(Sighting, st.integers(1, 4), places_cm, places_cm, st.integers(0, 40))
-    orders = st.builds(Order, neighbours, places_cm, places_cm, st.integers(0, 3), st.integers(0, 12))
+    orders = st.builds(RecruitmentOrder, neighbours, places_cm, places_cm, st.integers(0, 3), st.integers(0, 12))
     return Member(
         path[-1],
-        draw(pulses),
         draw(near_cm),
         draw(near_cm),
         draw(st.booleans()),
@@ -234,9 +284,9 @@ def near_members(draw: st.DrawFn, places_cm: st.SearchStrategy[int] = near_cm) -
     )
 
 
-def near_frames(places_cm: st.SearchStrategy[int] = near_cm) -> st.SearchStrategy[RadioFrame]:
+def near_frames(places_cm: st.SearchStrategy[int] = near_cm) -> st.SearchStrategy[PaperFrame]:
     """A frame of any kind; `places_cm` is what it says of places other than its sender's."""
-    head = (neighbours, pulses, near_cm, near_cm)
+    head = (neighbours, near_cm, near_cm)
     return st.one_of(
         near_members(places_cm),
         near_members(places_cm),

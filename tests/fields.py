@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 import tomli_w
-from deltaswarm_wire.radio import Member, RadioFrame, Relocating, decode_radio
 
+from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, Relocating, decode
+from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.keys import Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Report, decode_report
 from deltaswarm_wire.session import use_one_worker_thread
@@ -120,7 +121,7 @@ class Listener:
     """A plain Zenoh peer that hears all radio frames and reports, and sees who is alive."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self.radio: dict[int, RadioFrame] = {}
+        self.radio: dict[int, PaperFrame] = {}
         self.frames: Counter[int] = Counter()
         self.reports: list[tuple[Report, bytes]] = []
         self.alive: set[int] = set()
@@ -138,7 +139,7 @@ class Listener:
     def _on_radio(self, sample: zenoh.Sample) -> None:
         source = parse_agent_key(str(sample.key_expr))
         assert source is not None
-        frame = decode_radio(sample.payload.to_bytes())
+        frame = decode(source[0], decode_sample(sample.payload.to_bytes()).payload)
         self.radio[source[0]] = frame
         self.frames[source[0]] += 1
         if type(frame) is Relocating:

@@ -8,7 +8,8 @@ from typing import Any
 import msgpack
 from hypothesis import strategies as st
 
-from deltaswarm_wire import messages, radio, truth
+from deltaswarm_agent.controllers.paper import frames as paper
+from deltaswarm_wire import envelope, messages, truth
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
 
 agents = st.integers(0, MAX_AGENT_ID)
@@ -19,8 +20,8 @@ centimetres = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
 times_s = st.floats(0.0, messages.MAX_TIME_S)
 speeds_mps = st.floats(-messages.MAX_SPEED_MPS, messages.MAX_SPEED_MPS)
 rates_hz = st.floats(0.0, MAX_ID)
-scores = st.integers(0, radio.MAX_SCORE)
-ages = st.integers(0, radio.MAX_AGE)
+scores = st.integers(0, paper.MAX_SCORE)
+ages = st.integers(0, paper.MAX_AGE)
 
 
 def tuples_of(strategy: st.SearchStrategy[Any], most: int) -> st.SearchStrategy[tuple[Any, ...]]:
@@ -35,16 +36,33 @@ frames = st.builds(
     st.booleans(),
     metres,
     metres,
+    tuples_of(st.tuples(metres, metres), 4),
     tuples_of(events, 6),
-    tuples_of(st.binary(max_size=40), 6),
+    tuples_of(st.tuples(agents, st.binary(max_size=40)), 6),
 )
-acts = st.builds(messages.Act, steps, speeds_mps, speeds_mps, tuples_of(ids, 6))
+roles = st.sampled_from(["free", "attending", "root", "member", "orphan", "leaving", "relocating", "my own role 1"])
+nobody = st.just(messages.NOBODY)
+standings = st.builds(messages.Standing, roles, agents, agents | nobody, agents | nobody)
+
+
+@st.composite
+def acts_of(draw: st.DrawFn) -> messages.Act:
+    step = draw(steps)
+    until = draw(st.integers(step + 1, MAX_STEP + 1))
+    velocity = draw(st.tuples(speeds_mps, speeds_mps))
+    return messages.Act(step, *velocity, draw(tuples_of(ids, 6)), draw(standings), until)
+
+
+acts = acts_of()
+samples = st.builds(
+    envelope.Sample, ids, st.binary(max_size=60), tuples_of(st.binary(max_size=20), envelope.MAX_COMMANDS)
+)
 reports = st.builds(
     messages.Report,
     agents,
     steps,
     steps,
-    st.sampled_from(messages.REPORT_ROLES),
+    roles,
     metres,
     metres,
     agents,
@@ -58,20 +76,19 @@ statuses = st.builds(
     messages.Status, steps, steps, times_s, agents, agents, times_s, st.sampled_from(messages.STATUS_PHASES)
 )
 
-_heads = (agents, steps, centimetres, centimetres)
-attendings = st.builds(radio.Attending, *_heads, ids, centimetres, centimetres)
-descendants = st.builds(radio.Descendant, agents, agents, centimetres, centimetres, scores)
-sightings = st.builds(radio.Sighting, ids, centimetres, centimetres, ages)
-departures = st.builds(radio.Gone, ids, ages)
-orders = st.builds(radio.Order, agents, centimetres, centimetres, steps, st.integers(0, radio.MAX_TTL))
+_heads = (agents, centimetres, centimetres)
+attendings = st.builds(paper.Attending, *_heads, ids, centimetres, centimetres)
+descendants = st.builds(paper.Descendant, agents, agents, centimetres, centimetres, scores)
+sightings = st.builds(paper.Sighting, ids, centimetres, centimetres, ages)
+departures = st.builds(paper.Gone, ids, ages)
+orders = st.builds(paper.RecruitmentOrder, agents, centimetres, centimetres, steps, st.integers(0, paper.MAX_TTL))
 
 
 @st.composite
-def members(draw: st.DrawFn) -> radio.Member:
+def members(draw: st.DrawFn) -> paper.Member:
     path = draw(st.lists(agents, min_size=1, max_size=6, unique=True))
-    return radio.Member(
+    return paper.Member(
         path[-1],
-        draw(steps),
         draw(centimetres),
         draw(centimetres),
         draw(st.booleans()),
@@ -85,10 +102,10 @@ def members(draw: st.DrawFn) -> radio.Member:
     )
 
 
-radio_frames = st.one_of(members(), attendings, st.builds(radio.Relocating, *_heads), st.builds(radio.Leaving, *_heads))
+paper_frames = st.one_of(members(), attendings, st.builds(paper.Relocating, *_heads), st.builds(paper.Leaving, *_heads))
 
 bodies = st.builds(
-    truth.Body, agents, metres, metres, st.sampled_from(truth.ROLES), agents, agents | st.just(truth.NOBODY)
+    truth.Body, agents, metres, metres, roles | st.just(truth.DEAD), agents, agents | nobody, agents | nobody
 )
 event_states = st.builds(
     truth.EventState, ids, metres, metres, times_s, st.none() | times_s, st.none() | times_s, times_s
@@ -133,7 +150,8 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
 
 
 FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
-ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(messages.Act._fields, first=1))
+_ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", "role", "level", "parent", "root", "until")
+ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
 REPORT = Codec("report", reports, messages.encode_report, messages.decode_report, _in_map(messages.Report._fields))
 HEALTH = Codec("health", healths, messages.encode_health, messages.decode_health, _in_map(messages.Health._fields))
 CLOCK = Codec("clock", clocks, messages.encode_clock, messages.decode_clock, _in_map(messages.Clock._fields))
@@ -148,15 +166,38 @@ FORWARDED = Codec(
     messages.decode_forwarded,
     {"sequence": 1, "step": 2},
 )
-RADIO = Codec("radio", radio_frames, radio.encode_radio, radio.decode_radio, {"kind": 1})
-MEMBER = Codec("radio", members(), radio.encode_radio, radio.decode_radio, _in_array(radio.Member._fields, first=2))
+SENDER = 7
+"""Of the paper's frames, which do not say it."""
+
+
+def _decode_paper(data: bytes) -> paper.PaperFrame:
+    return paper.decode(SENDER, data)
+
+
+def _from_sender(frame: Any) -> Any:
+    """The same frame, sent by SENDER."""
+    if isinstance(frame, paper.Member):
+        path = (*[agent for agent in frame.path[:-1] if agent != SENDER], SENDER)
+        return frame._replace(sender=SENDER, path=path)
+    return frame._replace(sender=SENDER)
+
+
+RADIO = Codec("radio", samples, envelope.encode_sample, envelope.decode_sample, {"counter": 1, "payload": 2})
+PAPER = Codec("frame", paper_frames.map(_from_sender), paper.encode, _decode_paper, {"kind": 0})
+MEMBER = Codec(
+    "frame", members().map(_from_sender), paper.encode, _decode_paper, _in_array(paper.Member._fields[1:], 1)
+)
 ATTENDING = Codec(
-    "radio", attendings, radio.encode_radio, radio.decode_radio, _in_array(radio.Attending._fields, first=2)
+    "frame",
+    attendings.map(_from_sender),
+    paper.encode,
+    _decode_paper,
+    {"x_cm": 1, "y_cm": 2, "event": 3, "event_x_cm": 4, "event_y_cm": 5},
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 
 MESSAGES = (FRAME, ACT, REPORT, FORWARDED, HEALTH, CLOCK, WORKLOAD, STATUS)
-CODECS = (*MESSAGES, RADIO, MEMBER, ATTENDING, TRUTH)
+CODECS = (*MESSAGES, RADIO, PAPER, MEMBER, ATTENDING, TRUTH)
 
 NASTY: tuple[Any, ...] = (
     None,

@@ -3,8 +3,8 @@
 from collections import defaultdict
 from collections.abc import Iterable
 
-from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import State
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.states import State
 
 
 class Spans:
@@ -20,7 +20,7 @@ class Spans:
         self.longest = max([self.longest, *self.now.values()])
 
 
-def true_descendants(members: dict[int, AgentCore]) -> dict[int, set[int]]:
+def true_descendants(members: dict[int, PaperController]) -> dict[int, set[int]]:
     """By agent all that are below it, by the parents that they name; orphans and movers have none."""
     below: dict[int, set[int]] = {agent: set() for agent in members}
     for agent in members:
@@ -33,14 +33,14 @@ def true_descendants(members: dict[int, AgentCore]) -> dict[int, set[int]]:
     return below
 
 
-def parent_of(members: dict[int, AgentCore], agent: int) -> int:
+def parent_of(members: dict[int, PaperController], agent: int) -> int:
     """Its own id, if it is a root or has no parent at the time."""
     membership = members[agent].membership
     assert membership is not None
     return membership.parent if members[agent].state is State.MEMBER else agent
 
 
-def cycle_of(members: dict[int, AgentCore], agent: int) -> frozenset[int]:
+def cycle_of(members: dict[int, PaperController], agent: int) -> frozenset[int]:
     """The agents on the way up from an agent back to itself; none for one that is on no cycle."""
     way = [agent]
     while (above := parent_of(members, way[-1])) in members and above != way[-1]:
@@ -52,7 +52,7 @@ def cycle_of(members: dict[int, AgentCore], agent: int) -> frozenset[int]:
     return frozenset()
 
 
-def check_agreement(members: dict[int, AgentCore], where: object) -> None:
+def check_agreement(members: dict[int, PaperController], where: object) -> None:
     """Every path is the parent's path, every pulse the root's less a step per level, and every table is true."""
     assert {core.state for core in members.values()} <= {State.ROOT, State.MEMBER}, where
     below = true_descendants(members)

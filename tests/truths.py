@@ -10,9 +10,12 @@ from mcap.reader import make_reader
 
 from deltaswarm_orchestrator.recorder import RECORDING, Recorder
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.messages import NOBODY, Event, Report, Workload
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import IN_TREE, NOBODY, ROLES, Body, EventState, Tally, Truth
+from deltaswarm_wire.truth import DEAD, Body, EventState, Tally, Truth
+
+ROLES = ("free", "attending", "root", "member", "orphan", "relocating", "leaving", DEAD)
+IN_TREE = frozenset({"root", "member", "orphan", "relocating"})
 
 
 def steps(
@@ -66,13 +69,15 @@ def _worked_on(rng: random.Random, event: EventState, time_s: float) -> EventSta
 def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
     role = roles[agent]
     in_tree = role in IN_TREE and role != "root"
-    return Body(agent, *place, role, int(in_tree), roles.index("root") if in_tree and "root" in roles else NOBODY)
+    root = roles.index("root") if role in IN_TREE and "root" in roles else NOBODY
+    return Body(agent, *place, role, int(in_tree), root if in_tree else NOBODY, root)
 
 
 def _tally(rng: random.Random, step: int, time_s: float, events_active: int) -> Tally:
     area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
-    counts = [rng.randrange(30) for _ in range(len(Tally._fields) - 8)]
-    return Tally(step, time_s, 25, rng.randrange(2), 12, 3, area_m2, events_active, *counts)
+    counts = {name: rng.randrange(30) for name in Tally._fields}
+    counts |= {"step": step, "agents_alive": 25, "agents_late": rng.randrange(2), "agents_in_trees": 12, "trees": 3}
+    return Tally(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_active": events_active})
 
 
 def _report(
@@ -111,7 +116,8 @@ def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
 
 
 def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
-    return Truth(0, 0.0, bodies, events, links, Tally(0, 0.0, *[0] * 4, None, *[0] * (len(Tally._fields) - 7)))
+    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
+    return Truth(0, 0.0, bodies, events, links, Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None}))
 
 
 def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:
