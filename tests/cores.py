@@ -5,6 +5,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from hypothesis import strategies as st
+
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.frames import (
@@ -23,6 +25,11 @@ from deltaswarm_agent.controllers.paper.frames import (
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.shell import Shell
+from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
+from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose, Report
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.truth import Tally
 from tests import strategies
@@ -101,18 +108,22 @@ class Core:
 
     @property
     def state(self) -> State:
+        """What it is doing."""
         return self.controller.state
 
     @property
     def membership(self) -> Membership | None:
+        """Its place in a tree."""
         return self.controller.membership
 
     @property
     def gamma(self) -> float:
+        """Its dissolution parameter."""
         return self.controller.agent.gamma
 
     @property
     def rejected_frames(self) -> int:
+        """Frames heard that broke a protocol."""
         return self.shell.rejected_frames + self.controller.rejected_frames
 
     def step(self, frame: Frame) -> Said:
