@@ -129,8 +129,18 @@ class Core:
     def step(self, frame: Frame) -> Said:
         """One step, as the world asks for it."""
         out = self.shell.step(frame)
-        radio = None if out.radio is None else decode(self.agent, decode_sample(out.radio).payload)
-        return Said(out.act, radio, out.report)
+        return Said(out.act, opened(self.agent, out.radio), out.report)
+
+
+def opened(sender: int, sample: bytes | None) -> PaperFrame | None:
+    """The paper's frame in a sample, if there is one."""
+    return None if sample is None else decode(sender, decode_sample(sample).payload)
+
+
+def paper(shell: Shell) -> PaperController:
+    """The paper's controller in a shell."""
+    assert isinstance(shell.controller, PaperController)
+    return shell.controller
 
 
 def heard(frame: PaperFrame, counter: int) -> Heard:

@@ -16,12 +16,13 @@ from random import Random
 from typing import Any
 
 import pytest
-from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, encode_radio
 from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, encode
 from deltaswarm_wire.checked import load
+from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings
 from tests.fields import RUN, board_table, boards, endpoint, free_port, listening
@@ -256,10 +257,13 @@ def mavlink_table(port: int, air_port: int, folder: Path, **body: Any) -> dict[s
     return table
 
 
-def root_says(counter: int, at: tuple[float, float], table: tuple[Descendant, ...], order: Order | None) -> bytes:
+def root_says(
+    counter: int, at: tuple[float, float], table: tuple[Descendant, ...], order: RecruitmentOrder | None
+) -> bytes:
     """A frame of root 0, with its pulse going on."""
     at_cm = (round(100 * at[0]), round(100 * at[1]))
-    return encode_radio(Member(0, counter, *at_cm, False, (0,), counter, 0, table, (), (), order))
+    frame = Member(0, *at_cm, False, (0,), counter, 0, table, (), (), order)
+    return encode_sample(Sample(counter, encode(frame)))
 
 
 def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
@@ -272,7 +276,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
         wait_until(lambda: 1 in listener.alive, "the board on the air")
         counter = 0
 
-        def beat(at: tuple[float, float], order: Order | None = None) -> None:
+        def beat(at: tuple[float, float], order: RecruitmentOrder | None = None) -> None:
             nonlocal counter
             counter += 1
             frame = listener.radio.get(1)
@@ -281,7 +285,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
             listener.session.put(key, root_says(counter, at, rows, order))
             time.sleep(STEP_S)  # the pace of the root's own steps, not a wait for anything
 
-        def until(condition: Any, at: Any, order: Order | None, what: str) -> None:
+        def until(condition: Any, at: Any, order: RecruitmentOrder | None, what: str) -> None:
             deadline = time.monotonic() + 60
             while not condition():
                 assert time.monotonic() < deadline, (what, flight.at, listener.radio, running.said(1))
@@ -293,13 +297,13 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
             beat((flight.at[0] + 1.0 + 15.0, flight.at[1] + 1.0))
         root_at = (10.0, 8.0)
         until(lambda: listener.path(1) == (0, 1), root_at, None, "a member")
-        order = Order(1, round(100 * place[0]), round(100 * place[1]), 1, 12)
+        order = RecruitmentOrder(1, round(100 * place[0]), round(100 * place[1]), 1, 12)
         until(lambda: type(listener.radio[1]).__name__ == "Relocating", root_at, order, "a mover")
         until(lambda: listener.path(1) == (0, 1), root_at, None, "a member at its place")
         arena_at = (flight.at[0] + 1.0, flight.at[1] + 1.0)
         assert math.dist(arena_at, place) < 0.5
         beat(root_at)
-        listener.session.put(key, encode_radio(Leaving(0, counter + 1, 1000, 800)))
+        listener.session.put(key, encode_sample(Sample(counter + 1, encode(Leaving(0, 1000, 800)))))
         listener.wait_for(lambda: listener.path(1) == (), "a free agent, after its root has left")
         assert running.stop(1) == 0
 

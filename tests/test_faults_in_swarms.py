@@ -5,8 +5,8 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from deltaswarm_agent.states import WALKING
 
+from deltaswarm_agent.controllers.paper.states import WALKING
 from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.recorder import Recorder
@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import Clock, Frame
 from deltaswarm_wire.truth import DROP_REASONS, Tally
-from tests.cores import swarm
+from tests.cores import paper, swarm
 
 BUSY = ("events.rate_hz=0.3", "run.duration_s=120")
 STEPS = 120
@@ -113,12 +113,12 @@ def test_a_restarted_agent_believes_nothing() -> None:
     def note(step: int, tally: Tally) -> None:
         assert tally.transport_lost == 0
         assert tally.agents_alive == (5 if 90 <= step < 100 else 6)
-        states.append([core.state for core in watched.crew.agents])
+        states.append([paper(shell).state for shell in watched.crew.agents])
 
     crew = watched.play(STEPS, note)
     assert not set(map(id, before)) & set(map(id, crew.agents))
     assert any(state is not WALKING for state in states[59])
-    assert [core.rejected_frames for core in crew.agents] == [0] * 6
+    assert [shell.rejected_frames + paper(shell).rejected_frames for shell in crew.agents] == [0] * 6
     assert not crew.world.rejected
 
 

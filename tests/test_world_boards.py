@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from deltaswarm_wire.radio import Relocating, encode_radio
-
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Act, Frame, Report, encode_act, encode_report
+from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.messages import Act, Frame, Report, Standing, encode_act, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore
@@ -75,7 +74,7 @@ class Two:
 
     def say(self, counter: int) -> None:
         """A frame and a report of the board."""
-        assert self.core.hear_radio(BOARD, encode_radio(Relocating(BOARD, counter, 0, 0))) is None
+        assert self.core.hear_radio(BOARD, encode_sample(Sample(counter, b"here"))) is None
         if self.core.has_uplink:
             report = encode_report(Report(BOARD, counter, self.step, "root", 1.0, 1.0, 0, ()))
             assert self.core.hear_report(BOARD, report) is None
@@ -83,7 +82,7 @@ class Two:
     def end(self, *silent: int) -> Tally:
         """Acts of all but the silent, and the end of the step."""
         for agent in sorted(self.core.lockstep.waiting - set(silent)):
-            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, ())))
+            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, (), Standing(), self.step + 1)))
         return self.core.end()
 
 
@@ -128,7 +127,7 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
     assert stage.core.lockstep.waiting == {AGENT}
-    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, ())))
+    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, (), Standing(), stage.step + 1)))
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}
     stage.end(BOARD)
