@@ -27,6 +27,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
+from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.waker import Waker
 
 use_one_worker_thread()
@@ -122,7 +123,8 @@ class WorldProcess:
         """All steps; True if none was cut off."""
         settings = self._config.scenario.run
         output.started()
-        pace = Pace(settings.step_s / settings.real_time_factor) if settings.clock == "realtime" else None
+        tick_s = settings.step_s / settings.real_time_factor
+        pace = RealTimePace(tick_s, time.monotonic, time.sleep, log.error) if settings.clock == "realtime" else None
         for step in range(settings.steps):
             for order in self._core.strike(step):
                 self._give(order, pace)
@@ -158,7 +160,7 @@ class WorldProcess:
         if now >= self._knock_due or not lockstep.hanging:
             self._knock_due = now + self._config.scenario.run.step_timeout_s
 
-    def _give(self, order: Order, pace: "Pace | None") -> None:
+    def _give(self, order: Order, pace: RealTimePace | None) -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
 
         Raises:
@@ -185,7 +187,7 @@ class WorldProcess:
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._waker.done
 
-    def _collect(self, pace: "Pace | None") -> None:
+    def _collect(self, pace: RealTimePace | None) -> None:
         """Wait until every agent has closed the step, or its time is up; while all hang, for the first to return."""
         lockstep = self._core.lockstep
         timeout_s = self._config.scenario.run.step_timeout_s
@@ -280,35 +282,6 @@ class WorldProcess:
     def close(self) -> None:
         """End the threads of its own."""
         self._waker.close()
-
-
-class Pace:
-    """The wall clock's beat, for clock `realtime`."""
-
-    def __init__(self, tick_s: float) -> None:
-        self.overruns = 0
-        """Steps that began late because the one before took too long."""
-        self._tick_s = tick_s
-        self._next = time.monotonic()
-
-    def next_tick(self) -> float:
-        """When the step that begins now must end."""
-        now = time.monotonic()
-        if now > self._next + self._tick_s:
-            self.overruns += 1
-            if self.overruns == 1:
-                log.error("the machine cannot hold the pace of one step per %g s", self._tick_s)
-            self._next = now
-        self._next += self._tick_s
-        return self._next
-
-    def pause(self, seconds: float) -> None:
-        """The beat stood still for a while, and nobody is late for it."""
-        self._next += seconds
-
-    def wait(self) -> None:
-        """Sleep until the step's time is up."""
-        time.sleep(max(0.0, self._next - time.monotonic()))
 
 
 def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
