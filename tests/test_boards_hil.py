@@ -16,7 +16,7 @@ from deltaswarm_wire.checked import SettingsError
 from tests.cable import cable
 from tests.fields import boards
 from tests.loops import loop, mode
-from tests.swarms import run, running, wait_until
+from tests.swarms import PATIENCE_S, run, running, wait_until
 
 BOARDS = (4, 5)
 """The last two of the scenario `smoke`."""
@@ -45,7 +45,7 @@ def test_systemd_is_told_and_its_log_is_kept(tmp_path: Path, monkeypatch: pytest
     """An agent of a world may run under the same unit: ready, alive all the time, stopping."""
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as systemd, loop(tmp_path, (5,), *SHORT) as made:
         systemd.bind(str(tmp_path / "notify"))
-        systemd.settimeout(20)
+        systemd.settimeout(PATIENCE_S)
         monkeypatch.setenv("NOTIFY_SOCKET", str(tmp_path / "notify"))
         monkeypatch.setenv("WATCHDOG_USEC", "20000")
         logs = {"folder": str(tmp_path / "logs")}
@@ -70,7 +70,7 @@ def test_a_board_that_waits_for_a_mute_world_can_be_stopped(number: signal.Signa
         with mute.accept()[0] as link:
             link.recv(1)
             process.send_signal(number)
-            assert process.wait(5) == -number
+            assert process.wait(PATIENCE_S) == -number
 
 
 @pytest.mark.processes

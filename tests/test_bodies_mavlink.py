@@ -25,7 +25,7 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, encode_radio
 from deltaswarm_wire.settings import AgentSettings
 from tests.fields import RUN, board_table, boards, endpoint, free_port, listening
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -74,7 +74,7 @@ class Flight:
         """Land, and wait."""
         assert self.process.stdin is not None
         self.process.stdin.close()
-        self.process.wait(5)
+        self.process.wait(PATIENCE_S)
         self._reader.join(5)
 
 
@@ -194,7 +194,7 @@ def test_a_board_speaks_mavlink_2_as_a_companion_and_numbers_what_it_says() -> N
     """From the first message on: an autopilot answers in the version it hears."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.bind(("127.0.0.1", 0))
-        autopilot.settimeout(10.0)
+        autopilot.settimeout(PATIENCE_S)
         options = load(MavlinkSettings, {"device": f"udpout:127.0.0.1:{autopilot.getsockname()[1]}", "system_id": 7})
         body = MavlinkBody(options, BodyContext(1, load(AgentSettings, TASK), Random(1)))
         try:
@@ -282,7 +282,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
             time.sleep(STEP_S)  # the pace of the root's own steps, not a wait for anything
 
         def until(condition: Any, at: Any, order: Order | None, what: str) -> None:
-            deadline = time.monotonic() + 60
+            deadline = time.monotonic() + PATIENCE_S
             while not condition():
                 assert time.monotonic() < deadline, (what, flight.at, listener.radio, running.said(1))
                 beat(at() if callable(at) else at, order)
@@ -309,7 +309,7 @@ class Stalling(MavlinkBody):
 
     def sense(self, time_s: float) -> Any:
         """Hang, or go on."""
-        wait_until(lambda: not Path("stall").exists(), "the end of the stall", 60)
+        wait_until(lambda: not Path("stall").exists(), "the end of the stall")
         return super().sense(time_s)
 
 

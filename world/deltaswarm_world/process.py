@@ -213,13 +213,23 @@ class WorldProcess:
         reason: str | None
         if leaf == REPORT:
             reason = self._take_report(agent, sample)
+        elif leaf == ACT:
+            reason = self._take_act(agent, sample)
         else:
-            data = sample.payload.to_bytes()
-            reason = self._core.hear_act(agent, data) if leaf == ACT else self._core.hear_radio(agent, data)
+            reason = self._core.hear_radio(agent, sample.payload.to_bytes())
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
         return False
+
+    def _take_act(self, agent: int, sample: zenoh.Sample) -> str | None:
+        """Let an act close its agent's step, or end the agent's hanging. The reason if it is dropped."""
+        lockstep = self._core.lockstep
+        was_hanging = agent in lockstep.hanging
+        reason = self._core.hear_act(agent, sample.payload.to_bytes())
+        if was_hanging and agent not in lockstep.hanging:
+            log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
+        return reason
 
     def _take_report(self, agent: int, sample: zenoh.Sample) -> str | None:
         """A report is the uplink's; without one the operator gets it by itself. The reason if it is dropped."""
