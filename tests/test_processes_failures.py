@@ -6,6 +6,7 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
-from tests.swarms import COMMAND, is_running, running, wait_until
+from tests.swarms import COMMAND, PATIENCE_S, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -168,6 +169,22 @@ def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) 
         recording = read_recording(swarm.out / "recording.mcap")
         assert len(recording.tallies) == swarm.summary()["steps"] > 0
         assert swarm.summary()["transport_lost"] == 0
+
+
+def test_a_signal_is_heard_as_soon_as_the_world_listens(tmp_path: Path) -> None:
+    """It ends without waiting for agents that nobody starts."""
+    scenario = load_scenario("smoke", ["run.start_timeout_s=3600"])
+    (tmp_path / "scenario.toml").write_text(to_toml(scenario))
+    files = ["--scenario", "scenario.toml", "--out", "out", "--credentials", "credentials"]
+    command = [sys.executable, "-m", "deltaswarm_world", *files, "--run", "brief", "--listen", "tcp/127.0.0.1:0"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE) as world:
+        try:
+            assert world.stdout is not None
+            assert world.stdout.readline().startswith(b"tcp/127.0.0.1:")
+            world.terminate()
+            assert world.wait(PATIENCE_S) == 1
+        finally:
+            world.kill()
 
 
 def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:

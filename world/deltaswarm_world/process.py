@@ -299,13 +299,16 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
 
     `announce` is told the endpoints, with spaces between them, once the router listens on them.
     """
+    early: list[int] = []
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: None)
+            signal.signal(number, lambda number, _: early.append(number))
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
     with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
         world = WorldProcess(config, session)
+        if early:  # the signal came before anything waited for it
+            signal.raise_signal(early[0])
         try:
             world.wait_for_all()
             complete = world.run(output)
