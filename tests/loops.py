@@ -69,6 +69,20 @@ class Loop:
             assert process.wait(PATIENCE_S) == 0, self.said(agent)
         return self.swarm.summary()
 
+    def stop(self) -> dict[str, Any]:
+        """Interrupt a run in which all that it was for has happened; its summary. The boards end with it.
+
+        Left out of the reasons why the run is not valid is that it did not come to its last step.
+        """
+        self.swarm.interrupt()
+        _, printed, errors = self.swarm.finish()
+        for agent, process in self.processes.items():
+            assert process.wait(PATIENCE_S) == 0, (self.said(agent), errors, printed)
+        summary = self.swarm.summary()
+        assert not summary["complete"]
+        reasons = summary["invalid_because"][1:]
+        return summary | {"invalid_because": reasons, "valid": not reasons}
+
 
 @contextmanager
 def loop(
