@@ -20,6 +20,7 @@ from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event, Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Tally, Truth
+from tests.swarms import PATIENCE_S
 from tests.truths import recorded, steps
 
 SCENARIO = load(Scenario, {"agents": {"count": 5}, "run": {"step_s": 0.3}})
@@ -214,7 +215,7 @@ def test_a_killed_recorder_leaves_all_steps_up_to_its_last_flush(tmp_path: Path)
         assert writer.stdout is not None
         assert writer.stdout.readline() == "written\n"
         writer.kill()
-        assert writer.wait(30) == -signal.SIGKILL
+        assert writer.wait(PATIENCE_S) == -signal.SIGKILL
     assert not (tmp_path / "recording.mcap").exists()
     found = read_recording(tmp_path)
     told = list(steps(Scenario(), 500))
