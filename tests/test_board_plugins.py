@@ -83,7 +83,7 @@ def test_a_body_of_another_package_drives_an_agent(tmp_path: Path) -> None:
         ("no_python", "def (", "cannot be imported: SyntaxError"),
         ("empty", "", "cannot be imported: AttributeError"),
         ("exits", "class Rover: sense = 1", "lacks Settings, REAL_TIME, move, close"),
-        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "its Settings are no dataclass"),
+        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "its Settings is no dataclass"),
     ],
 )
 def test_a_module_that_is_no_body_is_refused(

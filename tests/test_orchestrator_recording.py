@@ -98,7 +98,8 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
 
 def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
     """None is written as -1, and is None again."""
-    tally = Tally(0, 0.0, *[0] * 4, None, *[0] * (len(Tally._fields) - 7))
+    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
+    tally = Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None})
     event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
     write(tmp_path, [(Truth(0, 0.0, (), (event,), (), tally), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
     found = read_recording(tmp_path)

@@ -144,6 +144,8 @@ def changed(settings: Any, dotted: str) -> Any:
         other = value + 1
     elif isinstance(value, str):
         other = next((one for group in CHOICES if value in group for one in group if one != value), value + "x")
+    elif isinstance(value, dict):
+        other = {**value, "delta": 4}
     elif value is None:
         other = (1.0, 2.0) if name == "base_m" else 1.0
     else:

@@ -144,4 +144,4 @@ def test_a_deeply_nested_value_is_refused_as_any_other() -> None:
         value: list[Any] = []
         for _ in range(depth):
             value = [value]
-        assert str(refused(codec.version, value)) == "version: list is not known, 1 is"
+        assert str(refused(codec.version, value)) == f"version: list is not known, {PROTOCOL_VERSION} is"

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire import truth
-from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, WireError
+from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.truth import Body, EventState, Tally, Truth, decode_truth, encode_truth
 from tests.strategies import NASTY, TRUTH, assert_decodes_or_complains, assert_field_is_named, strange, tallies, truths
 
@@ -38,7 +38,15 @@ def test_a_wrong_field_is_named(step: Truth, data: st.DataObject) -> None:
 def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
     """Every count of the tally is checked under its own name."""
     wrong: Any = {**tally._asdict(), field: "many"}
-    raw = {"v": 1, "step": 0, "time_s": 0.0, "bodies": [], "events": [], "links": [], "tally": list(wrong.values())}
+    raw = {
+        "v": PROTOCOL_VERSION,
+        "step": 0,
+        "time_s": 0.0,
+        "bodies": [],
+        "events": [],
+        "links": [],
+        "tally": list(wrong.values()),
+    }
     with pytest.raises(WireError, match=rf"^truth\.tally\.{field}: "):
         decode_truth(msgpack.packb(raw))
 

@@ -18,7 +18,7 @@ def test_a_board_that_goes_is_counted_and_not_lost() -> None:
     lockstep = LockStep([AGENT, BOARD], [BOARD])
     lockstep.gone(BOARD)
     lockstep.back(BOARD)
-    lockstep.begin(0)
+    begin(lockstep, 0)
     for _ in range(2):
         lockstep.gone(BOARD)
         lockstep.gone(BOARD)
@@ -32,16 +32,16 @@ def test_steps_without_a_board_are_counted() -> None:
     """Those that it was away for, and those that it was there for and did not close, each once."""
     lockstep = LockStep([AGENT, BOARD], [BOARD])
     for step in range(3):  # there, and silent
-        lockstep.begin(step)
+        begin(lockstep, step)
         lockstep.close(AGENT, step)
         lockstep.give_up()
     lockstep.gone(BOARD)
     for step in range(3, 8):
-        assert lockstep.begin(step) == [AGENT]
+        assert begin(lockstep, step) == [AGENT]
         lockstep.close(AGENT, step)
         lockstep.give_up()
     lockstep.back(BOARD)
-    assert lockstep.begin(8) == [AGENT, BOARD]
+    assert begin(lockstep, 8) == [AGENT, BOARD]
     for agent in (AGENT, BOARD):
         lockstep.close(agent, 8)
     lockstep.give_up()
@@ -51,7 +51,7 @@ def test_steps_without_a_board_are_counted() -> None:
 def test_only_boards_that_hang_are_knocked_for() -> None:
     """An agent of this machine that hangs answers when it can."""
     lockstep = LockStep([AGENT, BOARD, 2], [BOARD, 2])
-    lockstep.begin(0)
+    begin(lockstep, 0)
     lockstep.close(2, 0)
     lockstep.give_up()
     lockstep.knock()

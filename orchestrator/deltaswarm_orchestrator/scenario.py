@@ -185,9 +185,10 @@ def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
 
 
 def _controller_rows(prefix: str) -> Iterator[str]:
-    """The options of each shipped controller."""
+    """The options of each shipped controller, with the modes that have them."""
     for target in dict.fromkeys(CONTROLLERS.values()):
         modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "
         for row in _reference_rows(find_controller(modes[0]).Settings(), prefix):
-            key, default, meaning = row.removeprefix("| ").split(" | ")[:3]
-            yield row.replace(f"| {meaning} |", f"| {'/'.join(modes)}: {meaning} |", 1)
+            key, default, meaning = row.split(" | ", 2)
+            yield f"{key} | {default} | {whose}{meaning}"
