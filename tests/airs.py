@@ -10,8 +10,8 @@ import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_orchestrator.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.density import Floats
-from deltaswarm_world.radio import Air, Carried
 
 EVERYTHING = ALL_ON
 """As `--set` has it, with times for a run of at least 200 s and places for an arena of at least 40 m."""

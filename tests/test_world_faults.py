@@ -12,7 +12,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.faults import Faults
+from deltaswarm_world.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40
 ALL = frozenset(range(COUNT))

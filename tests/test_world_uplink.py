@@ -15,8 +15,8 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
 from deltaswarm_world.core import WorldCore
-from deltaswarm_world.relay import TIME_TO_LIVE_S, roots_of
-from deltaswarm_world.uplink import Uplink
+from deltaswarm_world.uplink.relay import TIME_TO_LIVE_S, roots_of
+from deltaswarm_world.uplink.uplink import Uplink
 from tests.airs import rates, shares, times
 
 LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]

@@ -1,7 +1,7 @@
 """The air between the agents: range, path loss, loss, bursts, delay, bandwidth, contention, jamming, walls.
 
 Each piece is off by default, and costs nothing then; together they are `[radio]` of a scenario. What
-becomes of a frame that meets several of them is told in the world's `radio.py`.
+becomes of a frame that meets several of them is told in the world's `air/radio.py`.
 """
 
 import math

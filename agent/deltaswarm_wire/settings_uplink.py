@@ -1,7 +1,7 @@
 """The operator's uplink: how reports come from the agents to the operator's base.
 
 Each piece is off by default, and without any of them reports go straight to the operator. What becomes of a
-report that meets several is told in the world's `uplink.py`.
+report that meets several is told in the world's `uplink/uplink.py`.
 """
 
 from dataclasses import dataclass

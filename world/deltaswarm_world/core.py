@@ -29,13 +29,13 @@ from deltaswarm_wire.orders import KILL, START, Order
 from deltaswarm_wire.radio import RadioFrame, decode_radio
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, IN_TREE, UPLINK_REASONS, Body, EventState, Tally, Truth
-from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.air.channel.links import Finding
+from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.environment import Environment, Happening
-from deltaswarm_world.faults import Faults
+from deltaswarm_world.faults.timeline import Faults
 from deltaswarm_world.ledger import FREE, Coverage, Numbers, Standing, by_agent, standing
 from deltaswarm_world.lockstep import LockStep
-from deltaswarm_world.radio import Air, Carried
-from deltaswarm_world.uplink import Uplink
+from deltaswarm_world.uplink.uplink import Uplink
 
 HEARD_BYTES = 3
 """What a heard frame takes in an agent's frame besides its own bytes."""

@@ -14,14 +14,14 @@ import numpy as np
 
 from deltaswarm_wire.radio import RadioFrame
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.channel.chance import Bursts, Loss
-from deltaswarm_world.channel.links import Ends, Finding, Links, Piece
-from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
-from deltaswarm_world.channel.reach import RangeDisc
-from deltaswarm_world.channel.zones import Blackouts
+from deltaswarm_world.air.channel.chance import Bursts, Loss
+from deltaswarm_world.air.channel.links import Ends, Finding, Links, Piece
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.reach import RangeDisc
+from deltaswarm_world.air.channel.zones import Blackouts
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.relay import Moment, Relay, roots_of
+from deltaswarm_world.uplink.relay import Moment, Relay, roots_of
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
 """Each model has its own chance, as on the air; the relay's is 45."""

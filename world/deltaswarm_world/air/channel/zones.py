@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from deltaswarm_wire.settings_radio import BlackoutSettings, JammerSettings, WallSettings
-from deltaswarm_world.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Finding, Links, Mask
 from deltaswarm_world.density import Floats
 
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.air.channel.links import Finding
 
 
 class Packet(NamedTuple):

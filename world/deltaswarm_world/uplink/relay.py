@@ -13,12 +13,12 @@ import numpy as np
 
 from deltaswarm_wire.radio import Member, RadioFrame, Relocating
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.channel.links import Ends, Links
-from deltaswarm_world.channel.queues import Arrival
-from deltaswarm_world.channel.reach import reach_of
+from deltaswarm_world.air.channel.links import Ends, Links
+from deltaswarm_world.air.channel.queues import Arrival
+from deltaswarm_world.air.channel.reach import reach_of
+from deltaswarm_world.air.radio import SHADOWING_STREAM, pieces_of
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.radio import SHADOWING_STREAM, pieces_of
 
 RELAY_STREAM = 45
 

@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from deltaswarm_wire.settings_radio import LOG_DISTANCE, AsymmetrySettings, PathLossSettings, RadioSettings
-from deltaswarm_world.channel.links import Ends, Finding, LinkDice, Links, Mask, Numbers
+from deltaswarm_world.air.channel.links import Ends, Finding, LinkDice, Links, Mask, Numbers
 from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 

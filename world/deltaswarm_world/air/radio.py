@@ -18,11 +18,11 @@ import numpy as np
 
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
-from deltaswarm_world.channel.chance import Bursts, Contention, Loss
-from deltaswarm_world.channel.links import Ends, Finding, Links, Mask, Piece
-from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
-from deltaswarm_world.channel.reach import Asymmetry, Reach, reach_of
-from deltaswarm_world.channel.zones import Blackouts, Jammers, Walls
+from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
+from deltaswarm_world.air.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.reach import Asymmetry, Reach, reach_of
+from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import RADIO_STREAM, generator
 
