@@ -16,6 +16,7 @@ from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.uplink.relay import TIME_TO_LIVE_S, roots_of
+from deltaswarm_world.uplink.trace import TracedUplink
 from deltaswarm_world.uplink.uplink import Uplink
 from tests.airs import rates, shares, times
 
@@ -96,23 +97,23 @@ def test_the_books_are_exact_in_every_step_and_the_same_again(
 def test_what_it_says_of_reports_is_what_happened(
     uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]]
 ) -> None:
-    """Over all agents, as many fates as reports sent or under way, each what the counts have."""
+    """Over all agents, as many outcomes as reports sent or under way, each what the counts have."""
     found, tally = list[str](), (0, 0, {})
     for watched in range(5):
         stage = Stage(LINE_M, uplink)
-        stage.uplink.watched = watched
+        stage.uplink = traced = TracedUplink(stage.uplink, watched)
         for senders, trees, absent in steps:
             tally = (
                 len(stage.carry(sorted(senders), trees, sorted(absent))),
                 stage.uplink.under_way,
                 stage.uplink.dropped,
             )
-        found += stage.uplink.fates
+        found += traced.outcomes
     arrived, under_way, dropped = tally
     assert found.count("arrived") == arrived
-    assert sum(not fate.startswith(("arrived", "dropped")) for fate in found) == under_way
+    assert sum(not outcome.startswith(("arrived", "dropped")) for outcome in found) == under_way
     for reason, count in dropped.items():
-        assert sum(fate.split(",")[0] == f"dropped: {reason}" for fate in found) == count
+        assert sum(outcome.split(",")[0] == f"dropped: {reason}" for outcome in found) == count
 
 
 def test_a_free_agent_beyond_the_range_is_lost() -> None:

@@ -10,7 +10,7 @@ agent's own frame is `crowded`; the core cuts that.) A duplicate is one receptio
     sent x other agents + duplicated = received + dropped, by reason + under way
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -19,7 +19,7 @@ import numpy as np
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
-from deltaswarm_world.air.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.air.channel.links import Ends, Links, Mask, Piece
 from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
 from deltaswarm_world.air.channel.reach import Asymmetry, Reach, reach_of
 from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
@@ -102,10 +102,6 @@ class Air:
 
     def __init__(self, scenario: Scenario) -> None:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
-        self.watched: tuple[int, int] | None = None
-        """A sender and a receiver of whose frames `fates` tells."""
-        self.fates: list[str] = []
-        """What became in the last step of the watched sender's frames at the watched receiver."""
         self._ids = np.arange(count)
         self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
         self._pieces = pieces_of(scenario, self._reach, count)
@@ -141,17 +137,20 @@ class Air:
         spoken: Mapping[int, bytes],
         positions_m: Floats,
         listening: Sequence[bool],
+        mute: Collection[int] = (),
     ) -> Carried:
-        """One step: frames by sender, positions (n, 2) [m] and who is there to hear."""
+        """One step: frames by sender, positions (n, 2) [m], who is there to hear, and whose radio sends nothing."""
         carried = Carried(len(listening))
-        self.fates = []
         senders = sorted(spoken)
+        if mute:
+            senders = [sender for sender in senders if sender not in mute]
+            carried.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
         frames = [spoken[sender] for sender in senders]
         if self._sending is not None:
             senders, frames = self._send(self._sending, senders, frames, listening, carried)
         self._moment = _Moment(time_s, positions_m, listening)
         is_late = self._delays is not None or self._taking_in is not None
-        if not (is_late or self._pieces or self.watched):
+        if not (is_late or self._pieces):
             self._hear_at_once(senders, frames, carried)
             return carried
         links = self._cross(senders, frames, carried) if frames else None
@@ -160,8 +159,6 @@ class Air:
             self._deliver(step, arriving, listening, carried)
         elif links is not None:
             _hear_all(links, frames, carried)
-        if self.watched:
-            self._note_end(self.watched, carried)
         return carried
 
     def _send(
@@ -181,9 +178,6 @@ class Air:
             gone = [] if listening[sender] else pipes.clear(sender)
             carried.drop("bandwidth", len(dropped) * others)
             carried.drop("dead", len(gone) * others)
-            if self.watched and self.watched[0] == sender:
-                self.fates += ["dropped: bandwidth, the sender's queue is full"] * len(dropped)
-                self.fates += ["dropped: dead, in the sender's queue"] * len(gone)
         on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
         return [sender for sender, _ in on_air], [data for _, data in on_air]
 
@@ -228,10 +222,6 @@ class Air:
         dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
         carried.drop("dead", dead)
         carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
-        watched = self.watched
-        if watched and not _between(links, watched).any():
-            reason = "range" if listening[watched[1]] else "dead"
-            self.fates += [f"dropped: {reason}"] * senders.count(watched[0])
         for piece in self._pieces:
             cut = piece.cuts(links, time_s)
             if cut is None:
@@ -239,8 +229,6 @@ class Air:
             cut &= links.is_open
             links.is_open ^= cut
             carried.drop(piece.reason, int(np.count_nonzero(cut)))
-            if watched:
-                self.fates += [f"dropped: {piece.reason}"] * int(np.count_nonzero(cut & _between(links, watched)))
         return links
 
     def _set_off(
@@ -269,9 +257,6 @@ class Air:
             due = self._delays.take(step)
             there = [arrival for arrival in due if listening[arrival[0]]]
             carried.drop("dead", len(due) - len(there))
-            if self.watched and not listening[self.watched[1]]:
-                lost = [packet for receiver, packet in due if (packet.sender, receiver) == self.watched]
-                self.fates += ["dropped: dead, on arrival"] * len(lost)
             arriving += there
         if self._taking_in is not None:
             arriving = self._take_in(self._taking_in, arriving, listening, carried)
@@ -301,46 +286,7 @@ class Air:
             passed, dropped = pipes.take(receiver, packets)
             carried.drop("bandwidth", len(dropped))
             passing += [(receiver, packet) for packet in passed]
-            if self.watched:
-                lost = [packet for packet in dropped if (packet.sender, receiver) == self.watched]
-                self.fates += ["dropped: bandwidth, the receiver's queue is full"] * len(lost)
         return passing
-
-    # Why
-
-    def _note_end(self, watched: tuple[int, int], carried: Carried) -> None:
-        """What is left to say of the watched frames when all is done."""
-        sender, receiver = watched
-        self.fates += ["delivered"] * carried.links.count(watched)
-        if self._sending is not None:
-            self.fates += ["waits in the sender's queue"] * len(self._sending.holds(sender))
-        if self._delays is not None:
-            self.fates += [f"under way, due in step {due}" for due in self._delays.due_of(sender, receiver)]
-        if self._taking_in is not None:
-            held = [packet for packet in self._taking_in.holds(receiver) if packet.sender == sender]
-            self.fates += ["waits in the receiver's queue"] * len(held)
-
-    def explain(self, sender: int, receiver: int) -> list[Finding]:
-        """What each model has to say of one link in the last step, in the order in which a frame meets them."""
-        time_s, positions_m, listening = self._moment
-        from_end, to_end = (Ends(np.array([agent]), positions_m[[agent]]) for agent in (sender, receiver))
-        links = Links.of_pairs(from_end, to_end)
-        gone = [agent for agent in (sender, receiver) if not listening[agent]]
-        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        found = [Finding("dead", bool(gone), says, {"gone": gone})]
-        found.append(self._reach.explain(links, time_s))
-        found += [piece.explain(links, time_s) for piece in self._pieces]
-        if self._delays is not None:
-            found.append(self._delays.explain())
-        for pipes, end, whose in ((self._sending, sender, "sender"), (self._taking_in, receiver, "receiver")):
-            if pipes is not None:
-                found.append(pipes.explain(end, whose))
-        return found
-
-
-def _between(links: Links, watched: tuple[int, int]) -> Mask:
-    between: Mask = (links.senders == watched[0]) & (links.receivers == watched[1])
-    return between
 
 
 def _hear_all(links: Links, frames: Sequence[bytes], carried: Carried) -> None:
