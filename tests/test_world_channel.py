@@ -15,10 +15,11 @@ from deltaswarm_wire.settings_radio import (
     PathLossSettings,
     WallSettings,
 )
+from deltaswarm_world.air.channel.asymmetry import Asymmetry
 from deltaswarm_world.air.channel.chance import Bursts, Contention
 from deltaswarm_world.air.channel.links import Ends, LinkDice, Links
 from deltaswarm_world.air.channel.queues import Packet, Pipes
-from deltaswarm_world.air.channel.reach import SHADOWING_CUT, Asymmetry, PathLoss, RangeDisc
+from deltaswarm_world.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
 from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
 from tests.airs import Stage
 

@@ -14,6 +14,7 @@ from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
+from deltaswarm_world.air.radio import Air
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.uplink.relay import TIME_TO_LIVE_S, roots_of
 from deltaswarm_world.uplink.trace import TracedUplink
@@ -38,7 +39,8 @@ class Stage:
         self.count = len(places_m)
         self.places_m = np.array(places_m, dtype=np.float64)
         table = {"agents": {"count": self.count}, "uplink": uplink, "radio": {"range_m": 9.0, **radio}}
-        self.uplink = Uplink(load(Scenario, table))
+        scenario = load(Scenario, table)
+        self.uplink = Uplink(scenario, Air(scenario).steady_links)
         self.step = -1
 
     def carry(

@@ -69,7 +69,7 @@ class WorldCore:
         """Reports of this step that went straight to the operator."""
 
         self._air = Air(scenario)
-        self._uplink = Uplink(scenario) if self.has_uplink else None
+        self._uplink = Uplink(scenario, self._air.steady_links) if self.has_uplink else None
         self._reports: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)

@@ -10,7 +10,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats, sampler
 from deltaswarm_world.near import near
 
-ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
+ARRIVALS_STREAM, START_STREAM = 1, 2
 """Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
 
 

@@ -18,17 +18,17 @@ import numpy as np
 
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
-from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
-from deltaswarm_world.air.channel.links import Ends, Links, Mask, Piece
+from deltaswarm_world.air.channel.links import Ends, Links, Mask
+from deltaswarm_world.air.channel.model import Context
+from deltaswarm_world.air.channel.models import pieces_of
 from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
-from deltaswarm_world.air.channel.reach import Asymmetry, Reach, reach_of
-from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
+from deltaswarm_world.air.channel.reach import reach_of
 from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import RADIO_STREAM, generator
+from deltaswarm_world.environment import generator
 
-SHADOWING_STREAM, ASYMMETRY_STREAM, BURST_STREAM, CONTENTION_STREAM = 31, 32, 33, 34
+SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
-"""Each model has its own chance, so that switching one on changes nothing of another's draws."""
+"""Each use of chance has its own generator, and so has each model (`channel/models.py`)."""
 
 
 class _Moment(NamedTuple):
@@ -68,31 +68,6 @@ class Carried:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 
 
-def pieces_of(scenario: Scenario, reach: Reach, ends: int) -> list[Piece]:
-    """What a frame meets on the air within reach, in order; what is off is left out."""
-    radio, step_s = scenario.radio, scenario.run.step_s
-
-    def rng(stream: int) -> np.random.Generator:
-        return generator(scenario.seed, stream)
-
-    pieces: list[Piece] = []
-    if radio.blackouts:
-        pieces.append(Blackouts(radio.blackouts))
-    if radio.walls:
-        pieces.append(Walls(radio.walls))
-    if radio.jammers:
-        pieces.append(Jammers(radio.jammers))
-    if radio.asymmetry.dead_share > 0 or radio.asymmetry.range_factor_low < 1:
-        pieces.append(Asymmetry(radio.asymmetry, reach, ends, rng(ASYMMETRY_STREAM)))
-    if radio.loss > 0:
-        pieces.append(Loss(radio.loss, rng(RADIO_STREAM)))
-    if radio.burst.is_on:
-        pieces.append(Bursts(radio.burst, ends, step_s, rng(BURST_STREAM)))
-    if radio.contention_bytes_per_s > 0:
-        pieces.append(Contention(radio.contention_bytes_per_s * step_s, rng(CONTENTION_STREAM)))
-    return pieces
-
-
 def _pipes(bytes_per_s: float, radio: RadioSettings, step_s: float) -> Pipes | None:
     return Pipes(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
 
@@ -104,7 +79,8 @@ class Air:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
         self._ids = np.arange(count)
         self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
-        self._pieces = pieces_of(scenario, self._reach, count)
+        self._pieces = pieces_of(Context(scenario, self._reach))
+        self._steady = [piece for piece in self._pieces if piece.holds_for_step]
         self._sending = _pipes(radio.bandwidth.sender_bytes_per_s, radio, step_s)
         self._taking_in = _pipes(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
         self._duplication = radio.duplication
@@ -160,6 +136,20 @@ class Air:
         elif links is not None:
             _hear_all(links, frames, carried)
         return carried
+
+    def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
+        """Sender and receiver of each link among some agents that is open for the whole step, chance aside."""
+        rows, columns, spare_db = self._reach.find(agents, agents)
+        others = rows != columns
+        links = Links(agents, agents, (), columns[others], rows[others])
+        if spare_db is not None:
+            links.spare_db = spare_db[others]
+        for piece in self._steady:
+            cut = piece.cuts(links, time_s)
+            if cut is not None:
+                links.is_open &= ~cut
+        is_open = links.is_open
+        return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))
 
     def _send(
         self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried

@@ -148,7 +148,7 @@ class _TracedPiece:
     """A model of the air that shows what it cuts; the relay, which asks the same models, is not shown."""
 
     def __init__(self, piece: Piece, see: Callable[[str, Mask, Links], None]) -> None:
-        self.reason = piece.reason
+        self.reason, self.holds_for_step = piece.reason, piece.holds_for_step
         self.explain = piece.explain
         self._piece, self._see = piece, see
 

@@ -20,7 +20,7 @@ from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipe
 from deltaswarm_world.air.channel.zones import Blackouts
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.uplink.relay import Moment, Relay, roots_of
+from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks, roots_of
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
 """Each model has its own chance, as on the air; the relay's is 45."""
@@ -32,14 +32,14 @@ BASE = 0
 class Uplink:
     """The uplink of one run, with all its models; `carry` is called once a step, in order, at the step's end."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
         """Reports that will not arrive, by reason, of the last step."""
         self._count = count
         self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
         self._range_m = uplink.range_m
-        self._relay = Relay(scenario) if uplink.relay else None
+        self._relay = Relay(scenario, steady_links) if uplink.relay else None
         self._pieces: list[Piece] = []
         if uplink.outages:
             self._pieces.append(Blackouts(uplink.outages, "outage"))

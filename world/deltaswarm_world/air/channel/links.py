@@ -115,6 +115,10 @@ class Piece(Protocol):
     def reason(self) -> str:
         """Under which its cuts are counted."""
 
+    @property
+    def holds_for_step(self) -> bool:
+        """Whether it cuts a link for the whole step, and not each frame by chance; the relay keeps to those links."""
+
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """Called once a step, with all links; None is none. This, and nothing else, may draw."""
 
