@@ -122,7 +122,7 @@ class WorldCore:
                 environment.command(agent, 0.0, 0.0)
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
-            environment.move(self._faults.speed_factors if self._faults else None)
+            environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)
         self._sensed = self._sense()
         heard = self._hear(taking_part)

@@ -64,11 +64,11 @@ class Environment:
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
-    def move(self, speed_factors: Floats | None = None) -> None:
-        """One step of motion; walls hold. Factors (n, 1), if given, are what is left of each agent's speed."""
+    def move(self, drive: Callable[[Floats], None] | None = None) -> None:
+        """One step of motion; walls hold. `drive`, if given, changes what bodies make of their commands."""
         velocities_mps = np.array(self.velocities_mps)
-        if speed_factors is not None:
-            velocities_mps *= speed_factors
+        if drive is not None:
+            drive(velocities_mps)
         moved = self.positions_m + velocities_mps * self._step_s
         self.positions_m = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
 
