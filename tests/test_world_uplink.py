@@ -1,5 +1,6 @@
 """The uplink's models: what each does to reports, exact books, and the relay's hops."""
 
+import tracemalloc
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -173,6 +174,18 @@ def test_delay_outage_and_a_narrow_operator() -> None:
     narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90, "queue_bytes": 170}})
     assert len(narrow.carry(range(5))) == 1
     assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"crowded": 2}, 2)
+
+
+def test_bursts_on_the_uplink_keep_one_state_per_agent() -> None:
+    """All links lead to the base: memory grows with the agents, not with their square."""
+    count = 3000
+    scenario = load(Scenario, {"agents": {"count": count}, "uplink": {"burst": {"p_good_to_bad": 0.1}}})
+    tracemalloc.start()
+    uplink = Uplink(scenario, lambda *_: [])
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 1000 * count
+    assert len(uplink.carry(0, 0.0, np.zeros((count, 2)), [True] * count, (), {count - 1: b"report"})) <= 1
 
 
 def test_trees_are_read_off_frames() -> None:

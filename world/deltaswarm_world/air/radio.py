@@ -28,6 +28,7 @@ from deltaswarm_world.environment import generator
 
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
+ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
 """Each use of chance has its own generator, and so has each model (`channel/models.py`)."""
 
 
@@ -72,6 +73,11 @@ def _pipes(bytes_per_s: float, radio: RadioSettings, step_s: float) -> Pipes | N
     return Pipes(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
 
 
+def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
+    radio, rngs = scenario.radio, [generator(scenario.seed, stream) for stream in (jitter_stream, rounding_stream)]
+    return DelayLine(radio.latency_s, radio.jitter_s, scenario.run.step_s, *rngs)
+
+
 class Air:
     """The air of one run, with all its models; to be called once a step, in order."""
 
@@ -86,9 +92,9 @@ class Air:
         self._duplication = radio.duplication
         self._delays: DelayLine | None = None
         if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
-            self._delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, JITTER_STREAM))
+            self._delays = _delays(scenario, JITTER_STREAM, ROUNDING_STREAM)
         self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
-        self._copy_delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, COPY_STREAM))
+        self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Whose frame comes first into the queues of a step: else those with low numbers would always."""
         self._numbers = 0

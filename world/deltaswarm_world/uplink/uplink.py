@@ -22,7 +22,7 @@ from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
 from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks, roots_of
 
-LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
+LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
 """Each model has its own chance, as on the air; the relay's is 45."""
 
 BASE = 0
@@ -46,11 +46,12 @@ class Uplink:
         if uplink.loss > 0:
             self._pieces.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
         if uplink.burst.is_on:
-            self._pieces.append(Bursts(uplink.burst, count + 1, step_s, generator(scenario.seed, BURST_STREAM)))
+            rng = generator(scenario.seed, BURST_STREAM)
+            self._pieces.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
         self._delays: DelayLine | None = None
         if uplink.latency_s > 0 or uplink.jitter_s > 0:
-            rng = generator(scenario.seed, JITTER_STREAM)
-            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, rng)
+            rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
+            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
         width = uplink.bandwidth
         self._sending, self._taking_in = (
             Pipes(rate * step_s, width.queue_bytes) if rate > 0 else None

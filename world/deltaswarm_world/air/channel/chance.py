@@ -43,13 +43,22 @@ class Bursts:
 
     A link's state is looked at only when a frame passes; the steps in between are made up for in one draw,
     by the chain's own law for so many steps. Frames of one link in one step find it in one state.
+
+    Args:
+        settings: chances and losses.
+        ends: number of ends that send or receive.
+        step_s: length of a step [s].
+        rng: the model's own generator.
+        to_one: whether all links lead to the same end, as reports do; then a state is kept per sender.
     """
 
     reason = "burst"
     holds_for_step = False
     stream = 33
 
-    def __init__(self, settings: BurstSettings, ends: int, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: BurstSettings, ends: int, step_s: float, rng: np.random.Generator, to_one: bool = False
+    ) -> None:
         self._settings = settings
         self._step_s = step_s
         self._rng = rng
@@ -57,9 +66,11 @@ class Bursts:
         self._stationary = settings.p_good_to_bad / change if change > 0 else 0.0
         self._memory = 1.0 - change
         self._ends = ends
-        self._badness = np.full(ends * ends, self._stationary)
+        self._to_one = to_one
+        links = ends if to_one else ends * ends
+        self._badness = np.full(links, self._stationary)
         """1 where a link was bad when it was looked at last, 0 where good; between them where it never was."""
-        self._seen = np.zeros(ends * ends, dtype=np.int32)
+        self._seen = np.zeros(links, dtype=np.int32)
         """In which step, counted from 1, that was; 0 is never."""
 
     @classmethod
@@ -91,7 +102,7 @@ class Bursts:
         return chances
 
     def _places(self, links: Links) -> Indices:
-        places: Indices = links.senders * self._ends + links.receivers
+        places: Indices = links.senders if self._to_one else links.senders * self._ends + links.receivers
         return places
 
     def _now(self, time_s: float) -> int:
