@@ -217,6 +217,32 @@ def test_slow_actuators_multiply() -> None:
     assert velocities_mps[:, 1].tolist() == pytest.approx([1, 0.5, 0.2, 1, 1, 1, 1, 1])
 
 
+def test_a_stuck_actuator_keeps_its_velocity() -> None:
+    """The last one from before the fault; others and later commands are as they were."""
+    made = faults(fault("actuator-stuck", 2, agents=[1, 3], duration_s=3))
+    done = []
+    for step in range(7):
+        orders(made, step)
+        velocities_mps = np.full((COUNT, 2), float(step))
+        made.drive(velocities_mps)
+        done.append(velocities_mps[:4, 0].tolist())
+    assert done == [[now, min(now, 2) if now < 5 else now] * 2 for now in range(7)]
+
+
+def test_a_body_that_is_stuck_from_the_start_never_moves() -> None:
+    """And one that is slow when it gets stuck keeps the slow speed."""
+    made = faults(
+        fault("actuator-stuck", 0, agents=[1]),
+        fault("actuator-slow", 0, agents=[2], duration_s=3, factor=0.5),
+        fault("actuator-stuck", 1, agents=[2]),
+    )
+    for step in range(5):
+        orders(made, step)
+        velocities_mps = np.ones((COUNT, 2))
+        made.drive(velocities_mps)
+        assert velocities_mps[:3, 1].tolist() == [1.0, 0.0, 0.5]
+
+
 def test_the_blind_and_the_frozen_see_nothing() -> None:
     """The others do, as long as they are there."""
     made = faults(fault("sensor-blind", 0, agents=[1]), fault("freeze", 0, agents=[2], duration_s=9))

@@ -8,6 +8,7 @@ from deltaswarm_wire.checked import Problem, key
 
 KILL, FREEZE, RESTART = "kill", "freeze", "restart"
 BLIND, NOISY, SLOW, RADIO_DEAD, LYING = "sensor-blind", "sensor-noisy", "actuator-slow", "radio-dead", "lying"
+STUCK = "actuator-stuck"
 MAY_LAST, MUST_END, NEVER_ENDS = "duration_s is optional", "duration_s is needed", "duration_s means nothing"
 
 
@@ -29,6 +30,7 @@ KINDS = {
     BLIND: FaultKind(),
     NOISY: FaultKind(("noise_m", "miss")),
     SLOW: FaultKind(("factor",)),
+    STUCK: FaultKind(),
     RADIO_DEAD: FaultKind(),
     LYING: FaultKind(("phantoms",)),
 }

@@ -7,6 +7,9 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats
 from deltaswarm_world.faults.kind import Kind, Orders, Spell
 
+STANDING = (0.0, 0.0)
+"""Velocity of a body at rest [m/s]."""
+
 
 class Slow(Kind):
     """The body does a share of the commanded speed; shares multiply."""
@@ -26,6 +29,31 @@ class Slow(Kind):
         """See `Kind`."""
         for agents, factor in self._factors:
             velocities_mps[agents] *= factor
+
+
+class Stuck(Kind):
+    """The body keeps the velocity that it had when the fault began, whatever is commanded."""
+
+    name = settings_fault.STUCK
+
+    def __init__(self, scenario: Scenario, orders: Orders) -> None:
+        super().__init__(scenario, orders)
+        self._kept_mps: dict[int, tuple[float, float]] = {}
+
+    def look(self, spells: Sequence[Spell]) -> None:
+        """See `Kind`. A body that is stuck from the first step on never moves."""
+        super().look(spells)
+        self._kept_mps = {agent: kept for agent, kept in self._kept_mps.items() if agent in self.agents}
+        for spell in spells:
+            if spell.fault.begins(self._scenario.run.step_s) == 0:
+                self._kept_mps |= dict.fromkeys(spell.agents, STANDING)
+
+    def drive(self, velocities_mps: Floats) -> None:
+        """See `Kind`."""
+        for agent in self.agents - self._kept_mps.keys():
+            vx_mps, vy_mps = velocities_mps[agent].tolist()
+            self._kept_mps[agent] = vx_mps, vy_mps
+        velocities_mps[list(self._kept_mps)] = list(self._kept_mps.values())
 
 
 class RadioDead(Kind):

@@ -1,6 +1,6 @@
 """The kinds of faults, in the order in which they act on a body."""
 
-from deltaswarm_world.faults.bodies import RadioDead, Slow
+from deltaswarm_world.faults.bodies import RadioDead, Slow, Stuck
 from deltaswarm_world.faults.kind import Kind
 from deltaswarm_world.faults.processes import Freeze, Kill, Restart
 from deltaswarm_world.faults.senses import Blind, Lying, Noisy
@@ -12,6 +12,7 @@ KINDS: tuple[type[Kind], ...] = (
     Blind,
     Noisy,
     Slow,
+    Stuck,
     RadioDead,
     Lying,
 )
