@@ -65,7 +65,7 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
     """With every model at once, over all pairs and some steps: as many delivered as the world counts."""
     scenario = a_scenario(*EVERYTHING)
     tallies = run_in_process(scenario).tallies
-    for step in (40, 60):
+    for step in (80, 90):
         fates = [
             fate
             for sender in range(10)
@@ -75,7 +75,7 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
         ]
         tally = tallies[step]
         assert fates.count("delivered") == tally.frames_received > 0
-        for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition"):
+        for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition", "obstacle"):
             assert fates.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
         waiting = sum(fate.startswith(("under way", "waits")) for fate in fates)
         assert waiting == tally.frames_in_flight - 9 * tally.frames_sent

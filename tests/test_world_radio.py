@@ -175,6 +175,7 @@ def test_same_seed_same_air(table: dict[str, Any]) -> None:
 ONE_BY_ONE: dict[str, dict[str, Any]] = {
     "blackout": {"blackouts": [{}]},
     "partition": {"walls": [{"a_m": [1, 0], "b_m": [1, 50]}]},
+    "obstacle": {"arena": {"obstacles": [{"corners_m": [[0.5, 19], [1.5, 19], [1.5, 21], [0.5, 21]]}]}},
     "jam": {"jammers": [{"center_m": [2, 20], "radius_m": 1}]},
     "asymmetry": {"asymmetry": {"dead_share": 1.0}},
     "loss": {"loss": 1.0},
@@ -218,6 +219,7 @@ def test_switching_a_model_on_changes_nothing_of_another_s_draws(other: str) -> 
 
 SOME: dict[str, dict[str, Any]] = {
     "partition": {"walls": [{"a_m": [1, 0], "b_m": [1, 50]}]},
+    "obstacle": {"arena": {"obstacles": [{"corners_m": [[0.5, 19], [1.5, 19], [1.5, 21], [0.5, 21]]}]}},
     "jam": {"jammers": [{"center_m": [2, 20], "radius_m": 1}]},
     "asymmetry": {"asymmetry": {"dead_share": 0.3, "range_factor_low": 0.5}},
     "burst": {"burst": {"p_good_to_bad": 0.2, "p_bad_to_good": 0.5}},

@@ -3,6 +3,7 @@
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from deltaswarm_agent.obstacles import Obstacles
 from deltaswarm_agent.tree import RANGE_MARGIN_M
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.radio import RadioFrame
@@ -54,6 +55,7 @@ class Whereabouts:
         self._range_m2 = settings.range_m**2
         self._reach_m2 = (settings.range_m - RANGE_MARGIN_M) ** 2
         self._size_m = (settings.width_m, settings.height_m)
+        self._obstacles = Obstacles(settings)
         self._d_min_m2 = settings.control.d_min_m**2
 
     def move_to(self, x_m: float, y_m: float) -> None:
@@ -90,5 +92,6 @@ class Whereabouts:
         return self._d_min_m2 <= self.sender_m2(frame) <= self._reach_m2
 
     def is_in_arena(self, x_m: float, y_m: float) -> bool:
-        """Whether a place that another agent named can be gone to."""
-        return 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
+        """Whether a place that another agent named can be gone to: straight on, with no obstacle in the way."""
+        is_inside = 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
+        return is_inside and not self._obstacles.first_crossing(self.x_m, self.y_m, x_m - self.x_m, y_m - self.y_m)

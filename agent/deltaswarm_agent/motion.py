@@ -3,6 +3,7 @@
 import math
 from random import Random
 
+from deltaswarm_agent.obstacles import Obstacles, Stride
 from deltaswarm_wire.settings import AgentSettings
 
 Velocity = tuple[float, float]
@@ -19,6 +20,7 @@ class Walk:
         self._step_s = settings.step_s
         self._leg_max_s = settings.control.leg_max_s
         self._size_m = (settings.width_m, settings.height_m)
+        self._obstacles = Obstacles(settings) if settings.obstacles else None
         self.turn()
 
     def turn(self) -> None:
@@ -35,6 +37,9 @@ class Walk:
         self._left_s -= self._step_s
         to_x, self._dx = _reflect(x_m, self._dx, self._size_m[0])
         to_y, self._dy = _reflect(y_m, self._dy, self._size_m[1])
+        if self._obstacles is not None:
+            stride = Stride(to_x, to_y, self._dx, self._dy)
+            to_x, to_y, self._dx, self._dy = self._obstacles.reflect(x_m, y_m, stride)
         return (to_x - x_m) / self._step_s, (to_y - y_m) / self._step_s
 
 

@@ -2,10 +2,10 @@
 
 Each frame sent is tried at every other agent, once. On its way it meets, in this order: the sender's queue
 (`bandwidth`); then on the air, all in one step, whether the receiver is there (`dead`), reach (`range`),
-blackouts, walls (`partition`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then
-duplication and delay; on arrival once more whether the receiver is there (`dead`); and the receiver's queue
-(`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit into an
-agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
+blackouts, walls (`partition`), obstacles (`obstacle`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`),
+`contention`; then duplication and delay; on arrival once more whether the receiver is there (`dead`); and the
+receiver's queue (`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit
+into an agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
 
     sent x other agents + duplicated = received + dropped, by reason + under way
 """

@@ -4,11 +4,13 @@ from deltaswarm_world.air.channel.asymmetry import Asymmetry
 from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
 from deltaswarm_world.air.channel.links import Piece
 from deltaswarm_world.air.channel.model import Context, Model
+from deltaswarm_world.air.channel.obstacles import RadioObstacles
 from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
 
 MODELS: tuple[type[Model], ...] = (
     Blackouts,
     Walls,
+    RadioObstacles,
     Jammers,
     Asymmetry,
     Loss,
