@@ -71,25 +71,27 @@ def test_a_way_without_a_crossing_is_free_in_the_world_too(obstacle: ObstacleSet
 
 
 @given(polygons(), places, st.floats(0, math.tau), st.floats(0.05, 3.0), st.integers(0, 200))
-def test_free_strides_are_free_and_the_next_is_not(
+def test_free_strides_are_free_one_by_one_and_the_next_is_not(
     obstacle: ObstacleSettings, start: Place, heading: float, stride_m: float, most: int
 ) -> None:
     """Straight on, as many whole strides as fit before the obstacle or the arena's edge."""
     assume(depth_m(obstacle, start) < -NEAR_M)
+    assume(min(start) > NEAR_M and max(start) < SIDE_M - NEAR_M)
     obstacles = Obstacles(on_map(obstacle))
     dx, dy = stride_m * math.cos(heading), stride_m * math.sin(heading)
     free = obstacles.free_strides(*start, dx, dy, most)
     assert 0 <= free <= most
     x, y = start
     for _ in range(free):
+        assert obstacles.first_crossing(x, y, dx, dy) is None
         x, y = x + dx, y + dy
-    assert min(x, y) >= -1e-9
-    assert max(x, y) <= SIDE_M + 1e-9
-    assert deepest_m(obstacle, start, (x, y)) < NEAR_M
+        assert min(x, y) > 0
+        assert max(x, y) < SIDE_M
+    assert deepest_m(obstacle, start, (x, y)) < 0
     if free < most:
         x, y = x + 1.001 * dx, y + 1.001 * dy
         leaves = not (0 <= x <= SIDE_M and 0 <= y <= SIDE_M)
-        assert leaves or obstacles.first_crossing(*start, x - start[0], y - start[1])
+        assert leaves or deepest_m(obstacle, start, (x, y), 2000) > -0.02
 
 
 @given(st.lists(polygons(), min_size=1, max_size=2), places, st.integers(0, 2**32), st.floats(0.1, 6.0))

@@ -38,8 +38,9 @@ class Walk:
         to_x, self._dx = _reflect(x_m, self._dx, self._size_m[0])
         to_y, self._dy = _reflect(y_m, self._dy, self._size_m[1])
         if self._obstacles is not None:
-            stride = Stride(to_x, to_y, self._dx, self._dy)
-            to_x, to_y, self._dx, self._dy = self._obstacles.reflect(x_m, y_m, stride)
+            reflected = self._obstacles.reflect(x_m, y_m, Stride(to_x, to_y, self._dx, self._dy))
+            if reflected is not None:
+                to_x, to_y, self._dx, self._dy = reflected
         return (to_x - x_m) / self._step_s, (to_y - y_m) / self._step_s
 
 

@@ -70,23 +70,28 @@ class Obstacles:
         return first
 
     def free_strides(self, x_m: float, y_m: float, dx_m: float, dy_m: float, most: int) -> int:
-        """How many strides of (dx_m, dy_m) lead straight on before an obstacle or the arena's edge; at most `most`."""
+        """How many strides of (dx_m, dy_m) lead straight on before an obstacle or the arena's edge; at most `most`.
+
+        None of these strides has a crossing of its own, so a walk need not look at them one by one.
+        """
         free = float(most)
         for at_m, stride_m, end_m in ((x_m, dx_m, self._size_m[0]), (y_m, dy_m, self._size_m[1])):
             if stride_m:
-                free = min(free, ((end_m if stride_m > 0 else 0.0) - at_m) / stride_m)
-        crossing = self.first_crossing(x_m, y_m, free * dx_m, free * dy_m) if free > 0 else None
-        if crossing is not None:
-            free *= crossing[0]
-        # A walk adds its strides up one by one, which rounds differently.
-        return max(0, min(most, math.floor(free - 1e-6) if free < most or crossing else most))
+                room_m = (end_m - at_m if stride_m > 0 else at_m) - EDGE_M
+                free = max(0.0, min(free, room_m / abs(stride_m)))
+        for edge in self._edges:
+            free *= _share_before(edge, x_m, y_m, free * dx_m, free * dy_m)
+        return math.floor(free)
 
-    def reflect(self, x_m: float, y_m: float, stride: Stride) -> Stride:
-        """A stride from a place, mirrored at the obstacle that it meets; where there is no room, up to the edge."""
+    def reflect(self, x_m: float, y_m: float, stride: Stride) -> Stride | None:
+        """A stride from a place, mirrored at the obstacle that it meets; where there is no room, up to the edge.
+
+        None if it meets no obstacle.
+        """
         way_x, way_y = stride.to_x_m - x_m, stride.to_y_m - y_m
         crossing = self.first_crossing(x_m, y_m, way_x, way_y)
         if crossing is None:
-            return stride
+            return None
         share, (nx, ny) = crossing
         dx_m, dy_m = _mirrored(stride.dx_m, stride.dy_m, nx, ny)
         rest_x, rest_y = _mirrored((1.0 - share) * way_x, (1.0 - share) * way_y, nx, ny)
@@ -96,6 +101,25 @@ class Obstacles:
         if is_inside and self.first_crossing(x_m, y_m, back_x, back_y) is None:
             return Stride(to_x, to_y, dx_m, dy_m)
         return Stride(x_m + share * way_x, y_m + share * way_y, dx_m, dy_m)
+
+
+def _share_before(edge: _Edge, x_m: float, y_m: float, dx_m: float, dy_m: float) -> float:
+    """The share of a straight way after which it comes near an edge from outside; 1 if it does not.
+
+    Near is twice as far as a single stride may end from the edge without crossing it.
+    """
+    inwards = -(dx_m * edge.nx + dy_m * edge.ny)
+    gap_m = (x_m - edge.x_m) * edge.nx + (y_m - edge.y_m) * edge.ny
+    if inwards <= 0.0 or gap_m < -2.0 * EDGE_M or gap_m > inwards + 2.0 * EDGE_M:
+        return 1.0
+    begins, ends = max(0.0, (gap_m - 2.0 * EDGE_M) / inwards), min(1.0, (gap_m + 2.0 * EDGE_M) / inwards)
+    length_m2 = edge.ex_m * edge.ex_m + edge.ey_m * edge.ey_m
+    slack = 2.0 * EDGE_M * math.sqrt(length_m2)
+    along = [
+        (x_m + share * dx_m - edge.x_m) * edge.ex_m + (y_m + share * dy_m - edge.y_m) * edge.ey_m
+        for share in (begins, ends)
+    ]
+    return begins if max(along) >= -slack and min(along) <= length_m2 + slack else 1.0
 
 
 def _mirrored(dx: float, dy: float, nx: float, ny: float) -> tuple[float, float]:
