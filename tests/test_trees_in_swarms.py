@@ -11,7 +11,7 @@ from deltaswarm_agent.core import AgentCore
 from deltaswarm_agent.states import State
 
 from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_world.channel.chance import Loss
+from deltaswarm_world.air.channel.chance import Loss
 from tests.cores import swarm
 from tests.trees import Spans, check_agreement, cycle_of, true_descendants
 

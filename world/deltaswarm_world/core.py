@@ -34,14 +34,16 @@ from deltaswarm_wire.messages import (
 from deltaswarm_wire.orders import KILL, START, Order
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally, Truth
-from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.air.channel.links import Finding
+from deltaswarm_world.air.radio import Air, Carried
+from deltaswarm_world.air.trace import TracedAir
 from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.environment import Environment, Happening
-from deltaswarm_world.faults import Faults
+from deltaswarm_world.faults.timeline import Faults
 from deltaswarm_world.lockstep import LockStep
-from deltaswarm_world.radio import Air, Carried
 from deltaswarm_world.sequence import SequenceNumbers, by_agent
-from deltaswarm_world.uplink import Uplink
+from deltaswarm_world.uplink.trace import TracedUplink
+from deltaswarm_world.uplink.uplink import Uplink
 
 HEARD_BYTES = 6
 """What a heard frame takes in an agent's frame besides its own bytes: its sender, and its length."""
@@ -76,7 +78,7 @@ class WorldCore:
         """Reports of this step that went straight to the operator."""
 
         self._air = Air(scenario)
-        self._uplink = Uplink(scenario) if self.has_uplink else None
+        self._uplink = Uplink(scenario, self._air.steady_links) if self.has_uplink else None
         self._reports: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
@@ -141,7 +143,7 @@ class WorldCore:
                 environment.command(agent, 0.0, 0.0)
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
-            environment.move(self._faults.speed_factors if self._faults else None)
+            environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)
         self._sensed = self._sense((*taking_part, *knocked))
         heard = self._hear(taking_part)
@@ -194,15 +196,11 @@ class WorldCore:
     def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
         """Deliver the radio frames of the step before; per agent those that reach it, with their senders."""
         deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
-        spoken = {agent: data for agent, data in self._spoken.items() if agent not in mute}
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = agent not in deaf
         self._speaking, self._listening = self._listening, listening
-        carried = self._air.carry(self._step, self._time_s, spoken, self.environment.positions_m, listening)
-        carried.drop("dead", (len(self._spoken) - len(spoken)) * (len(listening) - 1))
-        if self._air.watched and self._air.watched[0] in self._spoken.keys() - spoken.keys():
-            self._air.fates.append("dropped: dead, the sender's radio")
+        carried = self._air.carry(self._step, self._time_s, self._spoken, self.environment.positions_m, listening, mute)
         heard = carried.heard
         self._links = carried.links
         crowded = self._cut_crowded(heard, carried.largest_bytes)
@@ -380,33 +378,24 @@ class WorldCore:
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
 
     def watch(self, sender: int, receiver: int) -> None:
-        """From the next step on, `explain` tells of the frames of one agent at another."""
-        self._air.watched = (sender, receiver)
+        """From the next step on, trace the frames of one agent at another for `explain`."""
+        self._air = TracedAir(self._air, sender, receiver)
 
     def explain(self) -> tuple[list[Finding], list[str]]:
         """What each model of the air says of the watched link in this step, and what became of its frames."""
-        assert self._air.watched is not None
-        sender, receiver = self._air.watched
-        findings = self._air.explain(sender, receiver)
-        gone = [] if self._speaking[sender] else [sender]  # what is heard now was sent in the step before
-        gone += [] if self._listening[receiver] else [receiver]
-        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        findings[0] = Finding("dead", bool(gone), says, {"gone": gone})
-        fates = list(self._air.fates)
-        for _ in range(fates.count("delivered") - list(self._links).count(self._air.watched)):
-            fates[fates.index("delivered")] = "dropped: crowded"
-        return findings, fates
+        assert isinstance(self._air, TracedAir)
+        # What is heard now was sent in the step before.
+        return self._air.explain(self._speaking), self._air.outcomes_of(self._links)
 
     def watch_uplink(self, sender: int) -> None:
-        """From the next step on, `explain_uplink` tells of one agent's reports."""
+        """From the next step on, trace one agent's reports for `explain_uplink`."""
         assert self._uplink is not None
-        self._uplink.watched = sender
+        self._uplink = TracedUplink(self._uplink, sender)
 
     def explain_uplink(self) -> tuple[list[Finding], list[str]]:
         """What each model of the uplink says of the watched agent in this step, and what became of its reports."""
-        assert self._uplink is not None
-        assert self._uplink.watched is not None
-        return self._uplink.explain(self._uplink.watched), list(self._uplink.fates)
+        assert isinstance(self._uplink, TracedUplink)
+        return self._uplink.explain(), list(self._uplink.outcomes)
 
     def mean_waiting_s(self) -> float:
         """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""

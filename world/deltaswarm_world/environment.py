@@ -7,11 +7,12 @@ import numpy as np
 
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.density import Floats, sampler
+from deltaswarm_world.density import MAX_TRIES, Floats, sampler
 from deltaswarm_world.event_ids import EventIds
 from deltaswarm_world.near import near
+from deltaswarm_world.obstacles import Obstacles
 
-ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
+ARRIVALS_STREAM, START_STREAM = 1, 2
 """Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
 
 
@@ -43,7 +44,8 @@ class Environment:
     def __init__(self, scenario: Scenario) -> None:
         count = scenario.agents.count
         size = np.array([scenario.arena.width_m, scenario.arena.height_m])
-        self.positions_m: Floats = generator(scenario.seed, START_STREAM).random((count, 2)) * size
+        self._obstacles = Obstacles(scenario.arena.obstacles)
+        self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
         self.happenings: list[Happening] = []
         self.active: list[Happening] = []
@@ -66,18 +68,40 @@ class Environment:
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
-    def move(self, speed_factors: Floats | None = None) -> None:
-        """One step of motion; walls hold. Factors (n, 1), if given, are what is left of each agent's speed."""
+    def move(self, drive: Callable[[Floats], None] | None = None) -> None:
+        """One step of motion; the arena's edge and obstacles stop bodies.
+
+        `drive`, if given, changes what bodies make of their commands.
+        """
         velocities_mps = np.array(self.velocities_mps)
-        if speed_factors is not None:
-            velocities_mps *= speed_factors
+        if drive is not None:
+            drive(velocities_mps)
         moved = self.positions_m + velocities_mps * self._step_s
-        self.positions_m = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
+        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
+        self.positions_m = self._obstacles.stop(self.positions_m, moved) if self._obstacles else moved
+
+    def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
+        """Places uniform in the arena; one in an obstacle is drawn again."""
+        places_m: Floats = rng.random((count, 2)) * size_m
+        for _ in range(MAX_TRIES):
+            inside = self._obstacles.inside(places_m).nonzero()[0]
+            if not len(inside):
+                return places_m
+            places_m[inside] = rng.random((len(inside), 2)) * size_m
+        raise ValueError(f"arena.obstacles: {MAX_TRIES} draws in a row left an agent in an obstacle")
+
+    def _place_of_event(self) -> tuple[float, float]:
+        """By the density; a place in an obstacle is drawn again."""
+        for _ in range(MAX_TRIES):
+            place_m = self._draw(self._rng)
+            if not self._obstacles or not self._obstacles.inside(np.array([place_m]))[0]:
+                return place_m
+        raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell into an obstacle")
 
     def arrive(self, time_s: float) -> None:
         """Let events arrive (Poisson)."""
         for _ in range(self._rng.poisson(self._mean_arrivals)):
-            x_m, y_m = self._draw(self._rng)
+            x_m, y_m = self._place_of_event()
             happening = Happening(self._ids.of(len(self.happenings)), x_m, y_m, time_s)
             self.happenings.append(happening)
             self.active.append(happening)
@@ -87,13 +111,16 @@ class Environment:
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
     ) -> list[list[Event]]:
-        """Per agent the events within its sensing range, as they arrived; notes when an event is first sensed.
+        """Per agent the events within its sensing range and line of sight; notes when an event is first sensed.
 
         `misses`, if given, says of an agent whether it misses the event before it all the same.
         """
         sensed: list[list[Event]] = [[] for _ in present]
         if self.active:
             agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
+            if self._obstacles:
+                seen = ~self._obstacles.hide(self.positions_m[agents], self._places_m[indices])
+                agents, indices = agents[seen], indices[seen]
             for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
                 if present[agent] and (misses is None or not misses(agent)):
                     happening = self.active[index]

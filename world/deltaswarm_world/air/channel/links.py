@@ -115,6 +115,10 @@ class Piece(Protocol):
     def reason(self) -> str:
         """Under which its cuts are counted."""
 
+    @property
+    def holds_for_step(self) -> bool:
+        """Whether it closes links for a whole step; the relay asks it, too, so it neither draws nor keeps a state."""
+
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """Called once a step, with all links; None is none. This, and nothing else, may draw."""
 
