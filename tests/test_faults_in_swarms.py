@@ -137,7 +137,7 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
 
     def note(step: int, tally: Tally) -> None:
         nonlocal wrong
-        happenings = {happening.event: happening for happening in watched.crew.world.environment.happenings}
+        happenings = {happening.event: happening for happening in watched.crew.world.environment.arrived}
         for frame in watched.frames.values():
             for event in frame.events:
                 happening = happenings[event.event]
@@ -147,7 +147,7 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
     crew = watched.play(STEPS, note)
     assert wrong > 100
     assert crew.world.refused_claims == 0
-    assert sum(happening.work_agent_s for happening in crew.world.environment.happenings) > 0
+    assert sum(happening.work_agent_s for happening in crew.world.environment.arrived) > 0
 
 
 def test_slow_actuators_slow_the_body_down() -> None:
@@ -229,7 +229,7 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
     workload = crew.operator.totals["per_sender"]
     assert workload["3"]["messages"] > 80
     assert crew.world.refused_claims == 0
-    assert not crew.world.environment.happenings
+    assert not crew.world.environment.arrived
     assert len(told) >= 3
 
 

@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.why import ask
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
-from deltaswarm_world.environment import Environment, Happening
+from deltaswarm_world.environment import Environment, EventRecord
 from deltaswarm_world.obstacles import Obstacles
 from tests.airs import OBSTACLES, Stage
 from tests.cores import play, swarm
@@ -118,7 +118,7 @@ def test_nothing_begins_in_an_obstacle(obstacle: ObstacleSettings, seed: int) ->
     for step in range(10):
         made.arrive(float(step))
     starts = [(x, y) for x, y in made.positions_m.tolist()]
-    assert max(depth_m(obstacle, place) for place in [*starts, *((e.x_m, e.y_m) for e in made.happenings)]) < NEAR_M
+    assert max(depth_m(obstacle, place) for place in [*starts, *((e.x_m, e.y_m) for e in made.arrived)]) < NEAR_M
     moved = (made.positions_m != open_arena.positions_m).any(axis=1)
     assert all(depth_m(obstacle, (x, y)) > -NEAR_M for x, y in open_arena.positions_m[moved].tolist())
 
@@ -136,7 +136,7 @@ def test_an_event_behind_an_obstacle_is_not_sensed() -> None:
     scenario = {"arena": {"obstacles": [obstacle]}, "agents": {"count": 2, "sensing_range_m": 15}}
     made = Environment(load(Scenario, {**scenario, "events": {"rate_hz": 0}}))
     made.positions_m = array((9.0, 15.0), (21.0, 9.0))
-    made.active.append(Happening(1, 21.0, 15.0, 0.0))
+    made.active.append(EventRecord(1, 21.0, 15.0, 0.0))
     made._place_active()
     assert [len(events) for events in made.sense(0.0, [True, True])] == [0, 1]
 
@@ -202,7 +202,7 @@ def test_a_swarm_lives_with_obstacles_and_is_the_same_again() -> None:
         moved += np.hypot(*(here - before).T)
         before = here
     assert moved.min() > 10
-    assert sum(event.completed_s is not None for event in crew.world.events()) > 5
+    assert sum(event.completed_s is not None for event in crew.world.environment.states()) > 5
     digests = [
         run_in_process(load_scenario("smoke", [*RUN, *more], seed=1)).digest for more in ([OBSTACLES], [OBSTACLES], [])
     ]

@@ -7,6 +7,7 @@ import numpy as np
 
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import EventState
 from deltaswarm_world.density import MAX_TRIES, Floats, sampler
 from deltaswarm_world.event_ids import EventIds
 from deltaswarm_world.near import near
@@ -22,7 +23,7 @@ def generator(seed: int, stream: int) -> np.random.Generator:
 
 
 @dataclass
-class Happening:
+class EventRecord:
     """One event's life. Place in m, world frame; times in s."""
 
     event: int
@@ -37,6 +38,11 @@ class Happening:
     def __post_init__(self) -> None:
         self.as_sensed = Event(self.event, self.x_m, self.y_m)
 
+    def state(self) -> EventState:
+        """As it goes to the recorder and into `events.csv`."""
+        times = (self.arrived_s, self.sensed_s, self.completed_s)
+        return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
+
 
 class Environment:
     """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
@@ -47,9 +53,9 @@ class Environment:
         self._obstacles = Obstacles(scenario.arena.obstacles)
         self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
-        self.happenings: list[Happening] = []
-        self.active: list[Happening] = []
-        self.changed: list[Happening] = []
+        self.arrived: list[EventRecord] = []
+        self.active: list[EventRecord] = []
+        self.changed: list[EventRecord] = []
         self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
@@ -102,10 +108,10 @@ class Environment:
         """Let events arrive (Poisson)."""
         for _ in range(self._rng.poisson(self._mean_arrivals)):
             x_m, y_m = self._place_of_event()
-            happening = Happening(self._ids.of(len(self.happenings)), x_m, y_m, time_s)
-            self.happenings.append(happening)
-            self.active.append(happening)
-            self.changed.append(happening)
+            record = EventRecord(self._ids.of(len(self.arrived)), x_m, y_m, time_s)
+            self.arrived.append(record)
+            self.active.append(record)
+            self.changed.append(record)
             self._place_active()
 
     def sense(
@@ -123,33 +129,51 @@ class Environment:
                 agents, indices = agents[seen], indices[seen]
             for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
                 if present[agent] and (misses is None or not misses(agent)):
-                    happening = self.active[index]
-                    sensed[agent].append(happening.as_sensed)
-                    if happening.sensed_s is None:
-                        happening.sensed_s = time_s
-                        self.changed.append(happening)
+                    record = self.active[index]
+                    sensed[agent].append(record.as_sensed)
+                    if record.sensed_s is None:
+                        record.sensed_s = time_s
+                        self.changed.append(record)
         return sensed
 
     def work(self, observers: dict[int, int], time_s: float) -> None:
         """Let each event's number of distinct observers work on it for one step; complete what is done."""
         done = False
-        for happening in self.active:
-            count = observers.get(happening.event, 0)
+        for record in self.active:
+            count = observers.get(record.event, 0)
             if count:
-                happening.work_agent_s += count * self._step_s
-                if happening.work_agent_s >= self._work_agent_s - 1e-9:
-                    happening.completed_s = time_s
-                    self.changed.append(happening)
+                record.work_agent_s += count * self._step_s
+                if record.work_agent_s >= self._work_agent_s - 1e-9:
+                    record.completed_s = time_s
+                    self.changed.append(record)
                     done = True
         if done:
-            self.active = [happening for happening in self.active if happening.completed_s is None]
+            self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
-    def take_changed(self) -> list[Happening]:
+    def take_changed(self) -> list[EventRecord]:
         """The events that arrived, were first sensed or completed since the last call."""
         changed, self.changed = self.changed, []
         return changed
 
+    def states(self) -> list[EventState]:
+        """All events so far, in order of arrival; those of one step by id."""
+        return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
+
+    def states_to_show(self) -> list[EventState]:
+        """Those that are not complete, or have changed since this was asked."""
+        shown = {event.event: event for event in (*self.active, *self.take_changed())}
+        return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
+
+    def mean_waiting_s(self) -> float:
+        """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
+        waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
+        return sum(waits) / len(waits) if waits else 0.0
+
     def _place_active(self) -> None:
-        places = [(happening.x_m, happening.y_m) for happening in self.active]
+        places = [(record.x_m, record.y_m) for record in self.active]
         self._places_m = np.array(places, dtype=np.float64).reshape(-1, 2)
+
+
+def _by_arrival(record: EventRecord) -> tuple[float, int]:
+    return record.arrived_s, record.event

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.orders import NOTE, Order
+from deltaswarm_wire.orders import NOTE, ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FaultSettings
 from deltaswarm_world.density import Floats
@@ -28,7 +28,7 @@ class Orders:
     """The orders of one step, numbered over the run."""
 
     def __init__(self, step_s: float) -> None:
-        self.given: list[Order] = []
+        self.given: list[ProcessOrder] = []
         self._step_s = step_s
         self._step = 0
         self._numbered = 0
@@ -42,7 +42,7 @@ class Orders:
         """Order something for some agents' processes; for no agents only a note is kept."""
         if agents or action == NOTE:
             time_s = self._step * self._step_s
-            self.given.append(Order(self._numbered, self._step, time_s, action, tuple(sorted(agents)), why))
+            self.given.append(ProcessOrder(self._numbered, self._step, time_s, action, tuple(sorted(agents)), why))
             self._numbered += 1
 
 

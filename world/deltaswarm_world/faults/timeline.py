@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.orders import Order
+from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
 from deltaswarm_world.density import Floats
@@ -49,7 +49,7 @@ class Faults:
         """Whose process is stopped."""
         return self._kinds[FREEZE].agents
 
-    def strike(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[Order]:
+    def strike(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
         """What ends and what begins before this step; the orders that follow, to be carried out one by one."""
         self.mute = self.deaf
         over = [spell for spell in self._spells if spell.end is not None and spell.end <= step]

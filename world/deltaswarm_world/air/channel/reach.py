@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from deltaswarm_wire.settings_radio import LOG_DISTANCE, PathLossSettings, RadioSettings
-from deltaswarm_world.air.channel.links import Ends, Finding, LinkDice, Links, Numbers
+from deltaswarm_world.air.channel.links import Ends, Finding, Hashes, LinkDice, Links
 from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 
@@ -135,7 +135,7 @@ class PathLoss:
         assert self._dice is not None
         return self._settings.shadowing_db * np.clip(self._dice.normals, -SHADOWING_CUT, SHADOWING_CUT)
 
-    def _numbers(self, dice: LinkDice, *sides: Ends) -> Numbers:
+    def _numbers(self, dice: LinkDice, *sides: Ends) -> Hashes:
         """What a link's shadowing depends on at each end, side by side: who it is, and the square that it is in."""
         ids = np.concatenate([side.ids for side in sides])
         side_m = self._settings.decorrelation_m
