@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from deltaswarm_agent.hearing import Whereabouts
-from deltaswarm_agent.motion import Walk
+from deltaswarm_agent.controllers.paper.walk import Walk
+from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -101,11 +101,14 @@ def test_a_walk_stays_outside_and_within_the_speed_limit(
 ) -> None:
     """Where the world does not have to stop it but for the last micrometres."""
     assume(all(depth_m(obstacle, start) < -NEAR_M for obstacle in obstacles))
-    walk = Walk(on_map(*obstacles, speed_mps=speed_mps), random.Random(seed))
+    walk = Walk(on_map(*obstacles, speed_mps=speed_mps), 100.0, random.Random(seed))
     world = WorldObstacles(obstacles)
     here = np.array([start])
-    for _ in range(60):
-        vx_mps, vy_mps = walk.velocity(*here[0].tolist())
+    promised: tuple[int, tuple[float, float]] = (0, (0.0, 0.0))
+    for now in range(60):
+        vx_mps, vy_mps = walk.velocity(now, *here[0].tolist())
+        assert now >= promised[0] or (vx_mps, vy_mps) == promised[1]
+        promised = walk.straight_until(now, *here[0].tolist(), (vx_mps, vy_mps)), (vx_mps, vy_mps)
         assert math.hypot(vx_mps, vy_mps) <= speed_mps * (1 + 1e-9)
         there = here + np.array([vx_mps, vy_mps])
         here = world.stop(here, there)
@@ -115,23 +118,24 @@ def test_a_walk_stays_outside_and_within_the_speed_limit(
 
 def test_an_obstacle_is_a_mirror() -> None:
     """Specular: along the edge a walk goes on as before, across it goes back, at the same speed."""
-    walk = Walk(on_map(SQUARE, speed_mps=2.0), random.Random(1))
-    walk._dx, walk._dy, walk._left_s = 1.6, 1.2, 100.0
-    assert walk.velocity(9.0, 14.0) == pytest.approx((0.4, 1.2))
-    assert (walk._dx, walk._dy) == pytest.approx((-1.6, 1.2))
-    assert walk.velocity(9.4, 15.2) == pytest.approx((-1.6, 1.2))
+    walk = Walk(on_map(SQUARE, speed_mps=2.0), 100.0, random.Random(1))
+    walk._vx, walk._vy, walk._ends = 1.6, 1.2, 100
+    assert walk.velocity(0, 9.0, 14.0) == pytest.approx((0.4, 1.2))
+    assert (walk._vx, walk._vy) == pytest.approx((-1.6, 1.2))
+    assert walk.velocity(1, 9.4, 15.2) == pytest.approx((-1.6, 1.2))
 
 
 def test_without_obstacles_a_walk_is_as_it_was() -> None:
     """The same generator gives the same walk, as one whose obstacle is far away."""
     far = ObstacleSettings(((38.0, 38.0), (39.0, 38.0), (38.0, 39.0)))
-    one, other = (Walk(on_map(*obstacles), random.Random(3)) for obstacles in ((), (far,)))
-    assert [one.velocity(20.0, 20.0) for _ in range(200)] == [other.velocity(20.0, 20.0) for _ in range(200)]
+    one, other = (Walk(on_map(*obstacles), 100.0, random.Random(3)) for obstacles in ((), (far,)))
+    walks = [[walk.velocity(now, 20.0, 20.0) for now in range(200)] for walk in (one, other)]
+    assert walks[0] == walks[1]
 
 
 def test_a_place_behind_an_obstacle_cannot_be_gone_to() -> None:
     """Nor one inside; an agent that was sent there would stand at the edge for ever."""
-    here = Whereabouts(on_map(SQUARE))
-    here.move_to(5.0, 15.0)
+    here = Whereabouts(on_map(SQUARE), 6.0, 4)
+    here.move_to((5.0, 15.0), ())
     for place, reachable in (((8.0, 15.0), True), ((15.0, 15.0), False), ((25.0, 15.0), False), ((15.0, 30.0), True)):
         assert here.is_in_arena(*place) == reachable

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltaswarm_wire.messages import Event
+from deltaswarm_wire.seeds import derived_key
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState
 from deltaswarm_world.density import MAX_TRIES, Floats, sampler
@@ -17,9 +18,9 @@ ARRIVALS_STREAM, START_STREAM = 1, 2
 """Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
 
 
-def generator(seed: int, stream: int) -> np.random.Generator:
-    """The generator of one stream of a run."""
-    return np.random.default_rng([seed, stream])
+def generator(seed: int, *stream: int) -> np.random.Generator:
+    """The generator of one stream of a run; not one that an agent, which has a seed of its own, could build."""
+    return np.random.default_rng([int.from_bytes(derived_key(seed, "world"), "little"), *stream])
 
 
 @dataclass

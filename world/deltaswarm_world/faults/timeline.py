@@ -7,13 +7,13 @@ kept here and asked for. Each fault has generators of its own, so that adding on
 from collections.abc import Collection, Sequence
 from typing import Any
 
-import numpy as np
 
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
 from deltaswarm_world.density import Floats
+from deltaswarm_world.environment import generator
 from deltaswarm_world.faults.kind import Kind, Orders, Spell
 from deltaswarm_world.faults.kinds import KINDS
 
@@ -77,7 +77,7 @@ class Faults:
         until_s = None if end is None else end * self._step_s
         head = {"fault": index, "kind": fault.kind, "step": step, "at_s": step * self._step_s}
         self.log.append({**head, "until_s": until_s, "agents": sorted(victims)})
-        spell = Spell(index, fault, victims, end, np.random.default_rng([self._seed, FAULT_STREAM, index, 1]))
+        spell = Spell(index, fault, victims, end, generator(self._seed, FAULT_STREAM, index, 1))
         if kind.begin(spell, living, f"{fault.kind} of {_whom(fault)}"):
             self._spells.append(spell)
         if kind.kills:
@@ -93,7 +93,7 @@ class Faults:
         if fault.roots:
             return set(roots) & living
         # Of all agents, so that chance hits the same ones however many others have died before.
-        shuffled = np.random.default_rng([self._seed, FAULT_STREAM, index, 0]).permutation(self._count).tolist()
+        shuffled = generator(self._seed, FAULT_STREAM, index, 0).permutation(self._count).tolist()
         wanted = int((fault.fraction or 0.0) * len(living) + 0.5)
         return set([agent for agent in shuffled if agent in living][:wanted])
 
