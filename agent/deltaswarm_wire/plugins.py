@@ -4,9 +4,12 @@ A name is that of a shipped class, of an entry point, or `module:Class`.
 """
 
 import difflib
+import hashlib
 import importlib
+import sys
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
+from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire import checked
@@ -95,6 +98,18 @@ def find_controller(mode: str, path: str = "control.mode") -> type[Any]:
         group=CONTROLLER_GROUP,
         needed=("Settings", "step"),
     )
+
+
+def source_digest(mode: str) -> str | None:
+    """A digest of the file that holds somebody else's controller; None for a shipped one, which the version tells.
+
+    Raises:
+        SettingsError: as `find_class`.
+    """
+    if mode in CONTROLLERS:
+        return None
+    file = sys.modules[find_controller(mode).__module__].__file__
+    return hashlib.blake2b(Path(file).read_bytes(), digest_size=8).hexdigest() if file else None
 
 
 def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path: str = "control") -> Any:

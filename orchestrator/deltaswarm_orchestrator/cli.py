@@ -211,7 +211,8 @@ def _scenario_of(arguments: argparse.Namespace) -> Scenario:
 
 def _default_folder(scenario: Scenario) -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    base = Path("runs") / f"{scenario.name}-{scenario.control.mode}-seed{scenario.seed}-{stamp}"
+    mode = scenario.control.mode.replace(":", "-")
+    base = Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}"
     numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
     free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
     return next(free)

@@ -113,8 +113,12 @@ def run_in_process(
 ) -> Outcome:
     """A whole run, or what there is of it when `stopped` says so; what its parts say of it."""
     reporter = reporter or Quiet()
-    swarm = InProcess(scenario)
     outcome = Outcome()
+    try:
+        swarm = InProcess(scenario)
+    except ControllerError as error:
+        outcome.messages.append(str(error))
+        return outcome
     steps = scenario.run.steps
     began = time.monotonic()
     for step in range(steps):

@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
 
@@ -154,6 +155,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "digest": None,
         "versions": provenance.versions(),
         "host": provenance.host(),
+        "controller": {"mode": scenario.control.mode, "source": source_digest(scenario.control.mode)},
     }
 
 

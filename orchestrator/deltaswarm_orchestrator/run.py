@@ -184,6 +184,8 @@ def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, me
         failed = _failed(swarm, noted)
         if not stopping:
             messages += map(_obituary, failed)
+        if failed and not _has_begun(observer):
+            swarm.stop_world()  # it would wait for them in vain
         if any(part.role == OPERATOR for part in failed):
             deadline = min(deadline, time.monotonic() + END_WITHIN_S / 2)
         if swarm.part(WORLD).process.exitcode is not None or time.monotonic() > deadline:
@@ -194,6 +196,11 @@ def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, me
         messages[:0] = map(_obituary, _failed(swarm, noted))
     unfinished = swarm.part(WORLD).process.exitcode != 0 or swarm.part(OPERATOR).process.exitcode not in (0, None)
     return "failed" if unfinished else "finished"
+
+
+def _has_begun(observer: Observer) -> bool:
+    """Whether the first step is under way."""
+    return observer.status is not None and observer.status.phase != "waiting"
 
 
 def _failed(swarm: Swarm, noted: set[Part]) -> list[Part]:

@@ -123,6 +123,7 @@ class WorldProcess:
         """All steps; True if none was cut off."""
         settings = self._config.scenario.run
         output.started()
+        self._send_status(0, "running")
         tick_s = settings.step_s / settings.real_time_factor
         pace = RealTimePace(tick_s, time.monotonic, time.sleep, log.error) if settings.clock == "realtime" else None
         for step in range(settings.steps):

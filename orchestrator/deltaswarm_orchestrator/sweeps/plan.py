@@ -12,6 +12,7 @@ import numpy as np
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import NAME, Scenario
 
 MAX_RUNS = 100_000
@@ -74,14 +75,15 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """Same scenario and same windows, same key: by it a finished run is found again, whatever its name."""
+        """Same scenario, controller and windows, same key: by it a finished run is found again, whatever its name."""
         grid = ""
         table = checked.plain(replace(self.scenario, name=""))
         density = table["events"]["density"]
         if density["kind"] == "grid":  # known by its weights, wherever the folder was moved
             grid = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
             density["file"] = ""
-        text = json.dumps([table, self.series_every_s, grid], sort_keys=True)
+        controller = source_digest(self.scenario.control.mode)
+        text = json.dumps([table, self.series_every_s, grid, controller], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     @property
