@@ -8,7 +8,7 @@ import random
 
 import pytest
 from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import State
+from deltaswarm_agent.controllers.paper.states import State
 
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_world.channel.chance import Loss

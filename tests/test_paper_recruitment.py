@@ -6,13 +6,20 @@ from collections.abc import Iterable
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import ARRIVAL_STEPS, ARRIVAL_STRICT_STEPS, Decision
-from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, best_place, weakest_leaf
-from deltaswarm_agent.states import State
-from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, Relocating, Sighting
+from deltaswarm_agent.core import Decision
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.frames import (
+    Descendant,
+    Leaving,
+    Member,
+    RecruitmentOrder,
+    Relocating,
+    Sighting,
+)
+from deltaswarm_agent.controllers.paper.recruitment import best_place, weakest_leaf
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.messages import Event
 from tests.cores import (
     INSIDE,
@@ -20,6 +27,7 @@ from tests.cores import (
     PARENT,
     PARENT_AT,
     ROOT,
+    STEPS,
     Lone,
     Place,
     a_member,
@@ -133,11 +141,11 @@ def leaf_frame(**more: Any) -> Member:
     return child(LEAF, (ME,), (58, 50), events=[FAR_EVENT], **more)
 
 
-def orders(decisions: Iterable[Decision]) -> list[Order | None]:
+def orders(decisions: Iterable[Decision]) -> list[RecruitmentOrder | None]:
     return [decision.radio.order for decision in decisions if isinstance(decision.radio, Member)]
 
 
-def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[Order | None]]:
+def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[RecruitmentOrder | None]]:
     """A root with one leaf up to a step; what it orders in the steps from 1 on."""
     root = a_root(**control)
     return root, orders(root.steps(until, leaf_frame()))
@@ -149,8 +157,8 @@ def test_a_root_recruits_on_its_own_clock(interval_s: int) -> None:
     _, said = with_a_leaf(2 * interval_s + 15, recruitment_interval_s=interval_s)
     expected = {}
     for number in (1, 2):
-        for since in range(ORDER_TTL_STEPS):
-            expected[number * interval_s + since] = (number, ORDER_TTL_STEPS - since)
+        for since in range(STEPS.order):
+            expected[number * interval_s + since] = (number, STEPS.order - since)
     found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 2) if order}
     assert found == expected
 
@@ -194,10 +202,10 @@ def test_a_movers_place_is_blocked_for_the_next() -> None:
 
 
 def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> Order:
-    return Order(leaf, cm(place[0]), cm(place[1]), number, ttl)
+    return RecruitmentOrder(leaf, cm(place[0]), cm(place[1]), number, ttl)
 
 
-def parent_says(pulse: int, order: Order | None) -> Member:
+def parent_says(pulse: int, order: RecruitmentOrder | None) -> Member:
     return member((ROOT, PARENT), PARENT_AT, pulse=pulse, order=order)
 
 
@@ -278,7 +286,7 @@ def test_a_mover_attaches_to_the_nearest_legal_member() -> None:
     """At its place; closer ones only after 3 steps."""
     lone = sent(INSIDE)
     near, legal = (56.0, 50.0), (59.0, 57.0)
-    for waited in range(ARRIVAL_STRICT_STEPS):
+    for waited in range(STEPS.arrival_strict):
         lone.step(member((ROOT, 4), near, pulse=102 + waited))
         assert lone.core.state is State.RELOCATING
     lone.step(member((ROOT, 4), near, pulse=105), member((ROOT, 5), legal, pulse=105))
@@ -291,7 +299,7 @@ def test_a_mover_attaches_to_the_nearest_legal_member() -> None:
 def test_a_mover_that_finds_nobody_gives_up() -> None:
     """It says that it relocates for 8 steps at its place, then that it leaves, and is free."""
     lone = sent(INSIDE)
-    waiting = lone.steps(ARRIVAL_STEPS)
+    waiting = lone.steps(STEPS.arrival)
     assert all(isinstance(decision.radio, Relocating) for decision in waiting)
     assert all((decision.act.vx_mps, decision.act.vy_mps) == (0.0, 0.0) for decision in waiting)
     assert isinstance(lone.step().radio, Leaving)

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
-from deltaswarm_wire.radio import Member, decode_radio
 
+from deltaswarm_agent.controllers.paper.frames import Member, decode_radio
+from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
 from deltaswarm_orchestrator.in_process import InProcess
 from tests.cores import play, swarm
 

@@ -4,20 +4,12 @@ import math
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import LEAVING_STEPS, ORPHAN_STEPS, ORPHAN_STRICT_STEPS
-from deltaswarm_agent.states import FREE, State
-from deltaswarm_agent.tree import (
-    FORMER_STEPS,
-    FRESHNESS_STEPS,
-    SILENCE_STEPS,
-    STALL_STEPS,
-    Membership,
-    is_fresh,
-)
-from deltaswarm_wire.radio import MAX_TABLE, Descendant, Leaving, Member, RadioFrame
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.frames import MAX_TABLE, Descendant, Leaving, Member, PaperFrame
+from deltaswarm_agent.controllers.paper.membership import Membership, is_fresh
+from deltaswarm_agent.controllers.paper.states import FREE, State
 from tests.cores import (
     INSIDE,
     ME,
@@ -25,6 +17,7 @@ from tests.cores import (
     PARENT,
     PARENT_AT,
     ROOT,
+    STEPS,
     Lone,
     a_chain,
     a_member,
@@ -86,7 +79,7 @@ def test_a_childs_own_word_about_itself_comes_first() -> None:
     ],
     ids=["child", "attending", "leaving", "relocating", "orphan", "other parent", "root"],
 )
-def test_a_child_is_dropped_when_it_is_none_any_more(says: RadioFrame, stays: bool) -> None:
+def test_a_child_is_dropped_when_it_is_none_any_more(says: PaperFrame, stays: bool) -> None:
     """It leaves, relocates, is orphaned, names another parent, or is a root itself."""
     root = a_root(agent=ME, d_min_m=9)
     root.step(child(CHILD, (ME,), CHILD_AT), child(2, (ME,), (42, 50)))
@@ -101,8 +94,8 @@ def test_a_silent_child_is_dropped_after_12_steps() -> None:
     """Not before: frames are lost now and then."""
     root = a_root()
     root.step(child(CHILD, (ME,), CHILD_AT))
-    tables = [decision.radio.table for decision in root.steps(SILENCE_STEPS) if isinstance(decision.radio, Member)]
-    assert [len(table) for table in tables] == [1] * (SILENCE_STEPS - 1) + [0]
+    tables = [decision.radio.table for decision in root.steps(STEPS.silence) if isinstance(decision.radio, Member)]
+    assert [len(table) for table in tables] == [1] * (STEPS.silence - 1) + [0]
 
 
 def test_the_root_knows_all_below_it() -> None:
@@ -121,7 +114,7 @@ def test_the_root_knows_all_below_it() -> None:
 @given(pulses, st.integers(0, 1000), st.integers(0, 40))
 def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed: int, late: int) -> None:
     """One that has advanced is trusted if it is at most 8 behind; one that was known before never is."""
-    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed) == (late <= FRESHNESS_STEPS and late < elapsed)
+    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed) == (late <= STEPS.freshness and late < elapsed)
 
 
 def test_the_pulse_goes_down_one_level_per_step() -> None:
@@ -136,7 +129,7 @@ def test_the_pulse_goes_down_one_level_per_step() -> None:
 def test_a_stalled_pulse_means_a_dead_root() -> None:
     """A member whose parent lives, but knows no newer pulse, is free after 20 steps."""
     lone = a_member(dissolution=False)
-    lone.steps(STALL_STEPS - 1, parent_says(100))
+    lone.steps(STEPS.stall - 1, parent_says(100))
     assert lone.core.state is State.MEMBER
     lone.step(parent_says(100))
     assert lone.core.state is State.WALKING
@@ -216,7 +209,7 @@ def test_leaving_is_said_in_four_frames() -> None:
     lone = a_member()
     assert isinstance(lone.step(leaving(PARENT, PARENT_AT)).radio, Leaving)
     said = [isinstance(decision.radio, Leaving) for decision in lone.steps(10)]
-    assert said == [True] * (LEAVING_STEPS - 1) + [False] * (11 - LEAVING_STEPS)
+    assert said == [True] * (STEPS.leaving - 1) + [False] * (11 - STEPS.leaving)
 
 
 def test_leaving_comes_before_anything_else() -> None:
@@ -232,11 +225,11 @@ def test_leaving_comes_before_anything_else() -> None:
 
 
 @pytest.mark.parametrize("says", [relocating(PARENT, PARENT_AT), attending(PARENT, PARENT_AT, 1, PARENT_AT), None])
-def test_whose_parent_is_lost_is_an_orphan_and_says_so(says: RadioFrame | None) -> None:
+def test_whose_parent_is_lost_is_an_orphan_and_says_so(says: PaperFrame | None) -> None:
     """At once if the parent is heard to be no member any more, after 12 steps if it is not heard."""
     lone = a_member()
     if says is None:
-        lone.steps(SILENCE_STEPS - 1)
+        lone.steps(STEPS.silence - 1)
         assert lone.core.state is State.MEMBER
     decision = lone.step(*([says] if says else []))
     assert lone.core.state is State.ORPHAN
@@ -292,7 +285,7 @@ def test_an_orphan_is_adopted_by_a_fresh_pulse_only(frame: Member, adopts: bool)
 def test_an_orphan_takes_any_in_range_at_last() -> None:
     """After 2 steps a member nearer than d_min will do."""
     lone = an_orphan()
-    for waited in range(1, ORPHAN_STRICT_STEPS):
+    for waited in range(1, STEPS.orphan_strict):
         lone.step(member((ROOT, 5), NEAR_AT, pulse=101 + waited))
         assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), NEAR_AT, pulse=110))
@@ -302,7 +295,7 @@ def test_an_orphan_takes_any_in_range_at_last() -> None:
 def test_an_orphan_gives_up_after_5_steps() -> None:
     """It is free, and says that it leaves: so its subtree does too."""
     lone = an_orphan()
-    lone.steps(ORPHAN_STEPS - 1)
+    lone.steps(STEPS.orphan - 1)
     assert lone.core.state is State.ORPHAN
     assert isinstance(lone.step().radio, Leaving)
     assert lone.core.state is State.WALKING
@@ -311,7 +304,7 @@ def test_an_orphan_gives_up_after_5_steps() -> None:
 def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> None:
     """A pulse that is newer than its own, but more than 8 behind what it should be by now, is none."""
     lone = a_member()
-    lone.steps(SILENCE_STEPS)
+    lone.steps(STEPS.silence)
     assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=101))
     assert lone.core.state is State.ORPHAN
@@ -320,7 +313,7 @@ def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> 
 
 
 @pytest.mark.parametrize(("root", "pulse", "joins"), [(ROOT, 100, False), (ROOT, 130, True), (2, 1, True)])
-@pytest.mark.parametrize("waited", [FORMER_STEPS, FORMER_STEPS + 1])
+@pytest.mark.parametrize("waited", [STEPS.former, STEPS.former + 1])
 def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, joins: bool, waited: int) -> None:
     """For 20 steps it joins it on a fresh pulse only; other trees at once."""
     lone = a_member()
@@ -328,4 +321,4 @@ def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, jo
     lone.at = OUTSIDE
     lone.steps(waited - 1)
     lone.step(member((root, PARENT), PARENT_AT, pulse=pulse), at=INSIDE)
-    assert (lone.core.state is State.MEMBER) == (joins or waited > FORMER_STEPS)
+    assert (lone.core.state is State.MEMBER) == (joins or waited > STEPS.former)

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 from deltaswarm_agent.core import Decision
 from deltaswarm_agent.hearing import FORGET_SENDER_STEPS
-from deltaswarm_agent.states import State
-from deltaswarm_wire.radio import Member, Order, Sighting, decode_radio, encode_radio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.frames import Member, RecruitmentOrder, Sighting, decode_radio, encode_radio
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.codec import MAX_ABS_CM
 from deltaswarm_wire.messages import Event, decode_act, decode_report, encode_act, encode_report
 from tests.cores import (
@@ -162,5 +162,5 @@ def test_no_place_outside_the_arena_is_gone_to() -> None:
 def test_no_order_leads_outside_the_arena() -> None:
     """Places to go to are within it, so such an order is wrong."""
     lone = a_member()
-    lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=Order(ME, 50_000, 5000, 1, 12)))
+    lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=RecruitmentOrder(ME, 50_000, 5000, 1, 12)))
     assert lone.core.state is State.MEMBER

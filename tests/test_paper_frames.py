@@ -4,21 +4,21 @@ from typing import Any
 
 import msgpack
 import pytest
-from deltaswarm_wire.radio import (
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_agent.controllers.paper.frames import (
     Attending,
     Descendant,
     Gone,
     Leaving,
     Member,
-    Order,
+    RecruitmentOrder,
     Relocating,
     Sighting,
     decode_radio,
     encode_radio,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-
 from deltaswarm_wire import radio
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES, MAX_STEP, WireError
 from tests.strategies import (
@@ -50,12 +50,12 @@ FULL = Member(
     (Descendant(MAX_AGENT_ID, MAX_AGENT_ID, -MAX_ABS_CM, -MAX_ABS_CM, radio.MAX_SCORE),) * radio.MAX_TABLE,
     (Sighting(MAX_ID, -MAX_ABS_CM, -MAX_ABS_CM, radio.MAX_AGE),) * radio.MAX_EVENTS,
     (Gone(MAX_ID, radio.MAX_AGE),) * radio.MAX_GONE,
-    Order(MAX_AGENT_ID, -MAX_ABS_CM, -MAX_ABS_CM, MAX_STEP, radio.MAX_TTL),
+    RecruitmentOrder(MAX_AGENT_ID, -MAX_ABS_CM, -MAX_ABS_CM, MAX_STEP, radio.MAX_TTL),
 )
 
 
 @given(radio_frames)
-def test_what_is_sent_is_heard(frame: radio.RadioFrame) -> None:
+def test_what_is_sent_is_heard(frame: radio.PaperFrame) -> None:
     """Every frame comes out as it went in, and as the same kind."""
     heard = decode_radio(encode_radio(frame))
     assert heard == frame
@@ -145,7 +145,7 @@ def test_an_oversized_frame_is_refused_at_both_ends() -> None:
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_frames_are_short_on_the_air(frame: radio.RadioFrame, most_bytes: int) -> None:
+def test_frames_are_short_on_the_air(frame: radio.PaperFrame, most_bytes: int) -> None:
     """At the far corner of the paper's arena, at the end of a run."""
     assert len(encode_radio(frame)) <= most_bytes
 

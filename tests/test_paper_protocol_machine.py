@@ -11,13 +11,13 @@ from random import Random
 from typing import Any
 
 from deltaswarm_agent.core import AgentCore, agent_rng
-from deltaswarm_agent.states import State
-from deltaswarm_agent.tree import ORPHAN_STEPS, SILENCE_STEPS, STALL_STEPS, Membership
-from deltaswarm_wire.radio import encode_radio
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
+from deltaswarm_agent.controllers.paper.frames import encode_radio
+from deltaswarm_agent.controllers.paper.membership import ORPHAN_STEPS, SILENCE_STEPS, STALL_STEPS, Membership
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.messages import Event, Frame
 from tests.cores import Place, agent_settings
 from tests.trees import Spans, check_agreement, cycle_of, true_descendants

@@ -7,10 +7,10 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-from deltaswarm_agent.motion import STAND, Velocity, Walk, towards
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.walk import STAND, Velocity, Walk, towards
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 
