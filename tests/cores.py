@@ -140,7 +140,7 @@ class Core:
         return Said(out.act, radio, out.report)
 
 
-def heard(frame: PaperFrame, counter: int) -> Heard:
+def on_air(frame: PaperFrame, counter: int) -> Heard:
     """A frame as the air delivers it."""
     return frame.sender, encode_sample(Sample(counter, encode(frame)))
 
@@ -168,7 +168,7 @@ class Lone:
         """One step; `at` moves it there first, `skip` is a number of steps that it misses before."""
         self.now += 1 + skip
         self.at = at or self.at
-        data = tuple(heard(said, self.now) if isinstance(said, PaperFrame) else said for said in frames)
+        data = tuple(on_air(said, self.now) if isinstance(said, PaperFrame) else said for said in frames)
         time_s = self.now * self.settings.step_s
         frame = Frame(self.now, time_s, False, *self.at, tuple(poses), tuple(events), data)
         return self.core.step(frame)

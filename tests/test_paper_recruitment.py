@@ -2,11 +2,10 @@
 
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import Decision
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -30,6 +29,7 @@ from tests.cores import (
     STEPS,
     Lone,
     Place,
+    Said,
     a_member,
     a_root,
     child,
@@ -60,8 +60,9 @@ def is_legal(place: Place, members: Iterable[Place], slack_m: float = 0.0) -> bo
     return min(distances_m) <= RANGE_M + slack_m and all(d >= D_MIN_M - slack_m for d in distances_m)
 
 
-def chosen(leaf: Place, members: list[Place], events: list[Event]) -> Place | None:
-    return best_place(leaf, members, events, sensing_range_m=SENSING_M, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+def chosen(leaf: Place, members: list[Place], events: list[Event], taken: Sequence[Place] = ()) -> Place | None:
+    limits = {"sensing_range_m": SENSING_M, "range_m": RANGE_M, "d_min_m": D_MIN_M}
+    return best_place(leaf, members, taken, events, **limits, size_m=SIZE_M)
 
 
 # The place
@@ -141,7 +142,7 @@ def leaf_frame(**more: Any) -> Member:
     return child(LEAF, (ME,), (58, 50), events=[FAR_EVENT], **more)
 
 
-def orders(decisions: Iterable[Decision]) -> list[RecruitmentOrder | None]:
+def orders(decisions: Iterable[Said]) -> list[RecruitmentOrder | None]:
     return [decision.radio.order for decision in decisions if isinstance(decision.radio, Member)]
 
 
@@ -153,13 +154,13 @@ def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[RecruitmentOrder
 
 @pytest.mark.parametrize("interval_s", [60, 20])
 def test_a_root_recruits_on_its_own_clock(interval_s: int) -> None:
-    """Each 60 s of its own counting, said for 12 steps with less and less time to live."""
+    """Each 60 s of its own pulse, said for 12 steps with less and less time to live; its number is the step."""
     _, said = with_a_leaf(2 * interval_s + 15, recruitment_interval_s=interval_s)
     expected = {}
-    for number in (1, 2):
+    for number in (interval_s, 2 * interval_s):
         for since in range(STEPS.order):
-            expected[number * interval_s + since] = (number, STEPS.order - since)
-    found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 2) if order}
+            expected[number + since] = (number, STEPS.order - since)
+    found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 1) if order}
     assert found == expected
 
 
@@ -167,7 +168,7 @@ def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
     """Near the event that is out of everybody's sensing range."""
     root = a_root()
     strong = child(3, (ME,), (43, 50), score=1)
-    (order,) = {order[:3] for order in orders(root.steps(59, leaf_frame(), strong)) if order}
+    (order,) = {order[:3] for order in orders(root.steps(60, leaf_frame(), strong)) if order}
     place = (order[1] / 100, order[2] / 100)
     assert order[0] == LEAF
     assert distance(place, (62, 58)) <= 5
@@ -187,21 +188,60 @@ def test_recruitment_can_be_switched_off() -> None:
     assert not any(with_a_leaf(130, recruitment=False)[1])
 
 
+def orders_13_s_apart(*others: Member) -> list[set[tuple[int, int, int]]]:
+    """Leaf and place of a root's first two orders: when it gives the second, the first leaf is under way."""
+    root = a_root(recruitment_interval_s=13)
+    first = orders(root.steps(25, leaf_frame(), *others))
+    second = orders(root.steps(13, relocating(LEAF, (58, 50)), *others))
+    return [{order[:3] for order in said if order} for said in (first, second)]
+
+
+WEAK = child(3, (ME,), (50, 58), events=[FAR_EVENT], score=1)
+
+
 def test_a_movers_place_is_blocked_for_the_next() -> None:
     """Two leaves with the same event to go to are sent to places at least d_min apart."""
-    root = a_root(recruitment_interval_s=13)
-    both = [leaf_frame(), child(3, (ME,), (50, 58), events=[FAR_EVENT], score=1)]
-    (first,) = {order[:3] for order in orders(root.steps(13, *both)) if order}
-    moving = [relocating(LEAF, (58, 50)), both[1]]
-    found = {order[:3] for order in orders(root.steps(24, *moving)) if order} - {first}
-    assert all(distance((x_cm, y_cm), first[1:]) >= 600 for leaf, x_cm, y_cm in found)
-    assert {leaf for leaf, _, _ in found} == {3}
+    outpost = child(5, (ME,), (60, 64), score=9)
+    ((one, *place),), ((other, *other_place),) = orders_13_s_apart(WEAK, outpost)
+    assert (one, other) == (LEAF, 3)
+    assert distance((place[0], place[1]), (other_place[0], other_place[1])) >= 600
+
+
+def test_no_leaf_is_sent_where_only_a_mover_will_be() -> None:
+    """A mover's place blocks; it is no member yet, so being in range of that place alone is not enough."""
+    ((one, *_),), second = orders_13_s_apart(WEAK)
+    assert one == LEAF
+    assert second == set(), "what is left around the event is out of range of the root"
+
+
+@given(
+    in_arena,
+    st.lists(in_arena, min_size=1, max_size=3),
+    st.lists(in_arena, max_size=3),
+    st.lists(in_arena, min_size=1, max_size=6),
+)
+@settings(max_examples=150)
+def test_places_taken_only_block(leaf: Place, members: list[Place], taken: list[Place], spots: list[Place]) -> None:
+    """The place is in range of a member, at least d_min from all, and at least d_min from each place that is taken."""
+    place = chosen(leaf, members, [Event(number, *spot) for number, spot in enumerate(spots)], taken)
+    if place is not None:
+        assert is_legal(place, members, EPSILON)
+        assert all(distance(place, other) >= D_MIN_M - EPSILON for other in taken)
+
+
+def test_a_place_is_blocked_for_60_s() -> None:
+    """Then the mover has arrived or is lost; either way its place is free again."""
+    root = a_root(recruitment_interval_s=12)
+    root.steps(12, leaf_frame(), WEAK)
+    said = orders(root.steps(70, relocating(LEAF, (58, 50)), WEAK))
+    assert [order.leaf for order in said if order and order.number == 72] == [3] * 11
+    assert {order.number for order in said if order} == {12, 72}
 
 
 # The order on its way
 
 
-def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> Order:
+def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> RecruitmentOrder:
     return RecruitmentOrder(leaf, cm(place[0]), cm(place[1]), number, ttl)
 
 
