@@ -1,6 +1,5 @@
 """Trees by message: tables, pulses, dissolution, lost parents, and what keeps cycles away."""
 
-import math
 from typing import Any
 
 import pytest
@@ -9,7 +8,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import MAX_TABLE, Descendant, Leaving, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.membership import Membership, is_fresh
-from deltaswarm_agent.controllers.paper.states import FREE, State
+from deltaswarm_agent.controllers.paper.states import State
 from tests.cores import (
     INSIDE,
     ME,
@@ -46,7 +45,7 @@ def parent_says(pulse: int, **more: Any) -> Member:
 @given(lives(near_frames()), st.booleans())
 def test_a_table_has_no_agent_twice_and_not_itself(life: list[Any], is_root: bool) -> None:
     """Whatever the children claim, nobody above the agent either, though it name the agent as its parent."""
-    membership = Membership(ME, None if is_root else parent_says(1), 50, 0)
+    membership = Membership(ME, None if is_root else parent_says(1), 0, STEPS)
     for now, (heard, _) in enumerate(life, 1):
         membership.hear_children([frame for frame in heard if frame.sender != ME], now)
         agents = [row.agent for row in membership.table()]
@@ -114,7 +113,20 @@ def test_the_root_knows_all_below_it() -> None:
 @given(pulses, st.integers(0, 1000), st.integers(0, 40))
 def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed: int, late: int) -> None:
     """One that has advanced is trusted if it is at most 8 behind; one that was known before never is."""
-    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed) == (late <= STEPS.freshness and late < elapsed)
+    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed, STEPS.freshness) == (
+        late <= STEPS.freshness and late < elapsed
+    )
+
+
+def test_a_roots_first_pulse_on_the_air_is_0() -> None:
+    """And one more with each step."""
+    root = Lone(mode="hierarchical", rho=1)
+    pulses_said = []
+    for _ in range(4):
+        radio = root.step(events=[event(1, 50, 50)]).radio
+        assert isinstance(radio, Member)
+        pulses_said.append(radio.pulse)
+    assert pulses_said == [0, 1, 2, 3]
 
 
 def test_the_pulse_goes_down_one_level_per_step() -> None:
@@ -146,79 +158,6 @@ def test_a_member_follows_its_parents_path() -> None:
     assert membership is not None
     assert (membership.root, membership.level, membership.parent) == (9, 3, PARENT)
     assert (lone.path, membership.pulse) == ((9, ROOT, PARENT, ME), 5)
-
-
-# Dissolution
-
-
-@pytest.mark.parametrize("level", [1, 2, 3, 7])
-@pytest.mark.parametrize("gamma_max", [50, 20])
-def test_gamma_falls_by_the_level_each_step(level: int, gamma_max: int) -> None:
-    """Without an event in sight an agent is free after gamma_max / level steps, joining counted, rounded up."""
-    path = tuple(range(100, 100 + level))
-    lone = a_member(path, gamma_max=gamma_max)
-    for step in range(2, math.ceil(gamma_max / level)):
-        lone.step(member(path, PARENT_AT, pulse=100 + step))
-        assert lone.gamma == gamma_max - step * level
-    lone.step(member(path, PARENT_AT, pulse=200))
-    assert lone.core.state is State.WALKING
-
-
-def test_a_sensed_event_restores_gamma() -> None:
-    """To the whole of it, however little is left."""
-    lone = a_member()
-    for pulse in range(101, 121):
-        lone.step(parent_says(pulse))
-    assert lone.gamma == 50 - 21 * 2
-    lone.step(parent_says(121), events=[event(1, *INSIDE)])
-    assert lone.gamma == 50
-
-
-def test_a_root_does_not_dissolve() -> None:
-    """Its level is 0."""
-    root = a_root()
-    root.steps(300)
-    assert root.core.state is State.ROOT
-
-
-def test_dissolution_can_be_switched_off() -> None:
-    """The paper's ablation: members stay without any event."""
-    lone = a_member(dissolution=False)
-    for pulse in range(101, 400):
-        lone.step(parent_says(pulse))
-    assert (lone.core.state, lone.gamma) == (State.MEMBER, 50)
-
-
-def test_a_subtree_leaves_hop_by_hop() -> None:
-    """An agent that dissolves takes all below it along, one level per step; those above stay."""
-    crowd = a_chain(5, gamma_max=100)
-    sees = {agent: [event(1, *lone.at)] for agent, lone in crowd.lones.items() if agent != 2}
-    freed: dict[int, int] = {}
-    for step in range(80):
-        crowd.step(sees)
-        for agent, lone in crowd.lones.items():
-            if lone.core.state in FREE:
-                freed.setdefault(agent, step)
-    assert freed == {2: freed[2], 3: freed[2] + 1, 4: freed[2] + 2}
-    assert crowd.lones[1].core.membership is not None
-    assert crowd.lones[1].core.membership.table() == ()
-
-
-def test_leaving_is_said_in_four_frames() -> None:
-    """One a step, from the step in which the agent leaves; then it is silent."""
-    lone = a_member()
-    assert isinstance(lone.step(leaving(PARENT, PARENT_AT)).radio, Leaving)
-    said = [isinstance(decision.radio, Leaving) for decision in lone.steps(10)]
-    assert said == [True] * (STEPS.leaving - 1) + [False] * (11 - STEPS.leaving)
-
-
-def test_leaving_comes_before_anything_else() -> None:
-    """Who attends an event at once says first that it has left."""
-    lone = a_member()
-    here = [event(1, *INSIDE)]
-    said = [lone.step(leaving(PARENT, PARENT_AT), events=here)]
-    said += lone.steps(6, events=here)
-    assert [type(decision.radio).__name__ for decision in said] == ["Leaving"] * 4 + ["Attending"] * 3
 
 
 # Lost parents
@@ -309,7 +248,7 @@ def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> 
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=101))
     assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=114), events=[])
-    assert (lone.core.state, lone.gamma) == (State.MEMBER, 50)
+    assert lone.core.state is State.MEMBER
 
 
 @pytest.mark.parametrize(("root", "pulse", "joins"), [(ROOT, 100, False), (ROOT, 130, True), (2, 1, True)])

@@ -35,6 +35,7 @@ from tests.cores import (
     child,
     cm,
     event,
+    leaving,
     member,
     relocating,
 )
@@ -284,10 +285,10 @@ def test_an_agent_with_children_refuses() -> None:
     assert lone.core.state is State.MEMBER
 
 
-def sent(place: Place = (56.0, 56.0), **control: Any) -> Lone:
+def sent(place: Place = (56.0, 56.0), number: int = 1) -> Lone:
     """A member that has just been ordered to a place."""
-    lone = a_member(**control)
-    decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place)))
+    lone = a_member()
+    decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place, number)))
     assert isinstance(decision.radio, Relocating)
     return lone
 
@@ -311,6 +312,40 @@ def test_an_order_is_obeyed_once() -> None:
     lone.step(parent_says(103, order_to(ME)))
     assert lone.core.state is State.MEMBER
     lone.step(parent_says(104, order_to(ME, number=2)))
+    assert lone.core.state is State.RELOCATING
+
+
+def test_a_restarted_roots_first_order_is_followed() -> None:
+    """An order's number is the step, which does not begin anew with the root's pulse."""
+    old, new = (a_root_since(step, recruitment_interval_s=13) for step in (0, 100))
+    first, second = (order for root in (old, new) for order in orders(root.steps(13, leaf_frame())) if order)
+    assert (first.number, second.number) == (13, 113)
+    lone = sent(INSIDE, number=first.number)
+    lone.step(parent_says(102, None))
+    assert lone.core.state is State.MEMBER
+    lone.step(parent_says(13, order_to(ME, number=second.number)))
+    assert lone.core.state is State.RELOCATING
+
+
+def a_root_since(step: int, **control: Any) -> Lone:
+    """A root that founded its tree in some step of the run."""
+    root = Lone(mode="hierarchical", rho=1, **control)
+    root.step(events=[event(1, 50, 50)], skip=step)
+    assert root.path == (ME,)
+    return root
+
+
+def test_an_order_is_forgotten_when_a_tree_is_entered_anew() -> None:
+    """An agent that left and joined again obeys an order with the number of the last one that it obeyed."""
+    lone = sent(INSIDE)
+    lone.step(parent_says(102, None))
+    lone.step(leaving(PARENT, PARENT_AT))
+    assert lone.core.state is State.WALKING
+    lone.steps(STEPS.former)
+    lone.step(at=(61.0, 50.0))
+    lone.step(parent_says(150, None), at=INSIDE)
+    assert lone.core.state is State.MEMBER
+    lone.step(parent_says(151, order_to(ME)))
     assert lone.core.state is State.RELOCATING
 
 

@@ -7,7 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame
-from deltaswarm_agent.controllers.paper.membership import is_senior as senior
+from deltaswarm_agent.controllers.paper.root_contest import is_senior as senior
 from deltaswarm_agent.controllers.paper.states import State
 from tests.cores import ME, STEPS, Crowd, Lone, a_root, event, member
 

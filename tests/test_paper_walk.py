@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.controllers.paper.walk import STAND, Velocity, Walk, towards
+from deltaswarm_agent.controller import STAND, Velocity
+from deltaswarm_agent.controllers.paper.walk import Walk, towards
 from deltaswarm_wire.checked import load
+from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.settings import AgentSettings
 
 ENDLESS_S = 1e9
@@ -22,16 +24,21 @@ steps_s = st.floats(0.01, 5.0)
 seeds = st.integers(0, 2**32)
 
 
-def an_agent(leg_max_s: float = 100.0, **more: Any) -> AgentSettings:
-    return load(AgentSettings, {**more, "control": {"leg_max_s": leg_max_s}})
+LEG_MAX_S = 100.0
 
 
-def walk(settings: AgentSettings, seed: int, x_m: float, y_m: float, steps: int) -> Iterator[tuple[float, float]]:
+def an_agent(**keys: Any) -> AgentSettings:
+    return load(AgentSettings, keys)
+
+
+def walk(
+    settings: AgentSettings, seed: int, x_m: float, y_m: float, steps: int, leg_max_s: float = LEG_MAX_S
+) -> Iterator[tuple[float, float]]:
     """Places of a walk, from the first on."""
-    legs = Walk(settings, random.Random(seed))
-    for _ in range(steps):
+    legs = Walk(settings, leg_max_s, random.Random(seed))
+    for now in range(steps):
         yield x_m, y_m
-        vx_mps, vy_mps = legs.velocity(x_m, y_m)
+        vx_mps, vy_mps = legs.velocity(now, x_m, y_m)
         x_m, y_m = x_m + vx_mps * settings.step_s, y_m + vy_mps * settings.step_s
     yield x_m, y_m
 
@@ -57,8 +64,8 @@ def test_a_walk_stays_in_the_arena(
 @settings(max_examples=60)
 def test_walls_are_mirrors(width_m: float, height_m: float, share: float, seed: int) -> None:
     """Specular reflection: a leg is a straight line folded at the walls, so each speed component is kept."""
-    settings = an_agent(ENDLESS_S, width_m=width_m, height_m=height_m)
-    places = list(walk(settings, seed, share * width_m, share * height_m, 200))
+    settings = an_agent(width_m=width_m, height_m=height_m)
+    places = list(walk(settings, seed, share * width_m, share * height_m, 200, ENDLESS_S))
     (x_m, y_m), (next_x_m, next_y_m) = places[:2]
     for step, place in enumerate(places):
         assert place[0] == pytest.approx(folded(x_m + step * (next_x_m - x_m), width_m), abs=1e-6)
@@ -70,13 +77,13 @@ def test_walls_are_mirrors(width_m: float, height_m: float, share: float, seed: 
 def test_legs_are_straight_at_full_speed_and_no_longer_than_the_longest(
     speed_mps: float, step_s: float, leg_max_s: float, seed: int
 ) -> None:
-    """Far from walls: one heading for at most `leg_max_s`, rounded up to steps, and always the whole speed."""
-    settings = an_agent(leg_max_s, width_m=1e5, height_m=1e5, speed_mps=speed_mps, step_s=step_s)
-    legs = Walk(settings, random.Random(seed))
+    """Far from walls: one velocity, the same to the bit, for at most `leg_max_s` rounded up to steps."""
+    settings = an_agent(width_m=1e5, height_m=1e5, speed_mps=speed_mps, step_s=step_s)
+    legs = Walk(settings, leg_max_s, random.Random(seed))
     lengths: list[int] = []
     last: Velocity | None = None
-    for _ in range(300):
-        velocity = legs.velocity(5e4, 5e4)
+    for now in range(300):
+        velocity = legs.velocity(now, 5e4, 5e4)
         assert math.hypot(*velocity) == pytest.approx(speed_mps)
         lengths = [*lengths[:-1], lengths[-1] + 1] if velocity == last else [*lengths, 1]
         last = velocity
@@ -85,11 +92,11 @@ def test_legs_are_straight_at_full_speed_and_no_longer_than_the_longest(
 
 def test_legs_last_uniform_0_to_the_longest() -> None:
     """Mean 50 s, rounded up to steps, and every decile has its share, over 4,000 legs of a fixed seed."""
-    legs = Walk(an_agent(width_m=1e5, height_m=1e5), random.Random(3))
+    legs = Walk(an_agent(width_m=1e5, height_m=1e5), LEG_MAX_S, random.Random(3))
     lengths = [0]
     last = None
     while len(lengths) <= 4000:
-        velocity = legs.velocity(5e4, 5e4)
+        velocity = legs.velocity(sum(lengths), 5e4, 5e4)
         if velocity == last:
             lengths[-1] += 1
         else:
@@ -104,11 +111,11 @@ def test_legs_last_uniform_0_to_the_longest() -> None:
 def test_headings_are_uniform() -> None:
     """Of 4,000 turns each eighth of the circle has its share, and they do not depend on one another."""
     settings = an_agent(width_m=1e5, height_m=1e5)
-    legs = Walk(settings, random.Random(4))
+    legs = Walk(settings, LEG_MAX_S, random.Random(4))
     headings = []
-    for _ in range(4000):
-        legs.turn()
-        vx_mps, vy_mps = legs.velocity(5e4, 5e4)
+    for now in range(4000):
+        legs.turn(now)
+        vx_mps, vy_mps = legs.velocity(now, 5e4, 5e4)
         headings.append(math.atan2(vy_mps, vx_mps) % math.tau)
     eighths = [int(heading / math.tau * 8) for heading in headings]
     assert all(420 <= eighths.count(eighth) <= 580 for eighth in range(8))
@@ -145,4 +152,58 @@ def test_who_is_at_a_place_stands() -> None:
 @pytest.mark.parametrize(("x_m", "y_m"), [(-5.0, 50.0), (50.0, 103.0), (-5.0, -5.0)])
 def test_a_walk_keeps_the_speed_limit_outside_the_arena(x_m: float, y_m: float) -> None:
     """A body that was put beyond a wall, as a real one may be, walks back no faster than it can."""
-    assert math.hypot(*Walk(an_agent(), random.Random(1)).velocity(x_m, y_m)) <= 1.0 + 1e-9
+    assert math.hypot(*Walk(an_agent(), LEG_MAX_S, random.Random(1)).velocity(0, x_m, y_m)) <= 1.0 + 1e-9
+
+
+walls = st.builds(
+    an_agent,
+    width_m=st.floats(1.0, 200.0),
+    height_m=st.floats(1.0, 200.0),
+    speed_mps=st.floats(0.01, 50.0),
+    step_s=st.floats(0.01, 10.0),
+)
+
+
+@given(walls, shares | st.floats(-0.5, 1.5), shares | st.floats(-0.5, 1.5), st.floats(0.1, 500.0), seeds)
+@settings(max_examples=200)
+def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
+    shared: AgentSettings, right: float, up: float, leg_max_s: float, seed: int
+) -> None:
+    """`straight_until` never promises a step in which the velocity would have differed, by as much as one bit."""
+    asked, left = (Walk(shared, leg_max_s, random.Random(seed)) for _ in range(2))
+    x_m, y_m = right * shared.width_m, up * shared.height_m
+    due = 0
+    velocity: Velocity = STAND
+    for now in range(120):
+        if now == due:
+            velocity = left.velocity(now, x_m, y_m)
+            due = left.straight_until(now, x_m, y_m, velocity)
+            assert now < due <= now + MAX_POSES
+        assert asked.velocity(now, x_m, y_m) == velocity, (now, due)
+        x_m, y_m = x_m + velocity[0] * shared.step_s, y_m + velocity[1] * shared.step_s
+
+
+@given(walls, seeds)
+@settings(max_examples=60)
+def test_a_velocity_changes_at_turns_and_walls_only(shared: AgentSettings, seed: int) -> None:
+    """Within a leg and away from walls it is bit-identical in each step."""
+    legs = Walk(shared, 20.0, random.Random(seed))
+    stride_m = shared.speed_mps * shared.step_s
+    place = [shared.width_m / 2, shared.height_m / 2]
+    for now in range(60):
+        before, ends = (legs._vx, legs._vy), legs._ends
+        velocity = legs.velocity(now, *place)
+        far = stride_m < place[0] < shared.width_m - stride_m and stride_m < place[1] < shared.height_m - stride_m
+        if now < ends and far:
+            assert velocity == before
+        place = [at + speed_mps * shared.step_s for at, speed_mps in zip(place, velocity, strict=True)]
+
+
+def test_an_agent_on_a_long_leg_is_asked_seldom() -> None:
+    """In the middle of a large arena the promise reaches to the leg's end, or as far as a promise may."""
+    shared = an_agent(width_m=1e4, height_m=1e4)
+    legs = Walk(shared, ENDLESS_S, random.Random(1))
+    velocity = legs.velocity(0, 5e3, 5e3)
+    assert legs.straight_until(0, 5e3, 5e3, velocity) == MAX_POSES
+    short = Walk(shared, 10.0, random.Random(1))
+    assert short.straight_until(0, 5e3, 5e3, short.velocity(0, 5e3, 5e3)) == short._ends
