@@ -263,6 +263,15 @@ def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
     return InProcess(load_scenario(name, sets, seed))
 
 
+def controllers_of(swarm: InProcess) -> dict[int, PaperController]:
+    """The controllers of a swarm under the paper's control, by agent."""
+    found = {}
+    for shell in swarm.agents:
+        assert isinstance(shell.controller, PaperController)
+        found[shell.agent] = shell.controller
+    return found
+
+
 def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[Tally]:
     """Run steps from 0 on; `before` each something may happen to the world."""
     for step in range(steps):
