@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_wire.envelope import decode_sample
 from tests.cores import controllers_of, play, swarm
 
-PAGE = Path(__file__).parent.parent / "agent" / "STATES.md"
+PAGE = Path(__file__).parent.parent / "agent/deltaswarm_agent/controllers/paper/STATES.md"
 
 Step = tuple[State, Cause, State]
 
