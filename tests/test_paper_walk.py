@@ -3,7 +3,7 @@
 import math
 import random
 from collections.abc import Iterator
-from itertools import pairwise
+from itertools import count, pairwise
 from typing import Any
 
 import pytest
@@ -95,8 +95,10 @@ def test_legs_last_uniform_0_to_the_longest() -> None:
     legs = Walk(an_agent(width_m=1e5, height_m=1e5), LEG_MAX_S, random.Random(3))
     lengths = [0]
     last = None
-    while len(lengths) <= 4000:
-        velocity = legs.velocity(sum(lengths), 5e4, 5e4)
+    for now in count():
+        if len(lengths) > 4000:
+            break
+        velocity = legs.velocity(now, 5e4, 5e4)
         if velocity == last:
             lengths[-1] += 1
         else:

@@ -30,9 +30,9 @@ def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame
             agent.change(Cause.EVENT_NOT_THERE)
     elif heard and agent.state is WALKING:
         _join_attending(agent, heard)
-    if agent.state is GOING and sensed and agent.target is not None:
-        if agent.here.is_at(agent.target.x_m, agent.target.y_m):
-            agent.change(Cause.AT_THE_EVENT)
+    target = agent.target
+    if agent.state is GOING and sensed and target is not None and agent.here.is_at(target.x_m, target.y_m):
+        agent.change(Cause.AT_THE_EVENT)
 
 
 def _join_attending(agent: Agent, heard: Sequence[PaperFrame]) -> None:

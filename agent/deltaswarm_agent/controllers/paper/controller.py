@@ -95,9 +95,10 @@ class PaperController:
             self._step_member(membership, sensed, heard)
         elif agent.state is ORPHAN:
             orphans.find_parent(agent, membership, heard, times.orphan_strict, times.orphan)
-        elif recruitment.has_arrived(agent):
-            if orphans.find_parent(agent, membership, heard, times.arrival_strict, times.arrival):
-                agent.gamma = agent.settings.gamma_max
+        elif recruitment.has_arrived(agent) and orphans.find_parent(
+            agent, membership, heard, times.arrival_strict, times.arrival
+        ):
+            agent.gamma = agent.settings.gamma_max
 
     def _step_member(self, membership: Membership, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
         agent, parent = self.agent, membership.parent
