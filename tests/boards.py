@@ -11,7 +11,7 @@ from deltaswarm_orchestrator import certificates, results
 from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Tls
-from tests.swarms import run
+from tests.swarms import PATIENCE_S, run
 
 SETTINGS = ("record=off", "run.duration_s=60")
 BOARD = 5
@@ -63,7 +63,7 @@ def run_with_board(folder: Path, board: Sequence[str], environment: Mapping[str,
             parts.append(start(command, **{PASSWORD_VARIABLE: passwords[f"agent-{agent}"]}))
         command = [*board, "--id", str(BOARD), *settings, "--run", "field", "--connect", over_tls]
         parts.append(start([*command, *tls_arguments(keys, f"agent-{BOARD}")], **environment))
-        assert [part.wait(60) for part in parts] == [0] * len(parts)
+        assert [part.wait(PATIENCE_S) for part in parts] == [0] * len(parts)
     return results.read_outcome(out)
 
 

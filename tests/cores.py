@@ -108,10 +108,8 @@ class Core:
 
     def __init__(self, agent: int, settings: AgentSettings, restart: int = 0) -> None:
         self.agent = agent
-        controller = make_controller(agent, settings, restart)
-        assert isinstance(controller, PaperController)
-        self.controller = controller
-        self.shell = Shell(agent, settings.step_s, controller)
+        self.shell = Shell(agent, settings.step_s, make_controller(agent, settings, restart))
+        self.controller = paper(self.shell)
 
     @property
     def state(self) -> State:
@@ -136,8 +134,18 @@ class Core:
     def step(self, frame: Frame) -> Said:
         """One step, as the world asks for it."""
         out = self.shell.step(frame)
-        radio = None if out.radio is None else decode(self.agent, decode_sample(out.radio).payload)
-        return Said(out.act, radio, out.report)
+        return Said(out.act, opened(self.agent, out.radio), out.report)
+
+
+def opened(sender: int, sample: bytes | None) -> PaperFrame | None:
+    """The paper's frame in a sample, if there is one."""
+    return None if sample is None else decode(sender, decode_sample(sample).payload)
+
+
+def paper(shell: Shell) -> PaperController:
+    """The paper's controller in a shell."""
+    assert isinstance(shell.controller, PaperController)
+    return shell.controller
 
 
 def on_air(frame: PaperFrame, counter: int) -> Heard:
@@ -265,11 +273,7 @@ def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
 
 def controllers_of(swarm: InProcess) -> dict[int, PaperController]:
     """The controllers of a swarm under the paper's control, by agent."""
-    found = {}
-    for shell in swarm.agents:
-        assert isinstance(shell.controller, PaperController)
-        found[shell.agent] = shell.controller
-    return found
+    return {shell.agent: paper(shell) for shell in swarm.agents}
 
 
 def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[Tally]:

@@ -19,7 +19,7 @@ from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.keys import Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Report, decode_report
 from deltaswarm_wire.session import use_one_worker_thread
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -94,11 +94,11 @@ class Boards:
         return (self.folder / f"board-{agent}.err").read_text()
 
     def stop(self, agent: int) -> int:
-        """SIGTERM, and the exit code; 2 s are allowed."""
+        """SIGTERM, and the exit code."""
         process = self.processes.pop(agent)
         process.terminate()
         try:
-            return process.wait(2.0)
+            return process.wait(PATIENCE_S)
         finally:
             process.kill()
             process.wait()
@@ -172,7 +172,7 @@ class Listener:
         wanted = self.frames[agent] + count
         wait_until(lambda: self.frames[agent] >= wanted, f"{count} frames of agent {agent}")
 
-    def wait_for(self, condition: Callable[[], Any], what: str, within_s: float = 60.0) -> None:
+    def wait_for(self, condition: Callable[[], Any], what: str, within_s: float = PATIENCE_S) -> None:
         """A condition on what was heard."""
         try:
             wait_until(condition, what, within_s)

@@ -12,7 +12,7 @@ from typing import Any
 
 import tomli_w
 
-from tests.swarms import RunningSwarm, running, wait_until
+from tests.swarms import PATIENCE_S, RunningSwarm, running, wait_until
 
 
 class Loop:
@@ -57,17 +57,31 @@ class Loop:
         process.kill()
         process.wait()
 
-    def wait_for_the_world(self, text: str, within_s: float = 30.0) -> None:
+    def wait_for_the_world(self, text: str, within_s: float = PATIENCE_S) -> None:
         """Until the world's log has this text."""
         wait_until(lambda: text in self.swarm.log("world"), f"the world says {text!r}", within_s)
 
-    def finish(self, within_s: float = 120.0) -> dict[str, Any]:
+    def finish(self, within_s: float = PATIENCE_S) -> dict[str, Any]:
         """The summary of a run that is valid; the boards end with it."""
         code, printed, errors = self.swarm.finish(within_s)
         assert code == 0, errors + printed + self.swarm.log("world")
         for agent, process in self.processes.items():
-            assert process.wait(20) == 0, self.said(agent)
+            assert process.wait(PATIENCE_S) == 0, self.said(agent)
         return self.swarm.summary()
+
+    def stop(self) -> dict[str, Any]:
+        """Interrupt a run in which all that it was for has happened; its summary. The boards end with it.
+
+        Left out of the reasons why the run is not valid is that it did not come to its last step.
+        """
+        self.swarm.interrupt()
+        _, printed, errors = self.swarm.finish()
+        for agent, process in self.processes.items():
+            assert process.wait(PATIENCE_S) == 0, (self.said(agent), errors, printed)
+        summary = self.swarm.summary()
+        assert not summary["complete"]
+        reasons = summary["invalid_because"][1:]
+        return summary | {"invalid_because": reasons, "valid": not reasons}
 
 
 @contextmanager

@@ -26,7 +26,7 @@ RUBBISH = {
         encode_act(Act(10**6, 0.0, 0.0, ())),
     ],
     RADIO: [b"\xc1", HUGE, msgpack.packb([1, 1, 4, 0, float("nan"), 0]), msgpack.packb([2, 3, 3, 0, 0, 0])],
-    REPORT: [b"?", HUGE, msgpack.packb({"v": 1}), msgpack.packb({"v": 7, "agent": 4})],
+    REPORT: [b"?", HUGE, msgpack.packb({"v": 2}), msgpack.packb({"v": 7, "agent": 4})],
 }
 
 

@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.sweeps.load import make_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Task
 from deltaswarm_wire.checked import SettingsError
-from tests.swarms import COMMAND, is_running, wait_until
+from tests.swarms import COMMAND, PATIENCE_S, is_running, wait_until
 
 MARK = "DELTASWARM_TEST_MARK"
 """Processes inherit it whatever they do to their sessions and groups: by it a test finds all that it caused."""
@@ -88,10 +88,10 @@ class RunningSweep:
 
     def wait_for_runs(self, count: int) -> None:
         """Until so many runs are on file."""
-        wait_until(lambda: self.finished() >= count or self.process.poll() is not None, f"{count} runs", 60)
+        wait_until(lambda: self.finished() >= count or self.process.poll() is not None, f"{count} runs")
         assert self.process.poll() is None, self.process.communicate()
 
-    def finish(self, within_s: float = 100.0) -> tuple[int, str, str]:
+    def finish(self, within_s: float = PATIENCE_S) -> tuple[int, str, str]:
         """Exit code, standard output, standard error."""
         out, err = self.process.communicate(timeout=within_s)
         return self.process.returncode, out, err
@@ -143,11 +143,11 @@ def _carries(pid: int, mark: str) -> bool:
     return carries and not is_tracker and pid != os.getpid() and is_running(pid)
 
 
-def all_gone(mark: str, within_s: float = 10.0) -> None:
+def all_gone(mark: str, within_s: float = PATIENCE_S) -> None:
     """Every process with the mark has ended within the time."""
     wait_until(lambda: not marked(mark), "the end of all processes", within_s)
 
 
 def python(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Another Python, to its end."""
-    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, check=False, timeout=PATIENCE_S)

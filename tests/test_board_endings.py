@@ -11,7 +11,7 @@ import pytest
 from mcap.reader import make_reader
 
 from tests.fields import EVENT_AT, Boards, board_table, boards, endpoint, free_port
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -93,7 +93,7 @@ def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
         for process in running.processes.values():
             process.terminate()
         for agent, process in running.processes.items():
-            assert process.wait(10) == 1
+            assert process.wait(PATIENCE_S) == 1
             assert f"in {where[agent]}" in running.said(agent)
 
 
@@ -110,7 +110,7 @@ def test_systemd_hears_no_more_of_a_body_that_hangs(tmp_path: Path) -> None:
             start(running, [kind], first=agent, environment=notify, log={"every_s": 1.0})
         wait_until(lambda: "hangs" in running.said(0), "a body that hangs")
         told[0].setblocking(False)
-        told[1].settimeout(20)
+        told[1].settimeout(PATIENCE_S)
         while b"not well: no battery" not in told[1].recv(1000):  # of a second, in which systemd hears of the other
             pass
         heard = []
@@ -127,7 +127,7 @@ def test_a_signal_has_the_robot_stand(number: signal.Signals, tmp_path: Path) ->
         start(running, ["Well"])
         wait_until(lambda: "made" in running.said(0), "a body")
         running.processes[0].send_signal(number)
-        assert running.processes[0].wait(5) == 0
+        assert running.processes[0].wait(PATIENCE_S) == 0
         assert f"stopped by {number.name}" in running.said(0)
         assert "stands" in running.said(0)
 
@@ -136,7 +136,7 @@ def test_what_is_left_to_do_is_done_where_a_body_fails_to_close(tmp_path: Path) 
     """The recording is whole; the exit code tells."""
     with boards(tmp_path) as running:
         start(running, ["FailsToClose"], "--steps", "1", log={"folder": str(tmp_path / "logs"), "record": "mcap"})
-        assert running.processes[0].wait(20) == 1
+        assert running.processes[0].wait(PATIENCE_S) == 1
     with (tmp_path / "logs" / "agent-0.mcap").open("rb") as stream:
         assert make_reader(stream).get_summary() is not None
 
@@ -147,7 +147,7 @@ def test_a_folder_that_cannot_be_written_to_is_said_and_left(tmp_path: Path) -> 
     log = {"folder": str(tmp_path / "file" / "logs"), "record": "mcap"}
     with boards(tmp_path) as running:
         start(running, ["Well"], "--steps", "2", log=log)
-        assert running.processes[0].wait(20) == 0
+        assert running.processes[0].wait(PATIENCE_S) == 0
         for text in ("nothing is logged to", "nothing is recorded: ", "first step", "body faulty in 0"):
             assert text in running.said(0)
 
@@ -158,7 +158,7 @@ def test_a_log_on_a_full_disk_moves_to_standard_error(tmp_path: Path) -> None:
     (tmp_path / "logs" / "agent-0.log").symlink_to("/dev/full")
     with boards(tmp_path) as running:
         start(running, ["Well"], "--steps", "2", log={"folder": str(tmp_path / "logs")})
-        assert running.processes[0].wait(20) == 0
+        assert running.processes[0].wait(PATIENCE_S) == 0
         said = running.said(0)
     assert said.count("nothing more is logged to") == 1
     assert "Traceback" not in said

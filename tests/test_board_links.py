@@ -7,17 +7,17 @@ from random import Random
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import AgentCore, agent_rng
-from deltaswarm_agent.states import State
-from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating, encode_radio
 
 from deltaswarm_agent.board.driver import Driver
-from deltaswarm_agent.board.inbox import Inbox, encode_sent
+from deltaswarm_agent.board.inbox import Inbox, Sent, encode_sent
 from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame, Relocating
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 from tests.cable import cable
+from tests.cores import Core, opened
 from tests.fields import EVENT_AT, TASK, board_table, boards, endpoint, free_port, listening
 
 ROOT, ONE, OTHER = 0, 1, 2
@@ -32,30 +32,33 @@ class Field:
         self.settings = load(AgentSettings, table)
         (folder / "events.csv").write_text("event,x_m,y_m\n1,10,10\n")
         self.drivers, self.bodies, self.inboxes = {}, {}, {}
+        self.cores: dict[int, Core] = {}
         for agent, (x_m, y_m) in STARTS.items():
-            rng = agent_rng(seed, agent)
             options = load(KinematicSettings, {"x_m": x_m, "y_m": y_m, "events": str(folder / "events.csv")})
             body = KinematicBody(options, BodyContext(agent, self.settings, Random(seed + agent)))
-            core = AgentCore(agent, self.settings, rng)
-            self.drivers[agent] = Driver(core, body, arrive_m=0.2, max_std_m=5.0)
+            self.cores[agent] = Core(agent, self.settings)
+            shell = self.cores[agent].shell
+            self.drivers[agent] = Driver(shell, body, step_s=self.settings.step_s, arrive_m=0.2, max_std_m=5.0)
             self.bodies[agent] = body
             self.inboxes[agent] = Inbox(agent, 3.0)
-        self.said: dict[int, RadioFrame | None] = dict.fromkeys(STARTS)
+        self.said: dict[int, PaperFrame | None] = dict.fromkeys(STARTS)
         self.now = -1
 
     def step(self, off: set[int]) -> None:
         """One step of all; whoever is `off` the air neither hears nor is heard."""
         self.now += 1
+        samples: dict[int, bytes | None] = {}
         for agent, driver in self.drivers.items():
             inbox = self.inboxes[agent]
-            decision = driver.step(self.now, float(self.now), lambda at, inbox=inbox: inbox.empty(self.now, at))
-            self.said[agent] = decision.radio if decision else None
-        for sender, radio in self.said.items():
+            said = driver.step(self.now, float(self.now), lambda at, inbox=inbox: inbox.empty(self.now, at))
+            samples[agent] = said.radio if said else None
+            self.said[agent] = opened(agent, samples[agent])
+        for sender, radio in samples.items():
             for hearer in STARTS:
                 far_m = math.dist(self.bodies[sender].true_m, self.bodies[hearer].true_m)
                 if radio is not None and not {sender, hearer} & off and far_m <= self.settings.range_m:
-                    sent = encode_sent(self.now + 1000.0 * sender)  # by a clock of its own
-                    self.inboxes[hearer].take(sender, encode_radio(radio), sent, float(self.now))
+                    sent = encode_sent(Sent(self.now + 1000.0 * sender, 0.0, 0.0))  # by a clock of its own
+                    self.inboxes[hearer].take(sender, radio, sent, float(self.now))
 
     def until(self, condition: Callable[[], bool], what: str, off: set[int], steps: int = 6000) -> None:
         """Steps until something is so."""
@@ -63,7 +66,7 @@ class Field:
             if condition():
                 return
             self.step(off)
-        states = {agent: driver.core.state.value for agent, driver in self.drivers.items()}
+        states = {agent: core.state.value for agent, core in self.cores.items()}
         raise AssertionError(f"not within {steps} steps: {what}; {states}, {self.said}")
 
     def until_in_tree(self, agent: int) -> None:
@@ -72,11 +75,11 @@ class Field:
 
     def state(self, agent: int) -> State:
         """What an agent is doing."""
-        return self.drivers[agent].core.state
+        return self.cores[agent].state
 
     def is_known(self, agent: int) -> bool:
         """Whether some root has this agent in its table, and the agent knows that root as its own."""
-        membership = self.drivers[agent].core.membership
+        membership = self.cores[agent].membership
         root = self.said.get(membership.root) if membership else None
         return type(root) is Member and len(root.path) == 1 and any(row.agent == agent for row in root.table)
 

@@ -6,19 +6,17 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from random import Random
 from typing import Any
 from zipfile import ZipFile
 
 import pytest
-from deltaswarm_agent.core import AgentCore
 
 from deltaswarm_agent.board.driver import MAX_FAILURES, Driver
 from deltaswarm_agent.bodies.loading import find_body
 from deltaswarm_agent.body import Body, Sensed
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.messages import MAX_SENSED, Event
-from tests.cores import agent_settings
+from tests.cores import Core, agent_settings
 from tests.fields import EVENT_AT, board_table, boards, endpoint, free_port
 from tests.swarms import wait_until
 
@@ -85,7 +83,7 @@ def test_a_body_of_another_package_drives_an_agent(tmp_path: Path) -> None:
         ("no_python", "def (", "cannot be imported: SyntaxError"),
         ("empty", "", "cannot be imported: AttributeError"),
         ("exits", "class Rover: sense = 1", "lacks Settings, REAL_TIME, move, close"),
-        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "its Settings are no dataclass"),
+        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "its Settings is no dataclass"),
     ],
 )
 def test_a_module_that_is_no_body_is_refused(
@@ -129,7 +127,7 @@ WELL = Sensed(5.0, 5.0, 0.1, (Event(1, 6.0, 5.0),))
 def steps(*gives: Any) -> tuple[Driver, Erratic, list[str]]:
     """The faults of so many steps."""
     body = Erratic(iter(gives))
-    driver = Driver(AgentCore(1, agent_settings(), Random(1)), as_body(body), arrive_m=0.2, max_std_m=1.0)
+    driver = Driver(Core(1, agent_settings()).shell, as_body(body), step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     faults = []
     for step in range(len(gives)):
         decision = driver.step(step, float(step), lambda at: ())

@@ -5,9 +5,9 @@ import os
 import shutil
 import subprocess
 import sys
-import venv
 import zipfile
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from email.parser import Parser
 from importlib.metadata import version
 from pathlib import Path
@@ -41,8 +41,9 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = subprocess.run([*reach, f"msgpack=={version('msgpack')}"], capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip(f"no package index: {done.stderr[-200:]}")
-    for platform in PLATFORMS:
-        assert main(["bundle", "--platform", platform, "--out", str(folder / platform)]) == 0
+    with ThreadPoolExecutor() as pool:  # dozens of calls of pip
+        commands = [["bundle", "--platform", platform, "--out", str(folder / platform)] for platform in PLATFORMS]
+        assert list(pool.map(main, commands)) == [0] * len(PLATFORMS)
     return folder
 
 
@@ -234,18 +235,22 @@ def found_python(minor: int) -> str:
 
 def environment_of(python: str, folder: Path, packages: Sequence[Path]) -> Path:
     """The Python of a new environment with these wheels."""
-    if python == sys.executable:
-        venv.create(folder, with_pip=True)
-    else:
-        subprocess.run([python, "-m", "venv", str(folder)], check=True)
-    command = [str(folder / "bin" / "python"), "-m", "pip", "install", "-q", "--no-index", *map(str, packages)]
-    subprocess.run(command, check=True)
-    return folder / "bin" / "python"
+    made = folder / "bin" / "python"
+    subprocess.run([python, "-m", "venv", "--without-pip", str(folder)], check=True)
+    pip = [sys.executable, "-m", "pip", "--python", str(made)]
+    subprocess.run([*pip, "install", "-q", "--no-index", *map(str, packages)], check=True)
+    return made
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The digest of the run in one process, whatever Python a board has."""
+    return usual_digest(tmp_path_factory.mktemp("usual"))
 
 
 @pytest.mark.processes
 @pytest.mark.parametrize("minor", NEWER)
-def test_the_agent_runs_with_the_32_bit_boards_wheels(made: Path, tmp_path: Path, minor: int) -> None:
+def test_the_agent_runs_with_the_32_bit_boards_wheels(made: Path, usual: str, tmp_path: Path, minor: int) -> None:
     """Agent and pure-Python msgpack as bundled for armv7l, over TLS, in a whole run; the digest is the usual one."""
     python = sys.executable if sys.version_info[1] == minor else found_python(minor)
     if not python or os.uname().machine != "x86_64":
@@ -257,4 +262,4 @@ def test_the_agent_runs_with_the_32_bit_boards_wheels(made: Path, tmp_path: Path
     used = [str(board), "-c", "import msgpack; print(msgpack.Packer.__module__)"]
     assert subprocess.run(used, capture_output=True, text=True, check=True).stdout.strip() == "msgpack.fallback"
     outcome = run_with_board(tmp_path, [str(board), "-P", "-m", "deltaswarm_agent"], {})
-    assert outcome.digest == usual_digest(tmp_path)
+    assert outcome.digest == usual

@@ -16,7 +16,7 @@ from deltaswarm_agent.board.settings import read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_orchestrator import certificates
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "agent" / "systemd"
@@ -171,7 +171,7 @@ def test_the_page_names_what_a_vehicle_needs() -> None:
 
 @pytest.fixture
 def place(tmp_path: Path) -> Path:
-    scenario = load_scenario("smoke", ["run.start_timeout_s=60"])
+    scenario = load_scenario("smoke", ["run.start_timeout_s=240"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     return tmp_path
 
@@ -229,7 +229,7 @@ def run_with_boards(command: str, place: Path, environment: dict[str, str]) -> N
             stack.enter_context(board)
             stack.callback(board.kill)
             parts.append(board)
-        assert [part.wait(120) for part in parts] == [0] * len(parts)
+        assert [part.wait(PATIENCE_S) for part in parts] == [0] * len(parts)
 
 
 def hear_nobody(command: str, place: Path, environment: dict[str, str]) -> None:
@@ -239,6 +239,6 @@ def hear_nobody(command: str, place: Path, environment: dict[str, str]) -> None:
         try:
             wait_until(lambda: "the operator hears run field" in said.read_text(), "the operator is up")
             it.send_signal(signal.SIGINT)
-            assert it.wait(20) == 0, said.read_text()
+            assert it.wait(PATIENCE_S) == 0, said.read_text()
         finally:
             it.kill()

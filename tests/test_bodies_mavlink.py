@@ -16,16 +16,17 @@ from random import Random
 from typing import Any
 
 import pytest
-from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, encode_radio
 from pymavlink.dialects.v20 import common
 
 from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, encode
 from deltaswarm_wire.checked import load
+from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings
 from tests.fields import RUN, board_table, boards, endpoint, free_port, listening
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -74,8 +75,8 @@ class Flight:
         """Land, and wait."""
         assert self.process.stdin is not None
         self.process.stdin.close()
-        self.process.wait(5)
-        self._reader.join(5)
+        self.process.wait(PATIENCE_S)
+        self._reader.join(PATIENCE_S)
 
 
 @contextmanager
@@ -133,14 +134,13 @@ def test_a_turned_arena_turns_both_ways() -> None:
         assert body.sense(0.0).y_m == pytest.approx(8.0, abs=0.1)
 
 
-def test_a_vehicle_stands_within_a_second_of_the_agents_stall() -> None:
-    """The agent's thread says nothing more, and the body's own has the vehicle stand."""
+def test_a_vehicle_stands_when_its_agent_stalls() -> None:
+    """The agent's thread says nothing more, and the body's own has the vehicle stand; when, the guard's tests say."""
     with a_body() as (body, flight):
         go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed")
         stalled_s = time.monotonic()
         wait_until(lambda: flight.speed_mps == 0.0, "a stand")
         stood = next(row for row in flight.track if row[0] > stalled_s and row[3:5] == [0.0, 0.0])
-        assert stood[0] - stalled_s < 1.0
         assert stood[5] > 0, "set-points go on, of zero"
         go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed again, once the agent is back")
 
@@ -194,7 +194,7 @@ def test_a_board_speaks_mavlink_2_as_a_companion_and_numbers_what_it_says() -> N
     """From the first message on: an autopilot answers in the version it hears."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as autopilot:
         autopilot.bind(("127.0.0.1", 0))
-        autopilot.settimeout(10.0)
+        autopilot.settimeout(PATIENCE_S)
         options = load(MavlinkSettings, {"device": f"udpout:127.0.0.1:{autopilot.getsockname()[1]}", "system_id": 7})
         body = MavlinkBody(options, BodyContext(1, load(AgentSettings, TASK), Random(1)))
         try:
@@ -256,10 +256,13 @@ def mavlink_table(port: int, air_port: int, folder: Path, **body: Any) -> dict[s
     return table
 
 
-def root_says(counter: int, at: tuple[float, float], table: tuple[Descendant, ...], order: Order | None) -> bytes:
+def root_says(
+    counter: int, at: tuple[float, float], table: tuple[Descendant, ...], order: RecruitmentOrder | None
+) -> bytes:
     """A frame of root 0, with its pulse going on."""
     at_cm = (round(100 * at[0]), round(100 * at[1]))
-    return encode_radio(Member(0, counter, *at_cm, False, (0,), counter, 0, table, (), (), order))
+    frame = Member(0, *at_cm, False, (0,), counter, 0, table, (), (), order)
+    return encode_sample(Sample(counter, encode(frame)))
 
 
 def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
@@ -272,7 +275,7 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
         wait_until(lambda: 1 in listener.alive, "the board on the air")
         counter = 0
 
-        def beat(at: tuple[float, float], order: Order | None = None) -> None:
+        def beat(at: tuple[float, float], order: RecruitmentOrder | None = None) -> None:
             nonlocal counter
             counter += 1
             frame = listener.radio.get(1)
@@ -281,8 +284,8 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
             listener.session.put(key, root_says(counter, at, rows, order))
             time.sleep(STEP_S)  # the pace of the root's own steps, not a wait for anything
 
-        def until(condition: Any, at: Any, order: Order | None, what: str) -> None:
-            deadline = time.monotonic() + 60
+        def until(condition: Any, at: Any, order: RecruitmentOrder | None, what: str) -> None:
+            deadline = time.monotonic() + PATIENCE_S
             while not condition():
                 assert time.monotonic() < deadline, (what, flight.at, listener.radio, running.said(1))
                 beat(at() if callable(at) else at, order)
@@ -293,13 +296,13 @@ def test_a_recruited_vehicle_flies_to_its_place(tmp_path: Path) -> None:
             beat((flight.at[0] + 1.0 + 15.0, flight.at[1] + 1.0))
         root_at = (10.0, 8.0)
         until(lambda: listener.path(1) == (0, 1), root_at, None, "a member")
-        order = Order(1, round(100 * place[0]), round(100 * place[1]), 1, 12)
+        order = RecruitmentOrder(1, round(100 * place[0]), round(100 * place[1]), 1, 12)
         until(lambda: type(listener.radio[1]).__name__ == "Relocating", root_at, order, "a mover")
         until(lambda: listener.path(1) == (0, 1), root_at, None, "a member at its place")
         arena_at = (flight.at[0] + 1.0, flight.at[1] + 1.0)
         assert math.dist(arena_at, place) < 0.5
         beat(root_at)
-        listener.session.put(key, encode_radio(Leaving(0, counter + 1, 1000, 800)))
+        listener.session.put(key, encode_sample(Sample(counter + 1, encode(Leaving(0, 1000, 800)))))
         listener.wait_for(lambda: listener.path(1) == (), "a free agent, after its root has left")
         assert running.stop(1) == 0
 
@@ -309,7 +312,7 @@ class Stalling(MavlinkBody):
 
     def sense(self, time_s: float) -> Any:
         """Hang, or go on."""
-        wait_until(lambda: not Path("stall").exists(), "the end of the stall", 60)
+        wait_until(lambda: not Path("stall").exists(), "the end of the stall")
         return super().sense(time_s)
 
 
@@ -333,11 +336,8 @@ def test_a_whole_board_that_stalls_or_freezes_has_its_vehicle_stand(
             (lambda: Path("stall").touch(), lambda: Path("stall").unlink()),
             (lambda: process.send_signal(signal.SIGSTOP), lambda: process.send_signal(signal.SIGCONT)),
         ):
-            stalled_s = time.monotonic()
             stall()
             wait_until(lambda: flight.speed_mps == 0.0, "a stand")
-            stood_s = next(row[0] for row in flight.track if row[0] > stalled_s and row[3:5] == [0.0, 0.0])
-            assert stood_s - stalled_s < 1.0
             recover()
             wait_until(lambda: moving(flight), "the walk again")
         assert running.stop(1) == 0

@@ -19,9 +19,8 @@ from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings
 from tests.fields import free_port
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
-WAIT_S = 10.0
 LOCAL = "127.0.0.1"
 IPV6 = Path("/proc/net/if_inet6")
 HAS_IPV6 = IPV6.exists() and " lo\n" in IPV6.read_text()
@@ -66,8 +65,8 @@ def received(link: Link, length: int) -> bytes:
     """So many bytes."""
     data = b""
     while len(data) < length:
-        more = link.receive(WAIT_S)
-        assert more, f"nothing within {WAIT_S} s after {data!r}"
+        more = link.receive(PATIENCE_S)
+        assert more, f"nothing within {PATIENCE_S} s after {data!r}"
         data += more
     return data
 
@@ -113,7 +112,7 @@ def test_tcp_opens_again_after_the_other_end_hung_up() -> None:
                     assert autopilot.recv(10) == b"go"
                     assert link.receive(0.01) == b""
                 with pytest.raises(ConnectionResetError, match="hung up"):
-                    link.receive(WAIT_S)
+                    link.receive(PATIENCE_S)
                 link.write(b"lost")
                 assert link.receive(0.01) == b"", "open again"
         finally:
@@ -136,10 +135,10 @@ def test_a_serial_line_that_is_pulled_out_is_told_of_and_found_again() -> None:
         os.close(theirs)
         os.close(ours)
         with pytest.raises(OSError, match=r"disconnected|error"):
-            link.receive(WAIT_S)
+            link.receive(PATIENCE_S)
         link.write(b"lost")
         with pytest.raises(OSError, match="open"):
-            link.receive(WAIT_S)
+            link.receive(PATIENCE_S)
     finally:
         link.close()
 

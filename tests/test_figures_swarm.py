@@ -15,8 +15,10 @@ from deltaswarm_orchestrator.figures.snapshot import Snapshot, snapshot
 from deltaswarm_orchestrator.figures.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import NOBODY, ROLES, Body, EventState
+from deltaswarm_wire.truth import Body, EventState
+from tests.truths import ROLES
 
 BODIES = (
     Body(0, 50, 50, "root", 0, NOBODY),

@@ -8,6 +8,7 @@ import pytest
 
 from tests.loops import Loop, loop
 from tests.namespaces import network, why_not
+from tests.swarms import PATIENCE_S
 
 pytestmark = [
     pytest.mark.processes,
@@ -16,20 +17,14 @@ pytestmark = [
 ]
 
 IS_LONG = "DELTASWARM_LONG" in os.environ
-WALL_S = 120 if IS_LONG else 15
-"""How long a run takes."""
+WALL_S = 120 if IS_LONG else 8
+"""How long a run takes at least."""
 
 DELAY_S = 0.02
-"""Each way; a step of 1 s at factor 10 is over after 0.1 s."""
+"""Each way; a step of 1 s at factor 4 is over after 0.25 s, and boards have six times what the link takes."""
 
-LATE_SHARE = {1: 1 / 15, 10: 1 / 5}
-"""In how many of the steps a board may be late, by factor.
-
-A board whose way there and back takes one to two steps misses every other step and no more: with 0.05 s each way it
-was late in 75 of 150, so half is what this must not come near. With 0.045 s it was late in 16 to 42, by the machine's
-load; with 0.02 s in none, even with eight busy processes on two cores. What is allowed is a machine that stands still:
-in a run of 15 s for one second at factor 1, where a step has 0.96 s to spare, and for three at factor 10.
-"""
+TOO_LONG_S = 0.4
+"""Each way; at factor 10 the way there and back takes eight steps."""
 
 WORLD, BOARD = 0, 1
 BOARDS = range(20, 25)
@@ -46,29 +41,36 @@ def run_apart(folder: Path, listen: str, factor: int, delay_s: float = DELAY_S) 
         with loop(folder, BOARDS, *arguments, scenario="paper-25", **places) as made:
             for board in BOARDS:
                 made.start(board)
-            return made.finish(WALL_S + 120), made
+            return made.finish(WALL_S + PATIENCE_S), made
 
 
-@pytest.mark.parametrize(("factor", "listen"), [(1, "tcp/{}:7447"), (10, "tls/{}:7447")])
-def test_a_run_with_boards_holds_the_pace(factor: int, listen: str, tmp_path: Path) -> None:
-    """All steps, nothing lost, and the boards take part in them."""
+@pytest.mark.parametrize(("factor", "listen"), [(1, "tcp/{}:7447"), (4, "tls/{}:7447")])
+def test_boards_on_another_machine_take_part(factor: int, listen: str, tmp_path: Path) -> None:
+    """In real time: all steps, nothing lost, and the boards close most of them in time.
+
+    A board that is always too slow by a little is late in every other step. How well a machine holds the pace, `bench`
+    says: here a busy one only takes longer.
+    """
     summary, made = run_apart(tmp_path, listen, factor)
     steps = WALL_S * factor
     assert (summary["valid"], summary["steps"], summary["transport_lost"]) == (True, steps, 0)
-    assert summary["wall_s"] > WALL_S - 1
-    assert summary["real_time_factor"] == pytest.approx(factor, rel=0.15)
+    assert summary["wall_s"] >= WALL_S
     assert set(summary["boards"]) == {str(board) for board in BOARDS}
     for board, attendance in summary["boards"].items():
         assert attendance["absences"] == 0
-        assert attendance["late_steps"] <= steps * LATE_SHARE[factor], f"board {board}: {attendance}"
+        assert attendance["late_steps"] < steps / 2, f"board {board}: {attendance}"
         assert f"ends after step {steps - 1}" in made.said(int(board))
 
 
 def test_boards_that_cannot_be_in_time_stall_nobody(tmp_path: Path) -> None:
-    """With a link that is slower than a step they are late in every other one; the run keeps its pace."""
-    summary, _ = run_apart(tmp_path, "tcp/{}:7447", 10, delay_s=0.08)
-    assert summary["valid"]
-    assert summary["real_time_factor"] == pytest.approx(10, rel=0.15)
-    third = summary["steps"] / 3
-    assert all(attendance["late_steps"] > third for attendance in summary["boards"].values())
-    assert summary["agents_late"] > third * len(BOARDS)
+    """With a link that is slower than a step they miss most steps, and the run takes no longer than without delay.
+
+    A world that waited for them would take eight times as long.
+    """
+    swift, _ = run_apart(tmp_path / "swift", "tcp/{}:7447", 10, delay_s=0.0)
+    slow, _ = run_apart(tmp_path / "slow", "tcp/{}:7447", 10, delay_s=TOO_LONG_S)
+    assert swift["valid"]
+    assert slow["valid"]
+    assert slow["steps"] == swift["steps"] == WALL_S * 10
+    assert all(attendance["late_steps"] > slow["steps"] / 3 for attendance in slow["boards"].values())
+    assert slow["wall_s"] < 3 * swift["wall_s"]

@@ -16,7 +16,7 @@ import pytest
 
 from tests.fields import EVENT_AT, RUN, TASK, Boards, Listener, board_table, boards, listening
 from tests.namespaces import HUB, Network, network, why_not
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = [
     pytest.mark.processes,
@@ -85,7 +85,7 @@ class Field:
         """Stop everybody; the operator's table and totals."""
         assert self._operator is not None
         self._operator.send_signal(signal.SIGTERM)
-        assert self._operator.wait(10) == 0
+        assert self._operator.wait(PATIENCE_S) == 0
         for agent in AGENTS:
             assert self.boards.stop(agent) == 0, self.boards.said(agent)
         with (self.out / "operator.csv").open(newline="") as table:

@@ -24,7 +24,7 @@ from deltaswarm_wire.session import Link
 from deltaswarm_wire.settings import OperatorSettings
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 FAST = ("--accelerate", "20")
 
@@ -42,14 +42,14 @@ class Operator:
         """What it has written to standard error."""
         return self._said.read_text()
 
-    def wait_for(self, text: str, within_s: float = 60.0) -> None:
+    def wait_for(self, text: str, within_s: float = PATIENCE_S) -> None:
         """Until it has said this."""
         wait_until(lambda: text in self.said, f"the operator says {text!r}: {self.said}", within_s)
 
     def end(self, by: signal.Signals = signal.SIGTERM) -> tuple[list[dict[str, str]], dict[str, Any]]:
         """Its table and its totals."""
         self.process.send_signal(by)
-        assert self.process.wait(10) == 0, self.said
+        assert self.process.wait(PATIENCE_S) == 0, self.said
         with (self.out / "operator.csv").open(newline="") as table:
             return list(csv.DictReader(table)), json.loads((self.out / "operator.json").read_text())
 
@@ -247,7 +247,7 @@ def test_a_full_disk_ends_the_table_and_not_the_operator(tmp_path: Path) -> None
         lines = operator.said.count("nobody")
         wait_until(lambda: operator.said.count("nobody") > lines, "who is alive")
         operator.process.terminate()
-        assert operator.process.wait(10) == 1
+        assert operator.process.wait(PATIENCE_S) == 1
     assert operator.said.count("nothing more is written to ") == 1
     assert "is not whole" in operator.said
     assert "Traceback" not in operator.said

@@ -38,16 +38,13 @@ from deltaswarm_wire.session import (
     use_one_worker_thread,
 )
 from deltaswarm_wire.settings import OperatorSettings
+from tests.swarms import PATIENCE_S
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 pytestmark = pytest.mark.processes
 
-PATIENCE_S = 20.0
-"""A bound on what should take a moment; nothing waits for it to pass."""
-
-END_WITHIN_S = 5.0
 AGENTS = 4
 KEYS = Keys("test")
 USERS = [OPERATOR, *(user_name(AGENT, agent) for agent in range(AGENTS))]
@@ -280,7 +277,7 @@ def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals)
     world.close_step(0)
     workloads.get(timeout=PATIENCE_S)
     process.send_signal(number)
-    assert process.wait(END_WITHIN_S) == 1
+    assert process.wait(PATIENCE_S) == 1
     watch.undeclare()
     assert [row.messages for row in world.rows()] == [1]
     totals = world.totals()
@@ -296,7 +293,7 @@ def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
     for step in range(500):
         world.close_step(step)
     world.token.undeclare()
-    assert process.wait(END_WITHIN_S) == 1
+    assert process.wait(PATIENCE_S) == 1
     assert [row.step for row in world.rows()] == list(range(500))
     assert world.totals()["complete"] is False
     assert "ERROR deltaswarm.operator: the world is gone before its last step: 500 steps" in world.log.read_text()
@@ -341,7 +338,7 @@ def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> N
         assert router.stdout.readline() == b"three steps closed\n"
         router.kill()
         router.communicate()
-        assert process.wait(END_WITHIN_S) == 1
+        assert process.wait(PATIENCE_S) == 1
         assert [row.step for row in world.rows()] == [0, 1, 2]
         assert world.totals()["end"] == "the world is gone before its last step"
 

@@ -17,9 +17,10 @@ from deltaswarm_orchestrator.recorder import Recorder
 from deltaswarm_orchestrator.recording import RecordingError, read_recording
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
-from deltaswarm_wire.messages import MAX_TIME_S, REPORT_ROLES, Event, Report, Workload
+from deltaswarm_wire.messages import MAX_TIME_S, Event, Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Tally, Truth
+from tests.swarms import PATIENCE_S
 from tests.truths import recorded, steps
 
 SCENARIO = load(Scenario, {"agents": {"count": 5}, "run": {"step_s": 0.3}})
@@ -35,7 +36,7 @@ reports = st.builds(
     agents,
     counts,
     counts,
-    st.sampled_from(REPORT_ROLES),
+    st.sampled_from(["attending", "root"]),
     places,
     places,
     agents,
@@ -97,7 +98,8 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
 
 def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
     """None is written as -1, and is None again."""
-    tally = Tally(0, 0.0, *[0] * 4, None, *[0] * (len(Tally._fields) - 7))
+    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
+    tally = Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None})
     event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
     write(tmp_path, [(Truth(0, 0.0, (), (event,), (), tally), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
     found = read_recording(tmp_path)
@@ -214,7 +216,7 @@ def test_a_killed_recorder_leaves_all_steps_up_to_its_last_flush(tmp_path: Path)
         assert writer.stdout is not None
         assert writer.stdout.readline() == "written\n"
         writer.kill()
-        assert writer.wait(30) == -signal.SIGKILL
+        assert writer.wait(PATIENCE_S) == -signal.SIGKILL
     assert not (tmp_path / "recording.mcap").exists()
     found = read_recording(tmp_path)
     told = list(steps(Scenario(), 500))

@@ -8,8 +8,8 @@ from deltaswarm_orchestrator.foxglove import VIEW_TOPICS
 from deltaswarm_orchestrator.scene import ROLE_COLOURS, colour
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import ROLES, Body, EventState
-from tests.truths import messages, on, recorded, shown, truth
+from deltaswarm_wire.truth import Body, EventState
+from tests.truths import ROLES, messages, on, recorded, shown, truth
 
 SCENARIO = load(Scenario, {"agents": {"count": 12}})
 

@@ -2,11 +2,12 @@
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
+import sys
 import tempfile
-import time
 from pathlib import Path
 from typing import Any
 
@@ -17,20 +18,19 @@ from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
-from tests.swarms import COMMAND, is_running, running, wait_until
+from tests.swarms import COMMAND, PATIENCE_S, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 LONG = ("--set", "run.duration_s=1000000")
 """A run that ends only when something makes it."""
 
-TWELVE = ("--set", "agents.count=12", "--set", "run.step_timeout_s=0.5")
-END_WITHIN_S = 5.0
+TWELVE = ("--set", "agents.count=12")
 
 
-def all_gone(pids: dict[str, int], within_s: float = END_WITHIN_S) -> None:
-    """Every process has ended within the time."""
-    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes", within_s)
+def all_gone(pids: dict[str, int]) -> None:
+    """Every process ends."""
+    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes")
 
 
 def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: Path) -> None:
@@ -51,49 +51,72 @@ def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: 
 
 def test_an_agent_that_hangs_is_left_behind_and_rejoins(tmp_path: Path) -> None:
     """SIGSTOP: the step's end does not wait for it for ever; SIGCONT: it takes part again."""
-    with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=2500") as swarm:
+    with running(tmp_path / "run", *TWELVE, *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 14, "all processes")
         swarm.wait_for_steps(1)
         swarm.signal("agent 4", signal.SIGSTOP)
         wait_until(lambda: "without agent 4" in swarm.log("world"), "the world to go on")
         swarm.wait_for_steps(1)
+        assert "agent 4, which hung, answers" not in swarm.log("world")
         swarm.signal("agent 4", signal.SIGCONT)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        wait_until(lambda: "agent 4, which hung, answers" in swarm.log("world"), "the agent's return")
+        swarm.wait_for_steps(1)
+        swarm.interrupt()
+        swarm.finish()
         summary = swarm.summary()
-        assert summary["agents_late"] == 1
-        assert summary["agents_lost"] == []
-        assert summary["valid"]
-        assert "ends after step 2499" in swarm.log("agent", 4)
+        assert summary["agents_late"] >= 1
+        assert (summary["agents_lost"], summary["transport_lost"]) == ([], 0)
+        assert swarm.manifest()["exit_reason"] == "stopped by SIGINT"
+
+
+def steps_of_nobody(log: str, agents: int) -> int:
+    """The steps from the one in which the last of so many agents hung to the one in which the first came back."""
+    hanging, since = set(), -1
+    for step, agent, back, back_in in re.findall(
+        r"step (\d+) goes on without agent (\d+)|agent (\d+), which hung, answers again in step (\d+)", log
+    ):
+        if agent:
+            hanging.add(agent)
+            since = int(step)
+        elif len(hanging) == agents:
+            return int(back_in) - since
+        else:
+            hanging.discard(back)
+    raise AssertionError(f"never did all hang: {log}")
 
 
 def test_when_all_agents_hang_the_world_waits_for_them(tmp_path: Path) -> None:
     """It does not race through steps in which nobody takes part; once they wake, all go on."""
-    with running(tmp_path / "run", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=2000") as swarm:
+    with running(tmp_path / "run", "--set", "run.step_timeout_s=1", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1)
         for agent in range(6):
             swarm.signal(f"agent {agent}", signal.SIGSTOP)
-        wait_until(lambda: swarm.log("world").count("which hangs") == 6, "the world to notice")
+        for agent in range(6):
+            wait_until(lambda agent=agent: f"without agent {agent}" in swarm.log("world"), f"word of agent {agent}")
         for agent in range(6):
             swarm.signal(f"agent {agent}", signal.SIGCONT)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
-        assert swarm.summary()["agents_late"] == 6
-        assert "ends after step 1999" in swarm.log("agent", 5)
+        for agent in range(6):
+            back = f"agent {agent}, which hung, answers"
+            wait_until(lambda back=back: back in swarm.log("world"), back)
+        swarm.wait_for_steps(1)
+        assert steps_of_nobody(swarm.log("world"), 6) <= 1
+        swarm.interrupt()
+        swarm.finish()
+        summary = swarm.summary()
+        assert summary["agents_late"] >= 6
+        assert (summary["agents_lost"], summary["transport_lost"]) == ([], 0)
 
 
 @pytest.mark.parametrize("part", ["world", "operator"])
 def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) -> None:
-    """Within 5 s, with a clear error and exit code 1; what was written is readable and marked incomplete."""
+    """With a clear error and exit code 1; what was written is readable and marked incomplete."""
     with running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1)
         pids = swarm.pids
         swarm.signal(part, signal.SIGKILL)
-        began = time.monotonic()
-        code, _, errors = swarm.finish(END_WITHIN_S + 5)
-        assert time.monotonic() - began < END_WITHIN_S
+        code, _, errors = swarm.finish()
         all_gone(pids)
         assert code == 1
         assert f"{part} was killed by SIGKILL" in errors
@@ -109,7 +132,7 @@ def info(folder: Path) -> dict[str, Any]:
 
 
 def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """SIGKILL of the orchestrator: all others end within 5 s, the recording can be read, nothing else is left."""
+    """SIGKILL of the orchestrator: all others end, the recording can be read, nothing else is left."""
     temporary = tempfile.TemporaryDirectory()  # a short path: there are sockets in it
     monkeypatch.setenv("TMPDIR", temporary.name)
     with temporary, running(tmp_path / "run", *LONG) as swarm:
@@ -132,13 +155,13 @@ def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) -> None:
-    """Ctrl-C, SIGTERM, a closed terminal: all end within 5 s and the recording is closed and whole."""
+    """Ctrl-C, SIGTERM, a closed terminal: all end, and the recording is closed and whole."""
     with running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
         swarm.wait_for_steps(1)
         pids = swarm.pids
-        os.killpg(swarm.process.pid, number)
-        code, _, errors = swarm.finish(END_WITHIN_S + 5)
+        swarm.interrupt(number)
+        code, _, errors = swarm.finish()
         all_gone(pids)
         assert code == 1
         assert "not valid" in errors
@@ -146,6 +169,22 @@ def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) 
         recording = read_recording(swarm.out / "recording.mcap")
         assert len(recording.tallies) == swarm.summary()["steps"] > 0
         assert swarm.summary()["transport_lost"] == 0
+
+
+def test_a_signal_is_heard_as_soon_as_the_world_listens(tmp_path: Path) -> None:
+    """It ends without waiting for agents that nobody starts."""
+    scenario = load_scenario("smoke", ["run.start_timeout_s=3600"])
+    (tmp_path / "scenario.toml").write_text(to_toml(scenario))
+    files = ["--scenario", "scenario.toml", "--out", "out", "--credentials", "credentials"]
+    command = [sys.executable, "-m", "deltaswarm_world", *files, "--run", "brief", "--listen", "tcp/127.0.0.1:0"]
+    with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE) as world:
+        try:
+            assert world.stdout is not None
+            assert world.stdout.readline().startswith(b"tcp/127.0.0.1:")
+            world.terminate()
+            assert world.wait(PATIENCE_S) == 1
+        finally:
+            world.kill()
 
 
 def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
@@ -157,7 +196,7 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
         with Observer("incomplete", swarm.recorder_link(), None, wire=False):
             swarm.start_operator(publish_all=False)
             swarm.start_agents([0, 1, 2, 4])
-            wait_until(lambda: swarm.part(WORLD).process.exitcode is not None, "the world's end", 10)
+            wait_until(lambda: swarm.part(WORLD).process.exitcode is not None, "the world's end")
         assert swarm.part(WORLD).process.exitcode == 1
         assert "not there after 2 s: agent 3, agent 5" in swarm.part(WORLD).log_tail()
         pids = {part.name: part.process.pid or 0 for part in swarm.parts}

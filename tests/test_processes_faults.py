@@ -96,7 +96,7 @@ def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:
         swarm.wait_for_steps(1)
         pids = swarm.pids
         os.kill(swarm.process.pid, signal.SIGKILL)
-        wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes", 5)
+        wait_until(lambda: not any(map(is_running, pids.values())), "the end of all processes")
 
 
 def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
 from deltaswarm_wire.session import Link, client_pairs, configured
 from tests.stranger import RUBBISH
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -52,7 +52,7 @@ class Stage:
             self.observer.leave_when_done()
             return self.swarm.part(WORLD).process.exitcode is not None
 
-        wait_until(has_ended, "the end of the run", 60)
+        wait_until(has_ended, "the end of the run")
         assert not self.swarm.join(5)
         scenario = load_scenario("smoke", SETTINGS)
         return results.summary(results.read_outcome(self.folder), scenario) | {
@@ -129,7 +129,7 @@ def test_rubbish_on_its_own_keys_is_counted_and_harms_nobody(stage: Stage) -> No
     stranger = [sys.executable, "-m", "tests.stranger", RUN, stage.swarm.endpoint, stage.swarm.password("agent-3")]
     with subprocess.Popen(stranger, stdin=subprocess.PIPE, cwd=Path(__file__).parents[1]) as process:
         summary = stage.finish()
-        process.communicate(timeout=10)
+        process.communicate(timeout=PATIENCE_S)
         assert process.returncode == 0
     assert summary["valid"], summary["invalid_because"]
     large_reports = 1  # counted by the world: the router forwards none

@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.session import PASSWORD_VARIABLE
-from tests.swarms import run, wait_until
+from tests.swarms import PATIENCE_S, run, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -61,7 +61,7 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
                     return swarm.part(WORLD).process.exitcode is not None
 
                 wait_until(has_ended, "the end of the run")
-                assert agent.wait(10) == 0
+                assert agent.wait(PATIENCE_S) == 0
             assert not swarm.join(5)
     outcome = results.read_outcome(tmp_path)
     summary = results.summary(outcome, scenario)

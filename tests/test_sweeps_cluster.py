@@ -15,7 +15,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.work import work
-from tests.swarms import wait_until
+from tests.swarms import PATIENCE_S, wait_until
 from tests.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
 
 distributed = pytest.importorskip("distributed")
@@ -23,8 +23,6 @@ distributed = pytest.importorskip("distributed")
 from deltaswarm_orchestrator import provenance  # noqa: E402  # nothing of it without Dask
 from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
-
-COME_WITHIN_S = 30.0
 
 
 class Cluster:
@@ -34,7 +32,7 @@ class Cluster:
         self.folder = folder
         self.mark = uuid.uuid4().hex
         self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self.file)
-        wait_until(self._address, "the scheduler", COME_WITHIN_S)
+        wait_until(self._address, "the scheduler")
         self.workers: list[subprocess.Popen[bytes]] = []
 
     @property
@@ -58,8 +56,8 @@ class Cluster:
         place = ["--local-directory", str(self.folder)]
         worker = self._start("worker", self.address, "--nthreads", "1", "--no-nanny", *place, **environment)
         self.workers.append(worker)
-        with distributed.Client(self.address, timeout=COME_WITHIN_S) as client:
-            client.wait_for_workers(len(self.workers), timeout=COME_WITHIN_S)
+        with distributed.Client(self.address, timeout=PATIENCE_S) as client:
+            client.wait_for_workers(len(self.workers), timeout=PATIENCE_S)
         return worker
 
     def _start(self, part: str, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
@@ -123,7 +121,7 @@ def test_the_loss_of_the_scheduler_is_said_and_costs_only_what_is_missing(cluste
     with on(cluster, file, tmp_path / "out") as running:
         running.wait_for_runs(2)
         cluster.scheduler.kill()
-        code, printed, errors = running.finish(30)
+        code, printed, errors = running.finish()
         assert code == 1
         assert f"failed: the Dask scheduler at {cluster.address} was lost" in errors
         assert "Traceback" not in errors

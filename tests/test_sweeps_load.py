@@ -39,7 +39,7 @@ def test_the_papers_conditions_are_all_there() -> None:
     sweep = load_sweep("paper")
     assert sweep.file.sweep.repeats == 20
     scenarios = {variant.label: variant.scenario for variant in sweep.variants}
-    assert {scenarios[f"hybrid {delta}"].control.delta for delta in range(2, 11)} == set(range(2, 11))
+    assert {scenarios[f"hybrid {delta}"].control.options["delta"] for delta in range(2, 11)} == set(range(2, 11))
     large = [one for one in scenarios.values() if one.agents.count == 100]
     assert len({(one.events.rate_hz, one.events.density.covariance_m2) for one in large}) == 4
     assert not scenarios["no recruitment"].control.recruitment
@@ -50,7 +50,7 @@ def test_the_papers_conditions_are_all_there() -> None:
 def test_a_dotted_key_is_the_same_quoted_or_not(axes: dict[str, Any]) -> None:
     """TOML reads the one as a key and the other as a table in a table."""
     sweep = made({"axes": axes})
-    assert [variant.scenario.control.delta for variant in sweep.variants] == [2, 3]
+    assert [variant.scenario.control.options["delta"] for variant in sweep.variants] == [2, 3]
     assert sweep.swept == ["control.delta"]
     assert labels({"axes": axes}) == ["delta=2", "delta=3"]
 

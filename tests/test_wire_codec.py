@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire import codec
-from deltaswarm_wire.codec import MAX_SAMPLE_BYTES, WireError
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from tests.strategies import NASTY, nested
 
 NOT_NUMBERS = [None, True, False, "1", b"1", [], {}, math.nan, math.inf, -math.inf]
@@ -118,23 +118,23 @@ def test_arrays_have_their_length() -> None:
 
 def test_a_map_has_exactly_its_fields() -> None:
     """Missing and unknown fields are named; the version comes first."""
-    assert codec.fields({"v": 1, "a": 2}, ("a",), "m") == {"v": 1, "a": 2}
-    assert refused(codec.fields, {"v": 1}, ("a",), "m").field == "m.a"
-    assert "b, c" in str(refused(codec.fields, {"v": 1, "a": 2, "c": 3, "b": 4}, ("a",), "m"))
+    assert codec.fields({"v": PROTOCOL_VERSION, "a": 2}, ("a",), "m") == {"v": PROTOCOL_VERSION, "a": 2}
+    assert refused(codec.fields, {"v": PROTOCOL_VERSION}, ("a",), "m").field == "m.a"
+    assert "b, c" in str(refused(codec.fields, {"v": PROTOCOL_VERSION, "a": 2, "c": 3, "b": 4}, ("a",), "m"))
     assert refused(codec.fields, {"a": 2}, ("a",), "m").field == "version"
     assert refused(codec.fields, [1], ("a",), "m").field == "m"
 
 
 def test_of_a_field_given_twice_the_last_counts() -> None:
     """As in most decoders; the map has each name once in the end."""
-    data = b"\x83\xa1v\x01\xa1a\x02\xa1a\x03"
+    data = b"\x83\xa1v\x02\xa1a\x02\xa1a\x03"
     assert codec.fields(codec.unpack(data), ("a",), "m")["a"] == 3
 
 
 @pytest.mark.parametrize("value", [value for value in NASTY if type(value) is not int])
 def test_any_other_version_is_refused(value: Any) -> None:
-    """True is not 1, and 1.0 is not either."""
-    for other in (value, 1.0, 0, 2):
+    """True is no number, nor is the version as a float."""
+    for other in (value, float(PROTOCOL_VERSION), 0, 1, PROTOCOL_VERSION + 1):
         assert refused(codec.version, other).field == "version"
 
 
@@ -144,4 +144,4 @@ def test_a_deeply_nested_value_is_refused_as_any_other() -> None:
         value: list[Any] = []
         for _ in range(depth):
             value = [value]
-        assert str(refused(codec.version, value)) == "version: list is not known, 1 is"
+        assert str(refused(codec.version, value)) == f"version: list is not known, {PROTOCOL_VERSION} is"

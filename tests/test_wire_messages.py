@@ -4,13 +4,14 @@ from typing import Any
 
 import msgpack
 import pytest
-from deltaswarm_wire.radio import Leaving, encode_radio
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire import messages
-from deltaswarm_wire.codec import MAX_RADIO_BYTES, MAX_SAMPLE_BYTES, WireError
+from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_RADIO_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
+from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event, Frame, decode_frame, encode_frame
+from deltaswarm_world.core import HEARD_BYTES
 from tests.strategies import (
     CODECS,
     FRAME,
@@ -86,9 +87,10 @@ def test_a_sensed_event_fits_into_what_is_reckoned_for_it(event: Event) -> None:
 
 @pytest.mark.parametrize("radio_bytes", [1, 7, 20, 342, MAX_RADIO_BYTES])
 def test_a_frame_that_is_full_to_its_room_passes(radio_bytes: int) -> None:
-    """Whatever fits into FRAME_ROOM_BYTES, three bytes of header each, is encoded and decoded."""
-    heard = tuple([b"x" * radio_bytes] * (messages.FRAME_ROOM_BYTES // (radio_bytes + 3)))[: messages.MAX_HEARD]
-    frame = Frame(2**32 - 1, 1e9, True, -1e6, 1e6, (), heard)
+    """Whatever fits into FRAME_ROOM_BYTES, with what the world reckons besides for each, is encoded and decoded."""
+    count = min(messages.MAX_HEARD, messages.FRAME_ROOM_BYTES // (radio_bytes + HEARD_BYTES))
+    heard = ((MAX_AGENT_ID, b"x" * radio_bytes),) * count
+    frame = Frame(2**32 - 1, 1e9, True, -1e6, 1e6, ((1 / 3, 1 / 3),) * messages.MAX_POSES, (), heard)
     data = encode_frame(frame)
     assert len(data) <= MAX_SAMPLE_BYTES
     assert decode_frame(data) == frame
@@ -96,23 +98,25 @@ def test_a_frame_that_is_full_to_its_room_passes(radio_bytes: int) -> None:
 
 def test_more_frames_than_may_be_heard_do_not_fit_into_a_frame() -> None:
     """The number of heard frames needs no check of its own at the sender: bytes run out first."""
-    smallest = len(encode_radio(Leaving(0, 0, 0, 0)))
-    assert messages.FRAME_ROOM_BYTES // (smallest + 3) < messages.MAX_HEARD
+    smallest = len(encode_sample(Sample(0, b"")))
+    assert messages.FRAME_ROOM_BYTES // (smallest + HEARD_BYTES) < messages.MAX_HEARD
 
 
 def test_a_frame_with_all_events_that_may_be_sensed_passes() -> None:
-    """A thousand sensed events and nothing heard stay below the limit."""
-    frame = Frame(1, 1.0, False, 0.0, 0.0, (Event(2**32 - 1, 1e5, 1e5),) * messages.MAX_SENSED, ())
+    """A thousand sensed events, all places and nothing heard stay below the limit."""
+    poses = ((1 / 3, 1 / 3),) * messages.MAX_POSES
+    frame = Frame(1, 1.0, False, 0.0, 0.0, poses, (Event(2**32 - 1, 1e5, 1e5),) * messages.MAX_SENSED, ())
     assert decode_frame(encode_frame(frame)) == frame
 
 
 @pytest.mark.parametrize(
-    ("heard", "said"), [((b"x" * (MAX_RADIO_BYTES + 1),), "frame.heard"), ((b"x" * MAX_RADIO_BYTES,) * 5, "sample")]
+    ("heard", "said"),
+    [(((0, b"x" * (MAX_RADIO_BYTES + 1)),), "frame.heard"), (((0, b"x" * MAX_RADIO_BYTES),) * 5, "sample")],
 )
-def test_an_oversized_frame_is_refused(heard: tuple[bytes, ...], said: str) -> None:
+def test_an_oversized_frame_is_refused(heard: tuple[messages.Heard, ...], said: str) -> None:
     """One heard frame may be as large as a radio frame may; a whole frame as large as a sample may."""
     with pytest.raises(WireError, match=f"^{said}"):
-        decode_frame(encode_frame(Frame(1, 1.0, False, 0.0, 0.0, (), heard)))
+        decode_frame(encode_frame(Frame(1, 1.0, False, 0.0, 0.0, (), (), heard)))
 
 
 def test_the_longest_report_is_far_below_the_limit() -> None:
@@ -137,12 +141,12 @@ def test_whatever_a_body_says_of_itself_can_be_sent(fault: str) -> None:
 def test_a_word_of_health_with_control_characters_is_refused() -> None:
     """It would be written into a log and on a terminal."""
     with pytest.raises(WireError, match="printable characters are allowed"):
-        messages.decode_health(msgpack.packb({"v": 1, "fault": "well\x1b[2J\nagent 4 is there"}))
+        messages.decode_health(msgpack.packb({"v": PROTOCOL_VERSION, "fault": "well\x1b[2J\nagent 4 is there"}))
 
 
 def test_a_frame_is_not_an_act() -> None:
     """Messages have no kind of their own, the key has; still a wrong one is refused."""
-    frame = encode_frame(Frame(1, 1.0, False, 0.0, 0.0, (), ()))
+    frame = encode_frame(Frame(1, 1.0, False, 0.0, 0.0, (), (), ()))
     for codec in MESSAGES:
         if codec is not FRAME:
             with pytest.raises(WireError):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError, pack
+from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, PROTOCOL_VERSION, WireError, pack
 from deltaswarm_wire.orders import ACTIONS, Order, decode_done, decode_order, encode_done, encode_order
 
 ORDERS = st.builds(
@@ -41,7 +41,7 @@ def test_the_word_that_it_is_done_survives(number: int) -> None:
 def test_a_wrong_field_is_named(field: str, value: Any) -> None:
     """As in every message."""
     with pytest.raises(WireError) as caught:
-        decode_order(pack({"v": 1, **GOOD._asdict(), field: value}))
+        decode_order(pack({"v": PROTOCOL_VERSION, **GOOD._asdict(), field: value}))
     assert caught.value.field == f"order.{field}"
 
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.settings import MODES, AgentSettings, OperatorSettings, RunSettings, Scenario
+from deltaswarm_wire.settings import AgentSettings, OperatorSettings, RunSettings, Scenario
 from tests.strategies import tables_of
 
 Path = tuple[str, ...]
@@ -66,7 +67,8 @@ def test_an_empty_table_is_the_papers_scenario() -> None:
     assert (scenario.agents.count, scenario.arena.width_m, scenario.arena.height_m) == (25, 100.0, 100.0)
     assert (scenario.run.duration_s, scenario.run.steps) == (9000.0, 9000)
     assert (scenario.events.work_agent_s, scenario.events.rate_hz) == (200.0, 0.05)
-    assert (scenario.control.mode, scenario.control.delta, scenario.control.rho) == ("hybrid", 3, 2)
+    control = PaperSettings()
+    assert (scenario.control.mode, control.delta, control.rho) == ("hybrid", 3, 2)
     assert (scenario.agents.sensing_range_m, scenario.radio.range_m) == (5.0, 9.0)
 
 
@@ -99,7 +101,9 @@ def test_settings_survive_the_way_through_a_table() -> None:
             "run": st.fixed_dictionaries({"duration_s": st.floats(60, 1e5), "step_s": st.floats(0.01, 60)}),
             "agents": st.fixed_dictionaries({"count": st.integers(1, 10_000)}),
             "radio": st.fixed_dictionaries({"range_m": st.floats(6.1, 1e3), "loss": st.floats(0, 1)}),
-            "control": st.fixed_dictionaries({"mode": st.sampled_from(MODES), "delta": st.integers(1, 1000)}),
+            "control": st.fixed_dictionaries(
+                {"mode": st.sampled_from(["decentralised", "hybrid", "my:Own"]), "delta": st.integers(1, 1000)}
+            ),
         },
     )
 )
@@ -117,11 +121,13 @@ def test_an_integer_serves_where_a_number_is_meant() -> None:
 
 
 def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
-    """Nothing of the others: neither their number, nor the events, nor the true loss of the air."""
-    told = Scenario(seed=5).for_agent()
-    assert told.seed == 5
-    names = {name for path in leaves(AgentSettings) for name in path}
-    assert not names & {"count", "rate_hz", "density", "loss", "duration_s", "threshold_hz"}
+    """This is the whole list: nothing of the others, of the events, of the run's seed."""
+    told = {".".join(path) for path in leaves(AgentSettings)}
+    task = {"step_s", "width_m", "height_m", "control.mode"}
+    assert told == task | {"seed", "speed_mps", "sensing_range_m", "range_m", "latency_s"}
+    seeds = {Scenario(seed=seed).for_agent(agent).seed for seed in (1, 2) for agent in range(10)}
+    assert len(seeds) == 20
+    assert min(seeds) > 2**32
 
 
 # Mistakes
@@ -228,7 +234,6 @@ def test_limits_are_where_they_are_said_to_be(path: Path) -> None:
         ({"name": "B\u00e4r"}, "name"),
         ({"name": "x" * 49}, "name"),
         ({"name": "x" * 100_000}, "name"),
-        ({"control": {"d_min_m": 10}}, "control.d_min_m"),
         ({"run": {"duration_s": 1, "step_s": 2}}, "run.duration_s"),
         ({"run": {"duration_s": 1e8, "step_s": 0.01}}, "run.duration_s"),
         ({"events": {"density": {"mean_m": [101, 5]}}}, "events.density.mean_m"),
@@ -277,7 +282,7 @@ def test_mistakes_are_found_below_a_path() -> None:
 NAMES = sorted({name for path in LEAVES for name in path} | {"x", "components", "mean_m"})
 
 
-@given(tables_of(NAMES, [*MODES, "grid", "mixture", "realtime", 10**400]))
+@given(tables_of(NAMES, ["hybrid", "decentralised", "grid", "mixture", "realtime", 10**400]))
 def test_no_table_breaks_the_check(table: dict[str, Any]) -> None:
     """Any table gives settings or mistakes, never both, never neither, and no other exception."""
     made, found = check(Scenario, table)

@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from deltaswarm_wire.radio import Relocating, encode_radio
 from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenario import load_scenario, reference, to_toml
 from deltaswarm_wire.checked import SettingsError, load, plain
+from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import LEAST_FRAME_BYTES, RadioSettings
 from tests.airs import EVERYTHING, radios
@@ -36,7 +36,7 @@ def problems(**radio: Any) -> list[str]:
         ({"bandwidth": {"queue_bytes": -1}}, "radio.bandwidth.queue_bytes: -1; an integer at least 0"),
         (
             {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 5}},
-            "radio.bandwidth.sender_bytes_per_s: 3; 0, or at least 7 bytes in a step or in the queue, is allowed",
+            "radio.bandwidth.sender_bytes_per_s: 3; 0, or at least 5 bytes in a step or in the queue, is allowed",
         ),
         ({"reception": "dics"}, "radio.reception: 'dics'; did you mean 'disc'? one of disc, log-distance is allowed"),
         (
@@ -130,7 +130,7 @@ def test_everything_at_once_is_a_scenario_file(tmp_path: Path) -> None:
 
 def test_no_frame_is_shorter_than_the_least() -> None:
     """By which a bandwidth is judged."""
-    assert len(encode_radio(Relocating(0, 0, 0, 0))) == LEAST_FRAME_BYTES
+    assert len(encode_sample(Sample(0, b""))) == LEAST_FRAME_BYTES
 
 
 def test_the_reference_names_the_keys_of_tables_in_lists() -> None:

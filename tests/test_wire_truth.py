@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire import truth
-from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, WireError
+from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.truth import Body, EventState, Tally, Truth, decode_truth, encode_truth
 from tests.strategies import NASTY, TRUTH, assert_decodes_or_complains, assert_field_is_named, strange, tallies, truths
 
@@ -38,7 +38,15 @@ def test_a_wrong_field_is_named(step: Truth, data: st.DataObject) -> None:
 def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
     """Every count of the tally is checked under its own name."""
     wrong: Any = {**tally._asdict(), field: "many"}
-    raw = {"v": 1, "step": 0, "time_s": 0.0, "bodies": [], "events": [], "links": [], "tally": list(wrong.values())}
+    raw = {
+        "v": PROTOCOL_VERSION,
+        "step": 0,
+        "time_s": 0.0,
+        "bodies": [],
+        "events": [],
+        "links": [],
+        "tally": list(wrong.values()),
+    }
     with pytest.raises(WireError, match=rf"^truth\.tally\.{field}: "):
         decode_truth(msgpack.packb(raw))
 
@@ -46,9 +54,9 @@ def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
 @pytest.mark.parametrize(
     ("place", "row", "field"),
     [
-        ("bodies", Body(0, 0.0, 0.0, "queen", 0, -1), "role"),
-        ("bodies", Body(0, 0.0, 0.0, "free", 0, -2), "parent"),
-        ("bodies", Body(0, float("nan"), 0.0, "free", 0, -1), "x_m"),
+        ("bodies", Body(0, 0.0, 0.0, "a role of too many letters", 0, -1, -1), "role"),
+        ("bodies", Body(0, 0.0, 0.0, "free", 0, -2, -1), "parent"),
+        ("bodies", Body(0, float("nan"), 0.0, "free", 0, -1, -1), "x_m"),
         ("events", EventState(0, 0.0, 0.0, 1.0, -1.0, None, 0.0), "sensed_s"),
         ("events", EventState(0, 0.0, 0.0, 1.0, None, float("inf"), 0.0), "completed_s"),
         ("links", (0, True), "receiver"),
@@ -63,7 +71,7 @@ def test_a_wrong_value_in_a_row_is_named(place: str, row: Any, field: str) -> No
 
 def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
     """Truth outgrows a low-latency link, and stays below its own limit."""
-    agents = tuple(Body(agent, agent / 7, agent / 3, "member", 3, 1) for agent in range(1000))
+    agents = tuple(Body(agent, agent / 7, agent / 3, "member", 3, 1, 0) for agent in range(1000))
     events = tuple(EventState(event, 1 / 3, 1 / 7, 1 / 9, None, None, 0.1) for event in range(1000))
     links = tuple((sender, receiver) for sender in range(1000) for receiver in range(0, 1000, 40))
     step = Truth(1, 1.0, agents, events, links, TALLY)
@@ -74,7 +82,7 @@ def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
 
 def test_oversized_truth_is_refused_at_both_ends() -> None:
     """The sender gets an error; a receiver does not even look."""
-    body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1)
+    body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
     with pytest.raises(WireError, match=rf"^sample: .*{MAX_ORDINARY_BYTES}"):
         encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
     with pytest.raises(WireError, match=r"^sample: "):

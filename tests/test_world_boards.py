@@ -2,10 +2,9 @@
 
 from typing import Any
 
-from deltaswarm_wire.radio import Relocating, encode_radio
-
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Act, Frame, Report, encode_act, encode_report
+from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.messages import Act, Frame, Report, Standing, encode_act, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore
@@ -19,7 +18,7 @@ def test_a_board_that_goes_is_counted_and_not_lost() -> None:
     lockstep = LockStep([AGENT, BOARD], [BOARD])
     lockstep.gone(BOARD)
     lockstep.back(BOARD)
-    lockstep.begin(0)
+    begin(lockstep, 0)
     for _ in range(2):
         lockstep.gone(BOARD)
         lockstep.gone(BOARD)
@@ -33,16 +32,16 @@ def test_steps_without_a_board_are_counted() -> None:
     """Those that it was away for, and those that it was there for and did not close, each once."""
     lockstep = LockStep([AGENT, BOARD], [BOARD])
     for step in range(3):  # there, and silent
-        lockstep.begin(step)
+        begin(lockstep, step)
         lockstep.close(AGENT, step)
         lockstep.give_up()
     lockstep.gone(BOARD)
     for step in range(3, 8):
-        assert lockstep.begin(step) == [AGENT]
+        assert begin(lockstep, step) == [AGENT]
         lockstep.close(AGENT, step)
         lockstep.give_up()
     lockstep.back(BOARD)
-    assert lockstep.begin(8) == [AGENT, BOARD]
+    assert begin(lockstep, 8) == [AGENT, BOARD]
     for agent in (AGENT, BOARD):
         lockstep.close(agent, 8)
     lockstep.give_up()
@@ -52,7 +51,7 @@ def test_steps_without_a_board_are_counted() -> None:
 def test_only_boards_that_hang_are_knocked_for() -> None:
     """An agent of this machine that hangs answers when it can."""
     lockstep = LockStep([AGENT, BOARD, 2], [BOARD, 2])
-    lockstep.begin(0)
+    begin(lockstep, 0)
     lockstep.close(2, 0)
     lockstep.give_up()
     lockstep.knock()
@@ -75,7 +74,7 @@ class Two:
 
     def say(self, counter: int) -> None:
         """A frame and a report of the board."""
-        assert self.core.hear_radio(BOARD, encode_radio(Relocating(BOARD, counter, 0, 0))) is None
+        assert self.core.hear_radio(BOARD, encode_sample(Sample(counter, b"here"))) is None
         if self.core.has_uplink:
             report = encode_report(Report(BOARD, counter, self.step, "root", 1.0, 1.0, 0, ()))
             assert self.core.hear_report(BOARD, report) is None
@@ -83,7 +82,7 @@ class Two:
     def end(self, *silent: int) -> Tally:
         """Acts of all but the silent, and the end of the step."""
         for agent in sorted(self.core.lockstep.waiting - set(silent)):
-            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, ())))
+            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, (), Standing(), self.step + 1)))
         return self.core.end()
 
 
@@ -128,7 +127,7 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
     assert stage.core.lockstep.waiting == {AGENT}
-    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, ())))
+    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, (), Standing(), stage.step + 1)))
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}
     stage.end(BOARD)

@@ -83,7 +83,7 @@ def test_arrivals_are_poisson(rate_hz: float, step_s: float) -> None:
     expected = rate_hz * step_s
     assert np.mean(counts) == pytest.approx(expected, abs=4 * (expected / 20_000) ** 0.5)
     assert np.var(counts) == pytest.approx(expected, rel=0.1)
-    assert [e.event for e in made.happenings] == list(range(1, len(made.happenings) + 1))
+    assert len({e.event for e in made.happenings}) == len(made.happenings)
 
 
 # Motion

@@ -11,6 +11,13 @@ agents = st.integers(0, 6)
 """Two more than there are: samples may come on any key."""
 
 
+def begin(lockstep: LockStep, step: int) -> list[int]:
+    """A step in which all that can be asked are asked."""
+    taking_part = lockstep.taking_part()
+    lockstep.begin(step, taking_part)
+    return taking_part
+
+
 class Life(RuleBasedStateMachine):
     """The lock-step beside a model that keeps each agent's condition by itself."""
 
@@ -31,7 +38,7 @@ class Life(RuleBasedStateMachine):
     def begin(self, skipped: int) -> None:
         """A step opens when the one before is closed; all that do not hang take part, in order."""
         self.step += skipped
-        taking_part = self.lockstep.begin(self.step)
+        taking_part = begin(self.lockstep, self.step)
         assert taking_part == sorted(set(self.condition) - self.those("hanging"))
         self.condition |= dict.fromkeys(taking_part, "owing")
         assert self.lockstep.is_closed == (not taking_part)
@@ -87,7 +94,7 @@ TestLife.settings = settings(max_examples=100, stateful_step_count=30)
 def test_a_step_in_order() -> None:
     """Begin, one act each, closed."""
     lockstep = LockStep([2, 0, 1])
-    assert lockstep.begin(0) == [0, 1, 2]
+    assert begin(lockstep, 0) == [0, 1, 2]
     assert [lockstep.close(agent, 0) for agent in (1, 2, 0)] == [True] * 3
     assert lockstep.is_closed
     assert lockstep.give_up() == []
@@ -96,7 +103,7 @@ def test_a_step_in_order() -> None:
 def test_one_act_closes_one_step() -> None:
     """A second one does not close anything, nor does one of a step before."""
     lockstep = LockStep([0, 1])
-    lockstep.begin(7)
+    begin(lockstep, 7)
     assert not lockstep.close(0, 6)
     assert lockstep.close(0, 7)
     assert not lockstep.close(0, 7)
@@ -106,19 +113,19 @@ def test_one_act_closes_one_step() -> None:
 def test_a_hanging_agent_rejoins_at_the_next_step() -> None:
     """Its late act brings it back, but not into the step under way."""
     lockstep = LockStep([0, 1])
-    lockstep.begin(0)
+    begin(lockstep, 0)
     lockstep.close(0, 0)
     assert lockstep.give_up() == [1]
-    assert lockstep.begin(1) == [0]
+    assert begin(lockstep, 1) == [0]
     assert not lockstep.close(1, 0)
     assert lockstep.waiting == {0}
     lockstep.close(0, 1)
-    assert lockstep.begin(2) == [0, 1]
+    assert begin(lockstep, 2) == [0, 1]
 
 
 def test_a_step_without_agents_is_closed() -> None:
     """When all have died the world goes on, for whoever watches it."""
     lockstep = LockStep([0])
     lockstep.gone(0)
-    assert lockstep.begin(0) == []
+    assert begin(lockstep, 0) == []
     assert lockstep.is_closed

@@ -5,17 +5,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from deltaswarm_wire.radio import Leaving, Member, RadioFrame, Relocating
 from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Act, Report, encode_act, encode_report
+from deltaswarm_wire.messages import Act, Report, Standing, encode_act, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
 from deltaswarm_world.core import WorldCore
-from deltaswarm_world.relay import TIME_TO_LIVE_S, roots_of
+from deltaswarm_world.relay import TIME_TO_LIVE_S
 from deltaswarm_world.uplink import Uplink
 from tests.airs import rates, shares, times
 
@@ -23,11 +22,6 @@ LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]
 """Each agent hears its neighbours alone, at a radio range of 9 m."""
 
 BASE = {"base_m": [0, 0], "range_m": 5.0}
-
-
-def member(agent: int, root: int) -> Member:
-    path = (root,) if agent == root else (root, agent)
-    return Member(agent, 0, 0, 0, False, path, 0, 0, (), (), (), None)
 
 
 class Stage:
@@ -46,10 +40,9 @@ class Stage:
         """One step; a report says who sent it, and when. `trees` are roots by agent: all in that of 4, by default."""
         self.step += 1
         roots = dict.fromkeys(range(self.count), self.count - 1) if trees is None else trees
-        spoken: list[tuple[int, RadioFrame]] = [(agent, member(agent, root)) for agent, root in roots.items()]
         sent = {sender: f"{sender}@{self.step}".ljust(LEAST_REPORT_BYTES).encode() for sender in senders}
         there = [agent not in absent for agent in range(self.count)]
-        arrived = self.uplink.carry(self.step, float(self.step), self.places_m, there, spoken, sent)
+        arrived = self.uplink.carry(self.step, float(self.step), self.places_m, there, roots, sent)
         return [data.decode().rstrip() for data in arrived]
 
 
@@ -172,13 +165,6 @@ def test_delay_outage_and_a_narrow_operator() -> None:
     assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"crowded": 2}, 2)
 
 
-def test_trees_are_read_off_frames() -> None:
-    """A member's path begins with its root; who relocates is still where it was; who leaves or is silent is not."""
-    before = {1: 7, 2: 7, 3: 7}
-    frames = [(0, member(0, 7)), (1, Relocating(1, 0, 0, 0)), (2, Leaving(2, 0, 0, 0)), (4, Relocating(4, 0, 0, 0))]
-    assert roots_of(frames, before) == {0: 7, 1: 7}
-
-
 def report(agent: int, sequence: int, step: int = 0) -> bytes:
     return encode_report(Report(agent, sequence, step, "root", 1.0, 2.0, 0, ()))
 
@@ -193,7 +179,7 @@ def test_the_world_checks_reports_as_the_operator_does() -> None:
             assert core.hear_report(agent, data) is None
             for bad in (b"", data[:-1], report(agent + 1, 9), report(agent, 9, step + 1), data):
                 assert core.hear_report(agent, bad)
-            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, ())))
+            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
         tallies.append(core.end())
     assert [tally.rejected for tally in tallies] == [15] * 3
     assert [tally.transport_lost for tally in tallies] == [1, 0, 0]
@@ -211,6 +197,6 @@ def test_a_dead_radio_reports_to_nobody() -> None:
         core.strike(step)
         for agent, _ in core.begin(step, last=False):
             core.hear_report(agent, report(agent, step, step))
-            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, ())))
+            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
         tallies.append(core.end())
     assert [(tally.reports_arrived, tally.reports_dropped_dead) for tally in tallies] == [(2, 0), (1, 1)]

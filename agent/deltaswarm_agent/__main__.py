@@ -11,9 +11,9 @@ from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of, program
-from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import AgentSettings
 
 BOARD = "board"
@@ -57,12 +57,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             restart=arguments.restart,
             world_lost_s=arguments.world_lost_s,
         )
+        controller_settings(config.settings.control.mode, config.settings.control.options, config.settings)
     except (ValueError, OSError) as error:
         print(f"{program(AGENT)}: {error}", file=sys.stderr)
         return 2
     try:
         return run_agent(config)
-    except (ControllerError, SettingsError) as error:
+    except ControllerError as error:
         logging.getLogger("deltaswarm.agent").error("agent %d fails: %s", config.agent, error)
         return 1
     except Exception as error:

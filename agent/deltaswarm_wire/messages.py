@@ -184,7 +184,7 @@ def decode_act(data: bytes) -> Act:
         integer(step, 0, MAX_STEP, "act.step"),
         number(vx_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(vy_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
-        _observed(observed) if observed else (),
+        _observed(observed),
         Standing(
             role_name(role, "act.role"),
             integer(level, 0, MAX_AGENT_ID, "act.level"),

@@ -3,6 +3,7 @@
 A name is that of a shipped class, of an entry point, or `module:Class`.
 """
 
+import difflib
 import importlib
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
@@ -26,7 +27,14 @@ CONTROLLER_GROUP = "deltaswarm.controllers"
 
 
 def find_class(
-    name: str, *, what: str, path: str, shipped: Mapping[str, str], group: str, needed: Collection[str]
+    name: str,
+    *,
+    what: str,
+    path: str,
+    shipped: Mapping[str, str],
+    group: str,
+    needed: Collection[str],
+    others: Collection[str] = (),
 ) -> type[Any]:
     """The class that `name` means.
 
@@ -37,11 +45,12 @@ def find_class(
         shipped: `module:Class` by short name, found without a search through all installed packages.
         group: the group of entry points.
         needed: the attributes that such a class has; `Settings` must be a dataclass.
+        others: names that mean something elsewhere, for messages.
 
     Raises:
         SettingsError: there is no such class, it cannot be imported, or it lacks something.
     """
-    target = name if ":" in name else shipped.get(name) or _entry_point(name, what, path, shipped, group)
+    target = name if ":" in name else shipped.get(name) or _entry_point(name, what, path, shipped, group, others)
     module, _, attribute = target.partition(":")
     try:
         found: Any = getattr(importlib.import_module(module), attribute)
@@ -57,13 +66,18 @@ def find_class(
     return cls
 
 
-def _entry_point(name: str, what: str, path: str, shipped: Mapping[str, str], group: str) -> str:
+def _entry_point(
+    name: str, what: str, path: str, shipped: Mapping[str, str], group: str, others: Collection[str]
+) -> str:
     from importlib.metadata import entry_points  # takes a board 2 MB, and most need none
 
     installed = {point.name: point.value for point in entry_points(group=group)}
     if name not in installed:
-        known = ", ".join(sorted({*shipped, *installed}))
-        raise SettingsError([Problem(path, repr(name), f"no such {what}; use one of {known}, or module:Class")])
+        known = sorted({*shipped, *installed, *others})
+        near = difflib.get_close_matches(name, known, n=1)
+        hint = f"did you mean {near[0]!r}? " if near else ""
+        allowed = f"{hint}use one of {', '.join(known)}, or module:Class"
+        raise SettingsError([Problem(path, repr(name), f"no such {what}; {allowed}")])
     return installed[name]
 
 

@@ -16,7 +16,7 @@ RECEPTIONS = (DISC, LOG_DISTANCE)
 
 OURS = "our reading"
 
-LEAST_FRAME_BYTES = 7
+LEAST_FRAME_BYTES = 5
 """No radio frame is shorter: the frame of an agent that relocates, with the smallest numbers."""
 
 MAX_TIME_S = 1e9

@@ -66,7 +66,7 @@ class Body(NamedTuple):
     role: str
     level: int
     parent: int
-    root: int
+    root: int = NOBODY
 
 
 class EventState(NamedTuple):

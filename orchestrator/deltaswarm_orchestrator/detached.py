@@ -12,12 +12,16 @@ from multiprocessing import forkserver
 if os.getpid() != os.getsid(0):
     os.setsid()
 
-ORCHESTRATOR = os.getppid()
+FORK_SERVER = os.getpid()
 
 
 @atexit.register
 def tidy() -> None:
-    """Remove the folder of the fork server's socket, where the orchestrator was killed and cannot."""
+    """Remove the folder of the fork server's socket, which an orchestrator that was killed could not.
+
+    The fork server ends with the orchestrator, which in an orderly end has removed the folder before. Who its parent
+    is would tell nothing: a killed process still is the parent for a moment after its files are closed.
+    """
     address = getattr(forkserver._forkserver, "_forkserver_address", None)
-    if os.getppid() != ORCHESTRATOR and address:
+    if os.getpid() == FORK_SERVER and address:
         shutil.rmtree(os.path.dirname(address), ignore_errors=True)

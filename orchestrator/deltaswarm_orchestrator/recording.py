@@ -120,7 +120,7 @@ class _Reader:
         """All that was found. A step of which the cut left only a part of the tally is left out."""
         found = self._found
         found.complete &= is_whole
-        found.events = [self._events[event] for event in sorted(self._events)]
+        found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
         found.tallies = [
             _row(Tally, {**self._net[step], **self._state[step]}) for step in sorted(self._net.keys() & self._state)
         ]

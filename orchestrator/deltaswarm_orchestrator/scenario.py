@@ -16,6 +16,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
+from deltaswarm_wire.settings_radio import RadioSettings
 
 BUILT_IN = ("paper-25", "paper-100", "smoke")
 
@@ -40,24 +41,25 @@ def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = N
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     """The scenario that a table describes, and all mistakes in it."""
     scenario, problems = checked.check(Scenario, table)
-    if scenario is None:
-        return None, problems
+    options, found = _control_options(table)
+    problems += found
+    if scenario is not None:
+        scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
+        problems += _grid_problems(scenario)
+    return scenario, problems
+
+
+def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """All options of the controller that a table asks for, written out, and all mistakes in them."""
+    control, _ = checked.check(ControlSettings, table.get("control", {}))
+    radio, _ = checked.check(RadioSettings, table.get("radio", {}))
+    if control is None:
+        return {}, []  # told with the other keys
+    shared = AgentSettings(range_m=(radio or RadioSettings()).range_m)
     try:
-        scenario = with_control(scenario)
+        return checked.plain(controller_settings(control.mode, control.options, shared)), []
     except SettingsError as error:
-        problems += error.problems
-    return scenario, problems + _grid_problems(scenario)
-
-
-def with_control(scenario: Scenario) -> Scenario:
-    """The scenario with all options of its controller written out.
-
-    Raises:
-        SettingsError: there is no such controller, or its options have mistakes.
-    """
-    control = scenario.control
-    settings = controller_settings(control.mode, control.options, scenario.for_agent(0))
-    return dataclasses.replace(scenario, control=ControlSettings(control.mode, checked.plain(settings)))
+        return {}, error.problems
 
 
 def to_toml(settings: Scenario | AgentSettings) -> str:
@@ -183,9 +185,10 @@ def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
 
 
 def _controller_rows(prefix: str) -> Iterator[str]:
-    """The options of each shipped controller."""
+    """The options of each shipped controller, with the modes that have them."""
     for target in dict.fromkeys(CONTROLLERS.values()):
         modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "
         for row in _reference_rows(find_controller(modes[0]).Settings(), prefix):
-            key, default, meaning = row.removeprefix("| ").split(" | ")[:3]
-            yield row.replace(f"| {meaning} |", f"| {'/'.join(modes)}: {meaning} |", 1)
+            key, default, meaning = row.split(" | ", 2)
+            yield f"{key} | {default} | {whose}{meaning}"

@@ -128,7 +128,7 @@ class WorldCore:
         return orders
 
     def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
-        """Move, let events arrive, work out sensing and hearing; a frame for each agent that has something to decide."""
+        """Move, let events arrive, work out sensing and hearing; a frame for each agent with something to decide."""
         environment, lockstep = self.environment, self.lockstep
         self._step, self._time_s = step, step * self.scenario.run.step_s
         taking_part = lockstep.taking_part()
@@ -414,8 +414,8 @@ class WorldCore:
         return sum(waits) / len(waits) if waits else 0.0
 
     def events(self) -> list[EventState]:
-        """All events so far, in order of arrival."""
-        return [_as_state(happening) for happening in self.environment.happenings]
+        """All events so far, in order of arrival; those of one step by id."""
+        return [_as_state(happening) for happening in sorted(self.environment.happenings, key=_by_arrival)]
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """What the world says of a run besides its rows."""

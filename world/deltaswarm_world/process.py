@@ -27,6 +27,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.output import WorldOutput
+from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.waker import Waker
 
 use_one_worker_thread()
@@ -122,7 +123,8 @@ class WorldProcess:
         """All steps; True if none was cut off."""
         settings = self._config.scenario.run
         output.started()
-        pace = Pace(settings.step_s / settings.real_time_factor) if settings.clock == "realtime" else None
+        tick_s = settings.step_s / settings.real_time_factor
+        pace = RealTimePace(tick_s, time.monotonic, time.sleep, log.error) if settings.clock == "realtime" else None
         for step in range(settings.steps):
             for order in self._core.strike(step):
                 self._give(order, pace)
@@ -158,7 +160,7 @@ class WorldProcess:
         if now >= self._knock_due or not lockstep.hanging:
             self._knock_due = now + self._config.scenario.run.step_timeout_s
 
-    def _give(self, order: Order, pace: "Pace | None") -> None:
+    def _give(self, order: Order, pace: RealTimePace | None) -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
 
         Raises:
@@ -185,7 +187,7 @@ class WorldProcess:
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._waker.done
 
-    def _collect(self, pace: "Pace | None") -> None:
+    def _collect(self, pace: RealTimePace | None) -> None:
         """Wait until every agent has closed the step, or its time is up; while all hang, for the first to return."""
         lockstep = self._core.lockstep
         timeout_s = self._config.scenario.run.step_timeout_s
@@ -213,14 +215,23 @@ class WorldProcess:
             reason = self._take_report(agent, sample)
         elif leaf == RADIO:
             reason = self._core.hear_radio(agent, sample.payload.to_bytes())
-            if sample.attachment is not None:
-                reason = self._core.hear_act(agent, sample.attachment.to_bytes()) or reason
+            if sample.attachment is not None:  # the act that closes the step rides on it
+                reason = self._take_act(agent, sample.attachment) or reason
         else:
-            reason = self._core.hear_act(agent, sample.payload.to_bytes())
+            reason = self._take_act(agent, sample.payload)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
         return False
+
+    def _take_act(self, agent: int, data: zenoh.ZBytes) -> str | None:
+        """Let an act close its agent's step, or end the agent's hanging. The reason if it is dropped."""
+        lockstep = self._core.lockstep
+        was_hanging = agent in lockstep.hanging
+        reason = self._core.hear_act(agent, data.to_bytes())
+        if was_hanging and agent not in lockstep.hanging:
+            log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
+        return reason
 
     def _take_report(self, agent: int, sample: zenoh.Sample) -> str | None:
         """A report is the uplink's; without one the operator gets it by itself. The reason if it is dropped."""
@@ -285,47 +296,21 @@ class WorldProcess:
         self._waker.close()
 
 
-class Pace:
-    """The wall clock's beat, for clock `realtime`."""
-
-    def __init__(self, tick_s: float) -> None:
-        self.overruns = 0
-        """Steps that began late because the one before took too long."""
-        self._tick_s = tick_s
-        self._next = time.monotonic()
-
-    def next_tick(self) -> float:
-        """When the step that begins now must end."""
-        now = time.monotonic()
-        if now > self._next + self._tick_s:
-            self.overruns += 1
-            if self.overruns == 1:
-                log.error("the machine cannot hold the pace of one step per %g s", self._tick_s)
-            self._next = now
-        self._next += self._tick_s
-        return self._next
-
-    def pause(self, seconds: float) -> None:
-        """The beat stood still for a while, and nobody is late for it."""
-        self._next += seconds
-
-    def wait(self) -> None:
-        """Sleep until the step's time is up."""
-        time.sleep(max(0.0, self._next - time.monotonic()))
-
-
 def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
     """Be the router and the world of one run; the process's exit code.
 
     `announce` is told the endpoints, with spaces between them, once the router listens on them.
     """
+    early: list[int] = []
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: None)
+            signal.signal(number, lambda number, _: early.append(number))
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
     with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
         world = WorldProcess(config, session)
+        if early:  # the signal came before anything waited for it
+            signal.raise_signal(early[0])
         try:
             world.wait_for_all()
             complete = world.run(output)

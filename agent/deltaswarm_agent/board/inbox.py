@@ -46,7 +46,7 @@ class _Sender:
 
 
 class _Arrival(NamedTuple):
-    """A sender's newest frame: its counter, when it came [s], where it was sent from [m] if that is known, its bytes."""
+    """A sender's newest frame: its counter, when it came [s], where from [m] if that is known, its bytes."""
 
     counter: int
     arrived_s: float
@@ -55,7 +55,7 @@ class _Arrival(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """The attachment of a radio sample: when it was sent, by the sender's own clock [s since its start], and where [m]."""
+    """A radio sample's attachment: when it was sent, by the sender's clock [s since its start], and where [m]."""
 
     sent_s: float
     x_m: float

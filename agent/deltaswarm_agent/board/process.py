@@ -26,7 +26,6 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
 from deltaswarm_wire.messages import Heard
-from deltaswarm_wire.plugins import controller_settings
 
 if TYPE_CHECKING:
     from deltaswarm_agent.board.recording import FrameRecorder
@@ -69,8 +68,6 @@ class BoardRun:
         """
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
-        control = self.settings.agent.control
-        controller_settings(control.mode, control.options, self.settings.agent, "agent.control")
         if body.REAL_TIME and self.accelerate != 1.0:
             raise SettingsError([Problem("--accelerate", f"{self.accelerate:g}", f"{body.__name__} is a real body: 1")])
         if self.settings.log.record != "off":

@@ -10,12 +10,13 @@ from deltaswarm_agent.bodies.loading import SHIPPED
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
-from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, Keys
+from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, tls_pairs
-from deltaswarm_wire.settings import AgentSettings
+from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 MODES = ("peer", "client")
 RECORDS = ("off", "mcap")
@@ -244,7 +245,25 @@ def read_settings(file: Path) -> BoardSettings:
     body = table.get("body")
     if type(body) is dict and str(body.get("kind", KINEMATIC)) in SHIPPED and type(body.get("options")) is dict:
         _find_beside(file.parent, body["options"], "events")
-    return checked.load(BoardSettings, table)
+    settings, problems = checked.check(BoardSettings, table)
+    problems += _control_problems(table)
+    if settings is None or problems:
+        raise SettingsError(problems)
+    return settings
+
+
+def _control_problems(table: dict[str, Any]) -> list[Problem]:
+    """What is wrong with the controller's options, whatever else is wrong."""
+    agent = table.get("agent", {})
+    known, _ = checked.known(AgentSettings, agent)
+    control, _ = checked.check(ControlSettings, agent.get("control", {}) if type(agent) is dict else {})
+    if control is None:
+        return []  # told with the other keys
+    try:
+        controller_settings(control.mode, control.options, known or AgentSettings(), "agent.control")
+    except SettingsError as error:
+        return error.problems
+    return []
 
 
 def _find_beside(folder: Path, table: dict[str, Any], name: str) -> None:

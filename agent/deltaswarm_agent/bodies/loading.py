@@ -20,7 +20,9 @@ def find_body(kind: str, path: str = "body.kind") -> type[Body]:
         SettingsError: nothing of that name, it cannot be imported, or it is no body.
     """
     needed = ("Settings", "REAL_TIME", "sense", "move", "close")
-    body: type[Body] = find_class(kind, what="body", path=path, shipped=SHIPPED, group=ENTRY_POINTS, needed=needed)
+    body: type[Body] = find_class(
+        kind, what="body", path=path, shipped=SHIPPED, group=ENTRY_POINTS, needed=needed, others=["world"]
+    )
     return body
 
 

@@ -321,14 +321,15 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
             problems[Problem("sweep", f"{times} variants called {label!r}", "different labels are expected")] = None
     if problems:
         return [], list(problems)
+    tables = [(label, scenario, checked.plain(scenario)) for label, scenario in made]
     return [
-        Variant(label, {name: checked.plain_value(_at(scenario, name)) for name in swept}, scenario)
-        for label, scenario in made
+        Variant(label, {name: _at(table, name) for name in swept}, scenario) for label, scenario, table in tables
     ], []
 
 
-def _at(settings: Any, dotted: str) -> Any:
-    """What stands under a dotted key, in a table or in settings."""
+def _at(table: dict[str, Any], dotted: str) -> Any:
+    """What stands under a dotted key; None for a key that this scenario's controller does not have."""
+    value: Any = table
     for name in dotted.split("."):
-        settings = settings[name] if isinstance(settings, dict) else getattr(settings, name)
-    return settings
+        value = value.get(name) if isinstance(value, dict) else None
+    return value

@@ -1,4 +1,4 @@
-"""The control structures of Kelly et al.: decentralised, hierarchical, hybrid. Each of the paper's rules is a file.
+"""The control structures of Kelly et al., decentralised, hierarchical and hybrid: each of the paper's rules in a file.
 
 `baseline` is the paper's Baseline coordination algorithm, `root_formation` Root Formation, `growth` Tree Growth,
 `recruitment` Active Recruitment, `dissolution` Dissolution, `hybrid` Hybrid coordination. The others are what real

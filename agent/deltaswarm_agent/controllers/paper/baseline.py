@@ -30,8 +30,8 @@ def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame
             agent.change(Cause.EVENT_NOT_THERE)
     elif heard and agent.state is WALKING:
         _join_attending(agent, heard)
-    target = agent.target
-    if agent.state is GOING and sensed and target is not None and agent.here.is_at(target.x_m, target.y_m):
+    going_to = agent.target if agent.state is GOING and sensed else None
+    if going_to is not None and agent.here.is_at(going_to.x_m, going_to.y_m):
         agent.change(Cause.AT_THE_EVENT)
 
 

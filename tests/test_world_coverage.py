@@ -1,19 +1,16 @@
-"""The ledger: the area that trees cover, and what an agent's frame shows of its standing."""
+"""The area that trees cover."""
 
 import math
 from typing import Any
 
 import numpy as np
 import pytest
-from deltaswarm_wire.radio import RadioFrame
-from deltaswarm_world.ledger import COVERAGE_EVERY_S, FREE, Coverage, standing
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import IN_TREE, NOBODY, ROLES
-from tests.cores import attending, leaving, member, relocating
+from deltaswarm_world.coverage import COVERAGE_EVERY_S, Coverage
 
 DISC_M2 = math.pi * 25
 places = st.tuples(st.floats(0, 100), st.floats(0, 60))
@@ -74,28 +71,3 @@ def test_coverage_is_measured_each_10_s(step_s: float) -> None:
     measure = coverage(run={"step_s": step_s})
     due = [step for step in range(100) if measure.is_due(step)]
     assert due == list(range(0, 100, max(1, round(COVERAGE_EVERY_S / step_s))))
-
-
-@pytest.mark.parametrize(
-    ("frame", "expected"),
-    [
-        (attending(4, (1, 2), 3, (1, 2)), ("attending", 0, NOBODY)),
-        (leaving(4, (1, 2)), ("leaving", 0, NOBODY)),
-        (relocating(4, (1, 2)), ("relocating", 0, NOBODY)),
-        (member((4,), (1, 2)), ("root", 0, NOBODY)),
-        (member((9, 4), (1, 2)), ("member", 1, 9)),
-        (member((9, 8, 7, 4), (1, 2)), ("member", 3, 7)),
-        (member((9, 8, 4), (1, 2), orphan=True), ("orphan", 2, 8)),
-    ],
-    ids=lambda value: value[0] if isinstance(value, tuple) else type(value).__name__,
-)
-def test_a_frame_shows_its_senders_standing(frame: RadioFrame, expected: tuple[str, int, int]) -> None:
-    """Role, level and parent; all but the attending and the leaving are in a tree."""
-    assert standing(frame) == expected
-    assert expected[0] in ROLES
-    assert (expected[0] in IN_TREE) == (expected[0] not in ("attending", "leaving"))
-
-
-def test_who_says_nothing_is_free() -> None:
-    """A role that is known, outside any tree."""
-    assert FREE[0] in set(ROLES) - IN_TREE
