@@ -147,7 +147,11 @@ def test_a_controllers_chance_is_its_own() -> None:
 @pytest.mark.parametrize(
     ("mode", "said"),
     [
-        ("hybird", "no such controller; use one of decentralised, hierarchical, hybrid, potential, or module:Class"),
+        (
+            "hybird",
+            "no such controller; did you mean 'hybrid'? "
+            "use one of decentralised, hierarchical, hybrid, potential, or module:Class",
+        ),
         ("", "no such controller"),
         ("no_such_module:Guide", "cannot be imported: ModuleNotFoundError: No module named 'no_such_module'"),
         (f"{__name__}:Gide", "cannot be imported: AttributeError: "),
