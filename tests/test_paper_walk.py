@@ -201,6 +201,23 @@ def test_a_velocity_changes_at_turns_and_walls_only(shared: AgentSettings, seed:
         place = [at + speed_mps * shared.step_s for at, speed_mps in zip(place, velocity, strict=True)]
 
 
+@pytest.mark.parametrize("step_s", [0.1, 0.3, 1.0])
+def test_a_promise_keeps_off_the_walls(step_s: float) -> None:
+    """Where a stride ends on a wall, rounding decides whether the agent turns there: it is asked before."""
+    shared = an_agent(width_m=10.0, height_m=10.0, step_s=step_s)
+    for tenths in range(100):
+        asked, left = (Walk(shared, LEG_MAX_S, random.Random(1)) for _ in range(2))
+        for legs in (asked, left):
+            legs._vx, legs._vy, legs._ends = 1.0, 0.0, 2**32
+        x_m, due, velocity = tenths / 10, 0, STAND
+        for now in range(300):
+            if now == due:
+                velocity = left.velocity(now, x_m, 5.0)
+                due = left.straight_until(now, x_m, 5.0, velocity)
+            assert asked.velocity(now, x_m, 5.0) == velocity, (tenths, now)
+            x_m += velocity[0] * step_s
+
+
 def test_an_agent_on_a_long_leg_is_asked_seldom() -> None:
     """In the middle of a large arena the promise reaches to the leg's end, or as far as a promise may."""
     shared = an_agent(width_m=1e4, height_m=1e4)
