@@ -151,3 +151,14 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
         trees.advance()
     assert len(trees.members) >= 5
     check_agreement(trees.members, seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_trees_grow_with_a_slow_radio_too(seed: int) -> None:
+    """With 5 s of latency most of the swarm has been in a tree within 400 s: an agent looks back that much farther."""
+    trees = Trees(seed, "radio.latency_s=5")
+    joined: set[int] = set()
+    for _ in range(400):
+        trees.advance()
+        joined |= {agent for agent, core in trees.members.items() if core.state is State.MEMBER}
+    assert len(joined) >= 15
