@@ -10,17 +10,25 @@ import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_orchestrator.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.density import Floats
-from deltaswarm_world.radio import Air, Carried
 
-EVERYTHING = ALL_ON
+OBSTACLES = (
+    "arena.obstacles=[{corners_m=[[12,12],[16,12],[16,28],[12,28]]},"
+    "{corners_m=[[24,8],[34,8],[29,16]],attenuation_db=6}]"
+)
+"""Two: one blocks, the other one takes some power."""
+
+EVERYTHING = (*ALL_ON, OBSTACLES)
 """As `--set` has it, with times for a run of at least 200 s and places for an arena of at least 40 m."""
 
 
-def scenario(agents: int = 2, seed: int = 1, step_s: float = 1.0, **radio: Any) -> Scenario:
+def scenario(
+    agents: int = 2, seed: int = 1, step_s: float = 1.0, arena: Mapping[str, Any] | None = None, **radio: Any
+) -> Scenario:
     """A scenario with a range of 10 m, unless `radio` says otherwise."""
     table = {"seed": seed, "run": {"step_s": step_s}, "agents": {"count": agents}, "radio": {"range_m": 10.0, **radio}}
-    return load(Scenario, table)
+    return load(Scenario, {**table, "arena": arena or {}})
 
 
 class Stage:

@@ -10,7 +10,7 @@ import zenoh
 
 from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
 from deltaswarm_wire.messages import Act, encode_act
-from deltaswarm_wire.session import Link, client_pairs, configured
+from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.swarms import wait_until
 
 AGENT = 3
@@ -33,7 +33,7 @@ RUBBISH = {
 def main(run: str, endpoint: str, password: str) -> None:
     """Put everything, in order."""
     keys = Keys(run)
-    link = Link(endpoint, f"agent-{AGENT}", password)
+    link = RouterLink(endpoint, f"agent-{AGENT}", password)
     with zenoh.open(configured(zenoh.Config, client_pairs(link), link)) as session:
         for leaf, samples in RUBBISH.items():
             publisher = session.declare_publisher(

@@ -11,7 +11,7 @@ import zenoh
 from deltaswarm_agent.board.settings import AirSettings
 from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.session import MAX_AIR_BYTES, Link, air_pairs, configured
+from deltaswarm_wire.session import MAX_AIR_BYTES, RouterLink, air_pairs, configured
 from tests.fields import EVENT_AT, board_table, boards, endpoint, free_port
 from tests.swarms import wait_until
 
@@ -135,7 +135,7 @@ def test_who_sends_too_much_at_once_is_cut_off() -> None:
     """Before it is put together in a board's memory; what is as large as any message passes."""
     port = free_port()
     heard: list[int] = []
-    link = Link(endpoint(port))
+    link = RouterLink(endpoint(port))
     open_air = configured(zenoh.Config, air_pairs("peer", [], [endpoint(port)]), link)
     over_the_link = ("transport/shared_memory/enabled", False)  # else large samples of this machine need none
     stranger = configured(zenoh.Config, [*air_pairs("peer", [endpoint(port)], []), over_the_link], link)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.board.driver import Driver, SetPoint
 from deltaswarm_agent.board.inbox import MAX_NEIGHBOURS, SETTLES_S, Inbox, Lateness, Sent, decode_sent, encode_sent
-from deltaswarm_agent.board.pace import Pace
+from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.body import NOWHERE, Sensed
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, encode_sample
@@ -21,7 +21,7 @@ delays = st.lists(st.floats(0, 5), min_size=1, max_size=60)
 @given(delays, st.floats(0.01, 2), st.floats(0, 1e6))
 def test_steps_are_due_at_their_times_and_once(waits: list[float], step_s: float, start_s: float) -> None:
     """However late the loop is: steps rise, none is early, all are done or counted as skipped."""
-    pace = Pace(step_s, start_s)
+    pace = StepTimer(step_s, start_s)
     now_s, done = start_s, []
     for wait_s in waits:
         step = pace.due(now_s)
@@ -36,7 +36,7 @@ def test_steps_are_due_at_their_times_and_once(waits: list[float], step_s: float
 
 def test_a_late_step_is_skipped_and_the_next_one_is_in_time() -> None:
     """No burst, and no drift: after 3.7 s the third step is done late and the fourth at 4 s."""
-    pace = Pace(1.0, 100.0)
+    pace = StepTimer(1.0, 100.0)
     assert pace.due(100.0) == 0
     assert pace.due(100.5) is None
     assert pace.wait_s(100.5) == pytest.approx(0.5)
@@ -48,7 +48,7 @@ def test_a_late_step_is_skipped_and_the_next_one_is_in_time() -> None:
 
 def test_delays_do_not_add_up() -> None:
     """A thousand steps that each begin a little late end when they should."""
-    pace, now_s = Pace(0.1, 0.0), 0.0
+    pace, now_s = StepTimer(0.1, 0.0), 0.0
     for step in range(1000):
         now_s += pace.wait_s(now_s) + 0.01
         assert pace.due(now_s) == step

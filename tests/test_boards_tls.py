@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.arguments import tls_of
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
-from deltaswarm_wire.session import CERTIFIED, Link, Pairs, client_pairs, configured, router_pairs
+from deltaswarm_wire.session import CERTIFIED, Pairs, RouterLink, client_pairs, configured, router_pairs
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
 from deltaswarm_world.process import _free_port
@@ -36,11 +36,11 @@ class Router:
     session: zenoh.Session
     heard: list[tuple[str, bytes]] = field(default_factory=list)
 
-    def link(self, name: str) -> Link:
+    def link(self, name: str) -> RouterLink:
         """Of who has this certificate."""
-        return Link(self.tls, tls=tls_files(self.folder, name))
+        return RouterLink(self.tls, tls=tls_files(self.folder, name))
 
-    def sign(self, name: str, subject: str, days: float) -> Link:
+    def sign(self, name: str, subject: str, days: float) -> RouterLink:
         """A certificate on the same name that lives for so long."""
         certificates._write(self.folder / name, *Authority.load(self.folder).sign(subject, days))
         return self.link(name)
@@ -54,7 +54,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Router]:
     credentials.write_text("".join(f"{user_name(AGENT, agent)}:secret {agent}\n" for agent in AGENTS))
     endpoints = [f"tls/127.0.0.1:{_free_port()}", f"tcp/127.0.0.1:{_free_port()}"]
     admit_certified(endpoints, credentials)
-    link = Link(endpoints[0], tls=tls_files(folder, "world"))
+    link = RouterLink(endpoints[0], tls=tls_files(folder, "world"))
     pairs = router_pairs(link, str(credentials), KEYS, AGENTS, endpoints)
     with zenoh.open(configured(zenoh.Config, pairs, link)) as session:
         router = Router(folder, *endpoints, session)
@@ -70,7 +70,7 @@ def router(made: Router) -> Router:
     return made
 
 
-def opened(link: Link, pairs: Pairs | None = None) -> zenoh.Session:
+def opened(link: RouterLink, pairs: Pairs | None = None) -> zenoh.Session:
     return zenoh.open(configured(zenoh.Config, pairs or client_pairs(link), link))
 
 
@@ -100,7 +100,7 @@ def test_a_certificate_of_another_authority_is_refused(router: Router, tmp_path:
     certificates.make(tmp_path, [3], [], 1)
     stranger = replace(tls_files(tmp_path, "agent-3"), ca=tls_files(router.folder, "ca").ca)
     with pytest.raises(zenoh.ZError):
-        opened(Link(router.tls, tls=stranger))
+        opened(RouterLink(router.tls, tls=stranger))
 
 
 def test_an_expired_certificate_is_refused(router: Router) -> None:
@@ -121,13 +121,13 @@ def test_the_client_refuses_a_world_of_another_authority(router: Router, tmp_pat
     """A false world cannot take a board in."""
     certificates.make(tmp_path, [], [], 1)
     with pytest.raises(zenoh.ZError):
-        opened(Link(router.tls, tls=replace(tls_files(router.folder, "agent-3"), ca=str(tmp_path / "ca.pem"))))
+        opened(RouterLink(router.tls, tls=replace(tls_files(router.folder, "agent-3"), ca=str(tmp_path / "ca.pem"))))
 
 
 def test_the_client_refuses_another_agent_as_world(router: Router) -> None:
     """A board that listens with its own certificate is not taken for the world: its name does not fit."""
     endpoint = f"tls/127.0.0.1:{_free_port()}"
-    link = Link(endpoint, tls=tls_files(router.folder, "agent-4"))
+    link = RouterLink(endpoint, tls=tls_files(router.folder, "agent-4"))
     pairs = router_pairs(link, str(router.folder / "credentials"), KEYS, ())
     with zenoh.open(configured(zenoh.Config, pairs, link)), pytest.raises(zenoh.ZError):
         opened(replace(router.link("agent-3"), endpoint=endpoint))
@@ -136,7 +136,7 @@ def test_the_client_refuses_another_agent_as_world(router: Router) -> None:
 # As whom
 
 
-def as_three(router: Router) -> dict[str, tuple[Link, Pairs]]:
+def as_three(router: Router) -> dict[str, tuple[RouterLink, Pairs]]:
     """Ways to come with agent 3's certificate, some of them with agent 4's good name and password."""
     link = router.link("agent-3")
     plain = client_pairs(link)
@@ -197,7 +197,7 @@ def test_over_tcp_a_password_counts_and_the_certifieds_name_opens_nothing(
     router: Router, user: str, password: str, keys: list[str]
 ) -> None:
     """Everything that a session sent has been seen once the router has seen its end."""
-    with opened(Link(router.tcp, user, password)) as session:
+    with opened(RouterLink(router.tcp, user, password)) as session:
         own = str(session.zid())
         wait_until(lambda: own in _clients(router), "the client")
         for agent in AGENTS:

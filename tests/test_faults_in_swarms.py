@@ -1,6 +1,6 @@
 """Faults in whole swarms, in one process: what each kind does to agents, and what it leaves alone."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -137,7 +137,7 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
 
     def note(step: int, tally: Tally) -> None:
         nonlocal wrong
-        happenings = {happening.event: happening for happening in watched.crew.world.environment.happenings}
+        happenings = {happening.event: happening for happening in watched.crew.world.environment.arrived}
         for frame in watched.frames.values():
             for event in frame.events:
                 happening = happenings[event.event]
@@ -147,7 +147,7 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
     crew = watched.play(STEPS, note)
     assert wrong > 100
     assert crew.world.refused_claims == 0
-    assert sum(happening.work_agent_s for happening in crew.world.environment.happenings) > 0
+    assert sum(happening.work_agent_s for happening in crew.world.environment.arrived) > 0
 
 
 def test_slow_actuators_slow_the_body_down() -> None:
@@ -165,6 +165,25 @@ def test_slow_actuators_slow_the_body_down() -> None:
     assert max(still[:9]) > 0.9 < max(still[39:])
     assert max(half[:9]) > 0.9
     assert 0.45 < max(half[9:]) < 0.5 + 1e-9
+
+
+def test_a_stuck_body_goes_straight_on_until_the_edge() -> None:
+    """Also when its process is killed; afterwards it obeys again."""
+    watched = Watched(
+        'kind="actuator-stuck", at_s=10, duration_s=60, agents=[1, 2]',
+        'kind="kill", at_s=12, agents=[2]',
+        sets=("events.rate_hz=0.0", "run.duration_s=90", "control.leg_max_s=5"),
+    )
+    places = []
+    watched.play(90, lambda step, tally: places.append(watched.crew.world.environment.positions_m[1:3].copy()))
+    for body in (0, 1):
+        way = [(x_m, y_m) for x_m, y_m in (place[body].tolist() for place in places)]
+        strides = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(way)]
+        free = [all(0.0 < x_m < 40.0 for x_m in place) for place in way]
+        for step in range(10, 69):
+            if free[step + 1]:
+                assert strides[step] == pytest.approx(strides[9], abs=1e-9)
+        assert (len(set(strides[70:])) > 2) == (body == 0)
 
 
 def test_a_dead_radio_neither_sends_nor_hears() -> None:
@@ -210,7 +229,7 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
     workload = crew.operator.totals["per_sender"]
     assert workload["3"]["messages"] > 80
     assert crew.world.refused_claims == 0
-    assert not crew.world.environment.happenings
+    assert not crew.world.environment.arrived
     assert len(told) >= 3
 
 

@@ -155,7 +155,7 @@ def test_a_snapshot_is_the_truth_of_its_time() -> None:
     assert taken.bodies == truth.bodies
     assert any(body.role == "root" for body in taken.bodies)
     assert taken.events == tuple(event for event in truth.events if event.completed_s is None)
-    completed = [event for event in whole.world.events() if event.completed_s is not None]
+    completed = [event for event in whole.world.environment.states() if event.completed_s is not None]
     assert completed
     assert not {event.event for event in completed} & {event.event for event in taken.events}
     assert (taken.width_m, taken.sensing_range_m) == (40.0, 5.0)

@@ -20,7 +20,7 @@ from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.open_air import MAX_WAITING, Arrival, Inbox, OpenAirConfig, OpenAirOperator
 from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
-from deltaswarm_wire.session import Link
+from deltaswarm_wire.session import RouterLink
 from deltaswarm_wire.settings import OperatorSettings
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
@@ -290,7 +290,7 @@ def sample(key: str, data: bytes) -> Any:
 def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """So many reports wait and no more, none is larger than reports are, and each agent's key is named once."""
     inbox = Inbox()
-    config = OpenAirConfig(RUN, Link(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
+    config = OpenAirConfig(RUN, RouterLink(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
     operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
     inbox.put(Arrival.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
     for number in range(MAX_WAITING + 5):

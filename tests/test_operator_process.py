@@ -31,7 +31,7 @@ from deltaswarm_wire.messages import (
 )
 from deltaswarm_wire.session import (
     PASSWORD_VARIABLE,
-    Link,
+    RouterLink,
     client_pairs,
     configured,
     router_pairs,
@@ -81,7 +81,7 @@ class World:
         self.log = folder / "operator.log"
         credentials = folder / "credentials"
         credentials.write_text("".join(f"{user}:secret of {user}\n" for user in USERS))
-        link = Link(self.endpoint)
+        link = RouterLink(self.endpoint)
         pairs = router_pairs(link, str(credentials), KEYS, range(AGENTS), uplink=uplink)
         self.session = zenoh.open(configured(zenoh.Config, pairs, link))
         self.token = self.session.liveliness().declare_token(KEYS.token(WORLD))
@@ -155,7 +155,7 @@ def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
     process = world.start_operator()
     world.wait_for_operator()
     links = [
-        Link(world.endpoint, user_name(AGENT, agent), f"secret of {user_name(AGENT, agent)}", low_latency=True)
+        RouterLink(world.endpoint, user_name(AGENT, agent), f"secret of {user_name(AGENT, agent)}", low_latency=True)
         for agent in range(AGENTS)
     ]
     sessions = [zenoh.open(configured(zenoh.Config, client_pairs(link), link)) for link in links]
@@ -304,10 +304,10 @@ import sys
 import zenoh
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.messages import Clock, decode_workload, encode_clock
-from deltaswarm_wire.session import Link, configured, router_pairs
+from deltaswarm_wire.session import RouterLink, configured, router_pairs
 
 endpoint, credentials, with_token = sys.argv[1:]
-keys, link = Keys("test"), Link(endpoint)
+keys, link = Keys("test"), RouterLink(endpoint)
 with zenoh.open(configured(zenoh.Config, router_pairs(link, credentials, keys, []), link)) as session:
     token = session.liveliness().declare_token(keys.token(WORLD)) if with_token == "True" else None
     tokens = session.liveliness().declare_subscriber(keys.token(OPERATOR), zenoh.handlers.FifoChannel(8), history=True)

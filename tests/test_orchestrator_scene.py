@@ -37,6 +37,16 @@ def test_the_arenas_centre_is_the_origin(tmp_path: Path) -> None:
     assert arena["translation"]["y"] + agent["translation"]["y"] == 0
 
 
+def test_obstacles_are_drawn_with_the_arenas_edge(tmp_path: Path) -> None:
+    """A closed line around each."""
+    obstacle = {"corners_m": [[10, 10], [30, 10], [20, 40]]}
+    scenario = load(Scenario, {"agents": {"count": 12}, "arena": {"obstacles": [obstacle]}})
+    edge, drawn = shapes("/scene/agents", messages(recorded(tmp_path, scenario, 1)))["lines"]
+    assert len(edge["points"]) == 4
+    assert [[point["x"], point["y"]] for point in drawn["points"]] == obstacle["corners_m"]
+    assert drawn["type"] == edge["type"]
+
+
 def test_roles_have_colours_of_their_own(tmp_path: Path) -> None:
     """Each role is drawn in its own colour, and none in the events' black."""
     assert set(ROLE_COLOURS) == set(ROLES)

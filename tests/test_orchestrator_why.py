@@ -75,7 +75,7 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
         ]
         tally = tallies[step]
         assert fates.count("delivered") == tally.frames_received > 0
-        for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition"):
+        for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition", "obstacle"):
             assert fates.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
         waiting = sum(fate.startswith(("under way", "waits")) for fate in fates)
         assert waiting == tally.frames_in_flight - 9 * tally.frames_sent

@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.launch import Swarm
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
-from deltaswarm_wire.session import Link, client_pairs, configured
+from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.stranger import RUBBISH
 from tests.swarms import PATIENCE_S, wait_until
 
@@ -36,7 +36,7 @@ class Stage:
 
     def client(self, user: str, password: str) -> zenoh.Session:
         """A stranger's session, over the ordinary transport."""
-        link = Link(self.swarm.endpoint, user, password)
+        link = RouterLink(self.swarm.endpoint, user, password)
         return zenoh.open(configured(zenoh.Config, client_pairs(link), link))
 
     def is_running(self) -> bool:

@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.results import read_outcome
 from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, Tally
-from tests.airs import EVERYTHING
+from tests.airs import EVERYTHING, OBSTACLES
 from tests.swarms import run
 
 AGENTS, SECONDS = 8, 200
@@ -51,6 +51,14 @@ def test_with_every_model_at_once_processes_have_the_same_digest(tmp_path: Path)
     came = frames["sent"] * (AGENTS - 1) + frames["duplicated"]
     assert came == frames["received"] + sum(outside["frames_dropped"].values()) + frames["in_flight"]
     assert min(outside["frames_dropped"][reason] for reason in ("range", "jam", "loss", "burst", "contention")) > 0
+
+
+@pytest.mark.processes
+def test_with_obstacles_processes_have_the_same_digest(tmp_path: Path) -> None:
+    """Agents walk by the same map in either case."""
+    outside = run(tmp_path / "run", *settings(*OWN, "run.duration_s=100", OBSTACLES))
+    assert outside["digest"] == run_in_process(a_scenario("run.duration_s=100", OBSTACLES)).digest
+    assert outside["frames_dropped"]["obstacle"] > 0
 
 
 def test_another_seed_is_another_run() -> None:

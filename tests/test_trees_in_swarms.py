@@ -11,7 +11,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_world.channel.chance import Loss
+from deltaswarm_world.air.channel.chance import Loss
 from tests.cores import controllers_of, swarm
 from tests.trees import Spans, check_agreement, cycle_of, true_descendants
 
@@ -142,7 +142,7 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     for agent in trees.rng.sample(followers, 3):
         trees.crew.world.lockstep.gone(agent)
     trees.run(15, kills=False)
-    (loss,) = (piece for piece in trees.crew.world._air._pieces if isinstance(piece, Loss))
+    (loss,) = (piece for piece in trees.crew.world.air._pieces if isinstance(piece, Loss))
     loss._share = 0.0
     for _ in range(60):
         for agent, core in controllers_of(trees.crew).items():

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, PROTOCOL_VERSION, WireError, pack
-from deltaswarm_wire.orders import ACTIONS, Order, decode_done, decode_order, encode_done, encode_order
+from deltaswarm_wire.orders import ACTIONS, ProcessOrder, decode_done, decode_order, encode_done, encode_order
 
 ORDERS = st.builds(
-    Order,
+    ProcessOrder,
     st.integers(0, MAX_ID),
     st.integers(0, MAX_STEP),
     st.floats(0, 1e8),
@@ -18,11 +18,11 @@ ORDERS = st.builds(
     st.lists(st.integers(0, MAX_AGENT_ID), max_size=20).map(tuple),
     st.text(max_size=60),
 )
-GOOD = Order(0, 3, 3.0, "kill", (1, 2), "kill of the roots")
+GOOD = ProcessOrder(0, 3, 3.0, "kill", (1, 2), "kill of the roots")
 
 
 @given(ORDERS)
-def test_an_order_survives(order: Order) -> None:
+def test_an_order_survives(order: ProcessOrder) -> None:
     """Whatever it says."""
     assert decode_order(encode_order(order)) == order
     assert str(order.step) in order.text

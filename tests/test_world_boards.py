@@ -13,6 +13,13 @@ from deltaswarm_world.lockstep import Attendance, LockStep
 AGENT, BOARD = 0, 1
 
 
+def begin(lockstep: LockStep, step: int) -> list[int]:
+    """A step in which all that can be asked are asked."""
+    taking_part = lockstep.taking_part()
+    lockstep.begin(step, taking_part)
+    return taking_part
+
+
 def test_a_board_that_goes_is_counted_and_not_lost() -> None:
     """An agent that goes is lost; before the first step a board may come and go as it likes."""
     lockstep = LockStep([AGENT, BOARD], [BOARD])

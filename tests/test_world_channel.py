@@ -1,5 +1,6 @@
 """The pieces of the air, one by one: reach, chance, places and times, queues."""
 
+import math
 from collections import deque
 
 import numpy as np
@@ -15,11 +16,12 @@ from deltaswarm_wire.settings_radio import (
     PathLossSettings,
     WallSettings,
 )
-from deltaswarm_world.channel.chance import Bursts, Contention
-from deltaswarm_world.channel.links import Ends, LinkDice, Links
-from deltaswarm_world.channel.queues import Packet, Pipes
-from deltaswarm_world.channel.reach import SHADOWING_CUT, Asymmetry, PathLoss, RangeDisc
-from deltaswarm_world.channel.zones import Blackouts, Jammers, Walls
+from deltaswarm_world.air.channel.asymmetry import Asymmetry
+from deltaswarm_world.air.channel.chance import Bursts, Contention
+from deltaswarm_world.air.channel.links import Ends, LinkDice, Links
+from deltaswarm_world.air.channel.queues import DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
+from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
 from tests.airs import Stage
 
 Place = tuple[float, float]
@@ -363,3 +365,31 @@ def test_a_wide_pipe_is_none(sizes: list[int], rate: int) -> None:
     for number, size in enumerate(sizes):
         packet = Packet(0, number, bytes(size))
         assert pipes.take(0, [packet]) == ([packet], [])
+
+
+# Delays
+
+
+def line(latency_s: float, jitter_s: float, step_s: float = 1.0) -> DelayLine:
+    return DelayLine(latency_s, jitter_s, step_s, rng(1), rng(2))
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "jitter_s", "step_s"),
+    [(0.0, 0.4, 1.0), (0.5, 0.0, 1.0), (1.5, 0.0, 1.0), (2.5, 1.0, 1.0), (0.25, 3.1, 1.0), (0.12, 0.05, 0.1)],
+)
+def test_the_mean_delay_is_latency_and_half_the_jitter(latency_s: float, jitter_s: float, step_s: float) -> None:
+    """Also where the jitter is shorter than a step, or a delay ends on half a step; over 100,000 frames."""
+    delays = line(latency_s, jitter_s, step_s).draw(100_000)
+    assert delays.mean() * step_s == pytest.approx(latency_s + jitter_s / 2, abs=0.01 * step_s)
+    assert math.floor(latency_s / step_s) <= delays.min()
+    assert delays.max() <= math.ceil((latency_s + jitter_s) / step_s)
+
+
+@pytest.mark.parametrize(("latency_s", "step_s", "steps"), [(0.0, 1.0, 0), (3.0, 1.0, 3), (0.3, 0.1, 3), (7.0, 3.5, 2)])
+def test_a_latency_of_whole_steps_is_exact_and_draws_nothing(latency_s: float, step_s: float, steps: int) -> None:
+    """Whatever the generators are."""
+    jitter_rng, rounding_rng = rng(1), rng(2)
+    delays = DelayLine(latency_s, 0.0, step_s, jitter_rng, rounding_rng).draw(1000)
+    assert set(delays.tolist()) == {steps}
+    assert (jitter_rng.random(), rounding_rng.random()) == (rng(1).random(), rng(2).random())

@@ -15,7 +15,7 @@ from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Event, Frame, Stand
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, Tally, Truth, decode_truth, encode_truth
 from deltaswarm_world.core import WorldCore
-from deltaswarm_world.environment import Happening
+from deltaswarm_world.environment import EventRecord
 from tests.airs import EVERYTHING
 from tests.cores import play, swarm
 from tests.strategies import ACT, RADIO, complaint, strange
@@ -45,8 +45,8 @@ class Stage:
     def event(self, x_m: float, y_m: float) -> int:
         """An event from now on."""
         environment = self.core.environment
-        event = Happening(len(environment.happenings) + 1, x_m, y_m, 0.0)
-        environment.happenings.append(event)
+        event = EventRecord(len(environment.arrived) + 1, x_m, y_m, 0.0)
+        environment.arrived.append(event)
         environment.active.append(event)
         environment._place_active()
         return event.event
@@ -86,7 +86,7 @@ def test_an_event_beyond_sensing_range_cannot_be_observed(distance_m: float, wor
     stage.begin()
     stage.act(0, event)
     stage.end()
-    assert stage.core.events()[0].work_agent_s == works
+    assert stage.core.environment.states()[0].work_agent_s == works
     assert stage.core.refused_claims == (not works)
 
 
@@ -98,7 +98,7 @@ def test_observers_are_distinct_agents() -> None:
     stage.act(0, event, event, event)
     stage.act(1, event, 77)
     stage.end()
-    assert stage.core.events()[0].work_agent_s == 2.0
+    assert stage.core.environment.states()[0].work_agent_s == 2.0
     assert stage.core.refused_claims == 1
 
 
@@ -111,7 +111,7 @@ def test_work_completes_an_event_and_nobody_senses_it_again() -> None:
         for agent in range(3):
             stage.act(agent, event)
         stage.end()
-    assert stage.core.events()[0].completed_s == 66.0
+    assert stage.core.environment.states()[0].completed_s == 66.0
     assert not any(frame.events for frame in stage.begin().values())
 
 
@@ -121,7 +121,7 @@ def test_changes_that_nobody_asks_for_are_not_kept() -> None:
     for tally in play(crew, 30):
         changed = {(event.arrived_s, event.sensed_s, event.completed_s) for event in crew.world.environment.changed}
         assert all(tally.time_s in times for times in changed)
-    assert len(crew.world.events()) > 30
+    assert len(crew.world.environment.states()) > 30
 
 
 # What agents send
@@ -209,7 +209,7 @@ def test_a_second_act_changes_nothing() -> None:
     stage.act(0, vx_mps=1.0)
     stage.act(0, event, vx_mps=-1.0)
     stage.end()
-    assert stage.core.events()[0].work_agent_s == 0
+    assert stage.core.environment.states()[0].work_agent_s == 0
     assert stage.begin()[0].x_m == 51.0
 
 
@@ -273,7 +273,7 @@ def test_more_events_than_a_frame_may_hold_are_left_out() -> None:
     assert len(frame.events) == 1000
     assert len(encode_frame(frame)) <= MAX_SAMPLE_BYTES
     stage.end()
-    assert all(event.sensed_s == 0.0 for event in stage.core.events())
+    assert all(event.sensed_s == 0.0 for event in stage.core.environment.states())
 
 
 # Agents that are late or gone
@@ -393,7 +393,7 @@ def test_the_truth_is_what_happened_and_goes_over_the_wire() -> None:
             assert (body.root == NOBODY) == (body.role in ("free", "attending", "leaving"))
             assert (body.level == 0) == (body.parent == NOBODY)
     assert len(completed) == len(set(completed))
-    assert set(completed) == {event.event for event in crew.world.events() if event.completed_s is not None}
+    assert set(completed) == {event.event for event in crew.world.environment.states() if event.completed_s is not None}
 
 
 # Agents that have nothing to decide
@@ -459,4 +459,4 @@ def test_an_agent_that_gets_no_frame_senses_nothing() -> None:
     stage.event(50, 50)
     stage.begin()
     stage.end()
-    assert stage.core.events()[0].sensed_s is None
+    assert stage.core.environment.states()[0].sensed_s is None

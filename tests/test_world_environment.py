@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.environment import Environment, Happening
+from deltaswarm_world.environment import Environment, EventRecord
 from tests.cores import play, swarm
 
 Rows = list[tuple[int, float, float, float]]
@@ -25,8 +25,8 @@ def environment(**tables: Any) -> Environment:
 def with_event(x_m: float, y_m: float, **tables: Any) -> Environment:
     """One event at a place, whatever the density."""
     made = environment(events={"rate_hz": 0, "work_agent_s": 10}, **tables)
-    event = Happening(1, x_m, y_m, 0.0)
-    made.happenings.append(event)
+    event = EventRecord(1, x_m, y_m, 0.0)
+    made.arrived.append(event)
     made.active.append(event)
     made._place_active()
     return made
@@ -37,7 +37,7 @@ def arrivals(mode: str, steps: int = 250, *more: str) -> Rows:
     crew = swarm("smoke", f"control.mode={mode}", *more, seed=11)
     for _ in play(crew, steps):
         pass
-    return [(e.event, e.x_m, e.y_m, e.arrived_s) for e in crew.world.events()]
+    return [(e.event, e.x_m, e.y_m, e.arrived_s) for e in crew.world.environment.states()]
 
 
 # Arrivals
@@ -51,7 +51,7 @@ def test_the_same_seed_gives_the_same_events_whatever_the_swarm_does() -> None:
     made = Environment(load(Scenario, {**SMOKE, "seed": 11}))
     for step in range(250):
         made.arrive(float(step))
-    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in made.happenings] == first
+    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in made.arrived] == first
 
 
 SMOKE = {
@@ -67,7 +67,7 @@ def test_another_seed_gives_other_events() -> None:
     for step in range(100):
         one.arrive(float(step))
         other.arrive(float(step))
-    assert [e.x_m for e in one.happenings] != [e.x_m for e in other.happenings]
+    assert [e.x_m for e in one.arrived] != [e.x_m for e in other.arrived]
 
 
 @pytest.mark.parametrize(("rate_hz", "step_s"), [(0.05, 1.0), (0.5, 0.2), (2.0, 1.0)])
@@ -77,13 +77,13 @@ def test_arrivals_are_poisson(rate_hz: float, step_s: float) -> None:
     made._place_active = lambda: None  # type: ignore[method-assign]  # not sensed here, and quadratic
     counts = []
     for step in range(20_000):
-        before = len(made.happenings)
+        before = len(made.arrived)
         made.arrive(step * step_s)
-        counts.append(len(made.happenings) - before)
+        counts.append(len(made.arrived) - before)
     expected = rate_hz * step_s
     assert np.mean(counts) == pytest.approx(expected, abs=4 * (expected / 20_000) ** 0.5)
     assert np.var(counts) == pytest.approx(expected, rel=0.1)
-    assert len({e.event for e in made.happenings}) == len(made.happenings)
+    assert len({e.event for e in made.arrived}) == len(made.arrived)
 
 
 # Motion
@@ -145,7 +145,7 @@ def test_an_event_is_sensed_within_range(distance_m: float, sensed: bool) -> Non
     made.positions_m[:] = [[50 + distance_m, 50], [50, 90], [50, 50 - distance_m]]
     found = made.sense(1.0, [True] * 3)
     assert [len(events) for events in found] == [sensed, 0, sensed]
-    assert (made.happenings[0].sensed_s == 1.0) == sensed
+    assert (made.arrived[0].sensed_s == 1.0) == sensed
 
 
 def test_waiting_ends_when_any_agent_has_the_event_in_range() -> None:
@@ -153,11 +153,11 @@ def test_waiting_ends_when_any_agent_has_the_event_in_range() -> None:
     made = with_event(50.0, 50.0)
     made.positions_m[:] = [[50, 50], [0, 0], [0, 0]]
     made.sense(3.0, [False, True, True])
-    assert made.happenings[0].sensed_s is None
+    assert made.arrived[0].sensed_s is None
     for time_s in (4.0, 9.0):
         made.sense(time_s, [True] * 3)
         made.work({}, time_s)
-    assert (made.happenings[0].sensed_s, made.happenings[0].work_agent_s) == (4.0, 0.0)
+    assert (made.arrived[0].sensed_s, made.arrived[0].work_agent_s) == (4.0, 0.0)
 
 
 def test_a_passing_free_agent_ends_an_events_waiting() -> None:
@@ -165,7 +165,7 @@ def test_a_passing_free_agent_ends_an_events_waiting() -> None:
     crew = swarm("smoke", "control.mode=hierarchical", "control.rho=1000", "events.rate_hz=0.5")
     for _ in play(crew, 200):
         pass
-    found = crew.world.events()
+    found = crew.world.environment.states()
     assert any(e.sensed_s is not None and e.sensed_s > e.arrived_s for e in found)
     assert all(e.work_agent_s == 0 and e.completed_s is None for e in found)
 
@@ -178,7 +178,7 @@ def test_a_passing_free_agent_ends_an_events_waiting() -> None:
 def test_work_is_linear_in_the_number_of_observers(observers: list[int], step_s: float) -> None:
     """Observers x time until the work is done: complete in that step, never before, and then no more."""
     made = with_event(50.0, 50.0, run={"step_s": step_s})
-    event = made.happenings[0]
+    event = made.arrived[0]
     done = 0.0
     for step, count in enumerate(observers):
         was_complete = event.completed_s is not None
@@ -196,7 +196,7 @@ def test_a_complete_event_is_sensed_no_more() -> None:
     made = with_event(50.0, 50.0)
     made.positions_m[:] = 50.0
     assert all(made.sense(0.0, [True] * 3))
-    made.work({made.happenings[0].event: 10}, 0.0)
+    made.work({made.arrived[0].event: 10}, 0.0)
     assert not any(made.sense(1.0, [True] * 3))
 
 
@@ -206,8 +206,8 @@ def test_changes_are_told_once() -> None:
     made.positions_m[:] = 50.0
     made.sense(0.0, [True] * 3)
     made.sense(1.0, [True] * 3)
-    assert made.take_changed() == made.happenings
-    made.work({made.happenings[0].event: 1}, 1.0)
+    assert made.take_changed() == made.arrived
+    made.work({made.arrived[0].event: 1}, 1.0)
     assert made.take_changed() == []
-    made.work({made.happenings[0].event: 9}, 2.0)
-    assert made.take_changed() == made.happenings
+    made.work({made.arrived[0].event: 9}, 2.0)
+    assert made.take_changed() == made.arrived

@@ -12,8 +12,10 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import FAULTS, TO_PROCESSES
 from deltaswarm_world.event_ids import EventIds
-from deltaswarm_world.faults import Faults
+from deltaswarm_world.faults.kinds import KINDS
+from deltaswarm_world.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40
 ALL = frozenset(range(COUNT))
@@ -123,14 +125,28 @@ def test_a_restart_is_for_the_living_and_the_dead() -> None:
     assert orders(made, 10, ALL - {1}) == [(START, (1,))]
 
 
-KINDS = st.sampled_from(["kill", "freeze", "restart", "radio-dead", "sensor-blind"])
+def test_each_kind_of_the_settings_is_one_of_the_world() -> None:
+    """In the same order, under the same name."""
+    assert tuple(kind.name for kind in KINDS) == FAULTS
+    assert {kind.name for kind in KINDS if kind.kills} < set(TO_PROCESSES)
+
+
+def test_a_frozen_agent_that_died_by_accident_is_not_frozen_when_it_restarts() -> None:
+    """Its process is a new one, which nobody stopped."""
+    made = faults(fault("freeze", 2, agents=[4], duration_s=9), fault("restart", 4, agents=[4]))
+    orders(made, 2)
+    assert orders(made, 4, ALL - {4}) == [(START, (4,))]
+    assert not made.frozen
+
+
+SOME_KINDS = st.sampled_from(["kill", "freeze", "restart", "radio-dead", "sensor-blind"])
 
 
 @st.composite
 def timelines(draw: st.DrawFn) -> list[dict[str, Any]]:
     made = []
     for _ in range(draw(st.integers(1, 6))):
-        kind = draw(KINDS)
+        kind = draw(SOME_KINDS)
         table = fault(kind, draw(st.integers(0, STEPS - 1)))
         if kind == "freeze" or (kind != "kill" and draw(st.booleans())):
             table["duration_s"] = draw(st.integers(1, STEPS))
@@ -197,8 +213,35 @@ def test_slow_actuators_multiply() -> None:
     )
     orders(made, 0)
     orders(made, 2)
-    assert made.speed_factors is not None
-    assert made.speed_factors.ravel().tolist() == pytest.approx([1, 0.5, 0.2, 1, 1, 1, 1, 1])
+    velocities_mps = np.ones((COUNT, 2))
+    made.drive(velocities_mps)
+    assert velocities_mps[:, 1].tolist() == pytest.approx([1, 0.5, 0.2, 1, 1, 1, 1, 1])
+
+
+def test_a_stuck_actuator_keeps_its_velocity() -> None:
+    """The last one from before the fault; others and later commands are as they were."""
+    made = faults(fault("actuator-stuck", 2, agents=[1, 3], duration_s=3))
+    done = []
+    for step in range(7):
+        orders(made, step)
+        velocities_mps = np.full((COUNT, 2), float(step))
+        made.drive(velocities_mps)
+        done.append(velocities_mps[:4, 0].tolist())
+    assert done == [[now, min(now, 2) if now < 5 else now] * 2 for now in range(7)]
+
+
+def test_a_body_that_is_stuck_from_the_start_never_moves() -> None:
+    """And one that is slow when it gets stuck keeps the slow speed."""
+    made = faults(
+        fault("actuator-stuck", 0, agents=[1]),
+        fault("actuator-slow", 0, agents=[2], duration_s=3, factor=0.5),
+        fault("actuator-stuck", 1, agents=[2]),
+    )
+    for step in range(5):
+        orders(made, step)
+        velocities_mps = np.ones((COUNT, 2))
+        made.drive(velocities_mps)
+        assert velocities_mps[:3, 1].tolist() == [1.0, 0.0, 0.5]
 
 
 def test_the_blind_and_the_frozen_see_nothing() -> None:

@@ -1,5 +1,6 @@
 """The uplink's models: what each does to reports, exact books, and the relay's hops."""
 
+import tracemalloc
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -13,9 +14,11 @@ from deltaswarm_wire.messages import Act, Report, Standing, encode_act, encode_r
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
+from deltaswarm_world.air.radio import Air
 from deltaswarm_world.core import WorldCore
-from deltaswarm_world.relay import TIME_TO_LIVE_S
-from deltaswarm_world.uplink import Uplink
+from deltaswarm_world.uplink.relay import TIME_TO_LIVE_S
+from deltaswarm_world.uplink.trace import TracedUplink
+from deltaswarm_world.uplink.uplink import Uplink
 from tests.airs import rates, shares, times
 
 LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]
@@ -31,7 +34,8 @@ class Stage:
         self.count = len(places_m)
         self.places_m = np.array(places_m, dtype=np.float64)
         table = {"agents": {"count": self.count}, "uplink": uplink, "radio": {"range_m": 9.0, **radio}}
-        self.uplink = Uplink(load(Scenario, table))
+        scenario = load(Scenario, table)
+        self.uplink = Uplink(scenario, Air(scenario).steady_links)
         self.step = -1
 
     def carry(
@@ -89,23 +93,23 @@ def test_the_books_are_exact_in_every_step_and_the_same_again(
 def test_what_it_says_of_reports_is_what_happened(
     uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]]
 ) -> None:
-    """Over all agents, as many fates as reports sent or under way, each what the counts have."""
+    """Over all agents, as many outcomes as reports sent or under way, each what the counts have."""
     found, tally = list[str](), (0, 0, {})
     for watched in range(5):
         stage = Stage(LINE_M, uplink)
-        stage.uplink.watched = watched
+        stage.uplink = traced = TracedUplink(stage.uplink, watched)
         for senders, trees, absent in steps:
             tally = (
                 len(stage.carry(sorted(senders), trees, sorted(absent))),
                 stage.uplink.under_way,
                 stage.uplink.dropped,
             )
-        found += stage.uplink.fates
+        found += traced.outcomes
     arrived, under_way, dropped = tally
     assert found.count("arrived") == arrived
-    assert sum(not fate.startswith(("arrived", "dropped")) for fate in found) == under_way
+    assert sum(not outcome.startswith(("arrived", "dropped")) for outcome in found) == under_way
     for reason, count in dropped.items():
-        assert sum(fate.split(",")[0] == f"dropped: {reason}" for fate in found) == count
+        assert sum(outcome.split(",")[0] == f"dropped: {reason}" for outcome in found) == count
 
 
 def test_a_free_agent_beyond_the_range_is_lost() -> None:
@@ -163,6 +167,18 @@ def test_delay_outage_and_a_narrow_operator() -> None:
     narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90, "queue_bytes": 170}})
     assert len(narrow.carry(range(5))) == 1
     assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"crowded": 2}, 2)
+
+
+def test_bursts_on_the_uplink_keep_one_state_per_agent() -> None:
+    """All links lead to the base: memory grows with the agents, not with their square."""
+    count = 3000
+    scenario = load(Scenario, {"agents": {"count": count}, "uplink": {"burst": {"p_good_to_bad": 0.1}}})
+    tracemalloc.start()
+    uplink = Uplink(scenario, lambda *_: [])
+    _, peak_bytes = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak_bytes < 1000 * count
+    assert len(uplink.carry(0, 0.0, np.zeros((count, 2)), [True] * count, {}, {count - 1: b"report"})) <= 1
 
 
 def report(agent: int, sequence: int, step: int = 0) -> bytes:

@@ -12,7 +12,7 @@ from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, WORLD, Keys
 from deltaswarm_wire.messages import decode_frame
-from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
 
 use_one_worker_thread()
@@ -31,7 +31,7 @@ class AgentConfig:
 
     run: str
     agent: int
-    link: Link
+    link: RouterLink
     settings: AgentSettings
     restart: int = 0
     """How often an agent of this number was started before in this run."""

@@ -11,7 +11,7 @@ from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls
+from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
 
 LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 
@@ -111,7 +111,7 @@ def override(text: str) -> tuple[str, str]:
     return key, value
 
 
-def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_latency: bool = False) -> Link:
+def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_latency: bool = False) -> RouterLink:
     """The link that the arguments and the environment describe.
 
     Raises:
@@ -122,7 +122,7 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
     password = file.read_text().strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
     user = user_name(role, number) if password else ""
     tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
-    return Link(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
+    return RouterLink(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
 
 
 def password_in(file: Path, user: str) -> str:

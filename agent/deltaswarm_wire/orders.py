@@ -27,7 +27,7 @@ ACTIONS = (NOTE, KILL, START, STOP, GO_ON)
 """Nothing to do; SIGKILL; a new process with the same id; SIGSTOP; SIGCONT."""
 
 
-class Order(NamedTuple):
+class ProcessOrder(NamedTuple):
     """One thing to do, before step `step` begins, to the processes of some agents; `why` is for people."""
 
     number: int
@@ -44,16 +44,16 @@ class Order(NamedTuple):
         return f"step {self.step}: {self.why}: {whom}" + ("" if self.action == NOTE else f" ({self.action})")
 
 
-def encode_order(order: Order) -> bytes:
-    """A map with the fields of `Order` and the version `v`. Raises WireError."""
+def encode_order(order: ProcessOrder) -> bytes:
+    """A map with the fields of `ProcessOrder` and the version `v`. Raises WireError."""
     return pack({"v": PROTOCOL_VERSION, **order._asdict()}, MAX_ORDINARY_BYTES)
 
 
-def decode_order(data: bytes) -> Order:
+def decode_order(data: bytes) -> ProcessOrder:
     """Check and decode. Raises WireError."""
-    raw = fields(unpack(data, MAX_ORDINARY_BYTES), Order._fields, "order")
+    raw = fields(unpack(data, MAX_ORDINARY_BYTES), ProcessOrder._fields, "order")
     agents = arrays(raw["agents"], MAX_AGENT_ID + 1, "order.agents")
-    return Order(
+    return ProcessOrder(
         integer(raw["number"], 0, MAX_ID, "order.number"),
         integer(raw["step"], 0, MAX_STEP, "order.step"),
         number(raw["time_s"], 0.0, MAX_TIME_S, "order.time_s"),

@@ -1,20 +1,20 @@
-"""What is derived from the run's seed, one way, so that whoever is told a part cannot compute the rest.
+"""What is derived from the run's seed, one way, so that an agent that is told a part cannot compute the rest.
 
-An agent's own generator, and the ids of events, come from here. From either nobody can find the run's seed,
-and with it the start places and the arrivals, except by trying seeds, each of which takes a scrypt.
+The agents' seeds, the ids of events and the world's own generators come from here. From its seed an agent cannot find
+the run's, and with it the start places and the arrivals, except by trying seeds, each of which takes a scrypt.
 """
 
 import hashlib
 from functools import lru_cache
 
-_COST, _BLOCK, _LANES = 2**14, 8, 1
-"""About 40 ms and 16 MB for each seed that is tried."""
+_COST, _BLOCK, _LANES = 2**15, 8, 1
+"""About 0.1 s and 32 MB for each seed that is tried."""
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=256)
 def _run_key(seed: int) -> bytes:
     return hashlib.scrypt(
-        seed.to_bytes(8, "little"), salt=b"deltaswarm run", n=_COST, r=_BLOCK, p=_LANES, maxmem=64 * 2**20, dklen=32
+        seed.to_bytes(8, "little"), salt=b"deltaswarm run", n=_COST, r=_BLOCK, p=_LANES, maxmem=128 * 2**20, dklen=32
     )
 
 

@@ -48,7 +48,7 @@ class Tls:
 
 
 @dataclass(frozen=True)
-class Link:
+class RouterLink:
     """How one process reaches the router.
 
     With `tls` the certificate says who it is; user and password are then not used.
@@ -86,7 +86,7 @@ class ZenohConfig(Protocol):
 C = TypeVar("C", bound=ZenohConfig)
 
 
-def configured(config: type[C], pairs: Pairs, link: Link) -> C:
+def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
     """A Zenoh configuration: the user's file, where the environment names one, then ours, then overrides.
 
     Raises:
@@ -109,7 +109,7 @@ def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
         raise ValueError(f"{what}: Zenoh refuses it: {error}") from None
 
 
-def client_pairs(link: Link) -> Pairs:
+def client_pairs(link: RouterLink) -> Pairs:
     """A client that knows where its router is, and does not scout."""
     pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
     user, password = (CERTIFIED, CERTIFIED) if link.tls else (link.user, link.password)
@@ -138,7 +138,7 @@ def air_pairs(
 
 
 def router_pairs(
-    link: Link,
+    link: RouterLink,
     dictionary_file: str,
     keys: Keys,
     agents: Iterable[int],

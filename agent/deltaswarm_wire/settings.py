@@ -11,6 +11,7 @@ from deltaswarm_wire.checked import Problem, key, plain_value, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
+from deltaswarm_wire.settings_obstacles import ObstacleSettings, obstacle_problems
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
@@ -48,6 +49,9 @@ class ArenaSettings:
 
     width_m: float = key(100.0, "along x [m]", source=PAPER, low=1, high=1e5)
     height_m: float = key(100.0, "along y [m]", source=PAPER, low=1, high=1e5)
+    obstacles: tuple[ObstacleSettings, ...] = key(
+        (), "what bodies do not enter and nobody senses through, as tables of corners_m, attenuation_db"
+    )
 
 
 @dataclass(frozen=True)
@@ -136,6 +140,7 @@ class AgentSettings:
     step_s: float = key(1.0, "length of a step [s]", low=0.01, high=60)
     width_m: float = key(100.0, "arena along x [m]", low=1, high=1e5)
     height_m: float = key(100.0, "arena along y [m]", low=1, high=1e5)
+    obstacles: tuple[ObstacleSettings, ...] = key((), "obstacles on its map")
     speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
     sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
     range_m: float = key(9.0, "nominal range of its radio [m]", above=0)
@@ -173,6 +178,7 @@ class Scenario:
             found.append(Problem("run.duration_s", f"{self.run.steps} steps", f"at most {MAX_STEP} are allowed"))
         found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
+        found += obstacle_problems(self.arena.obstacles, size_m)
         found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         found += uplink_problems(self.uplink, size_m, self.run.step_s)
         return found + self._density_problems()
@@ -201,6 +207,7 @@ class Scenario:
             step_s=self.run.step_s,
             width_m=self.arena.width_m,
             height_m=self.arena.height_m,
+            obstacles=self.arena.obstacles,
             speed_mps=self.agents.speed_mps,
             sensing_range_m=self.agents.sensing_range_m,
             range_m=self.radio.range_m,

@@ -8,15 +8,37 @@ from deltaswarm_wire.checked import Problem, key
 
 KILL, FREEZE, RESTART = "kill", "freeze", "restart"
 BLIND, NOISY, SLOW, RADIO_DEAD, LYING = "sensor-blind", "sensor-noisy", "actuator-slow", "radio-dead", "lying"
-FAULTS = (KILL, FREEZE, RESTART, BLIND, NOISY, SLOW, RADIO_DEAD, LYING)
+STUCK = "actuator-stuck"
+MAY_LAST, MUST_END, NEVER_ENDS = "duration_s is optional", "duration_s is needed", "duration_s means nothing"
 
-TO_PROCESSES = (KILL, FREEZE, RESTART)
-"""They befall an agent's process, by real signals where it is one; the others befall its body."""
 
-_DETAILS = ("noise_m", "miss", "factor", "phantoms")
-_TAKES = {NOISY: ("noise_m", "miss"), SLOW: ("factor",), LYING: ("phantoms",)}
-"""Which kinds take which details; they need one of them at least."""
+@dataclass(frozen=True)
+class FaultKind:
+    """What a kind of fault takes besides a time and a target."""
 
+    details: tuple[str, ...] = ()
+    """Keys of `FaultSettings` that mean something to this kind; at least one of them is needed."""
+    lasts: str = MAY_LAST
+    to_process: bool = False
+    """Whether it befalls the agent's process, by a real signal where there is one, or its body."""
+
+
+KINDS = {
+    KILL: FaultKind(lasts=NEVER_ENDS, to_process=True),
+    FREEZE: FaultKind(lasts=MUST_END, to_process=True),
+    RESTART: FaultKind(to_process=True),
+    BLIND: FaultKind(),
+    NOISY: FaultKind(("noise_m", "miss")),
+    SLOW: FaultKind(("factor",)),
+    STUCK: FaultKind(),
+    RADIO_DEAD: FaultKind(),
+    LYING: FaultKind(("phantoms",)),
+}
+"""A new kind is one line here, and one in the world's `faults/kinds.py`."""
+
+FAULTS = tuple(KINDS)
+TO_PROCESSES = tuple(name for name, kind in KINDS.items() if kind.to_process)
+_DETAILS = tuple(detail for kind in KINDS.values() for detail in kind.details)
 _TARGETS = "one of agents, fraction, roots = true"
 
 
@@ -56,7 +78,8 @@ class FaultSettings:
         return found + self._problems_of_details()
 
     def _problems_of_details(self) -> list[Problem]:
-        taken = _TAKES.get(self.kind, ())
+        kind = KINDS[self.kind]
+        taken = kind.details
         found = [
             Problem(name, f"means nothing to {self.kind}", f"{self.kind} takes {', '.join(taken) or 'no detail'}")
             for name in _DETAILS
@@ -64,10 +87,10 @@ class FaultSettings:
         ]
         if taken and all(getattr(self, name) is None for name in taken):
             found.append(Problem(taken[0], "missing", f"{self.kind} needs {' or '.join(taken)}"))
-        if self.kind == FREEZE and self.duration_s is None:
-            found.append(Problem("duration_s", "missing", "freeze needs it"))
-        if self.kind == KILL and self.duration_s is not None:
-            found.append(Problem("duration_s", "means nothing to kill", "restart takes it"))
+        if kind.lasts == MUST_END and self.duration_s is None:
+            found.append(Problem("duration_s", "missing", f"{self.kind} needs it"))
+        if kind.lasts == NEVER_ENDS and self.duration_s is not None:
+            found.append(Problem("duration_s", f"means nothing to {self.kind}", "restart takes it"))
         return found
 
     def begins(self, step_s: float) -> int:

@@ -1,7 +1,7 @@
 """The air between the agents: range, path loss, loss, bursts, delay, bandwidth, contention, jamming, walls.
 
 Each piece is off by default, and costs nothing then; together they are `[radio]` of a scenario. What
-becomes of a frame that meets several of them is told in the world's `radio.py`.
+becomes of a frame that meets several of them is told in the world's `air/radio.py`.
 """
 
 import math
@@ -171,8 +171,16 @@ class RadioSettings:
     ranges: tuple[RangeSettings, ...] = key((), "ranges of single agents, as tables of agents and range_m")
     asymmetry: AsymmetrySettings = key(AsymmetrySettings, "links that are worse in one direction")
     burst: BurstSettings = key(BurstSettings, "loss in bursts")
-    latency_s: float = key(0.0, "least delay beside the one step that each hop takes [s]", low=0, high=3600)
-    jitter_s: float = key(0.0, "more delay, uniform from 0 to this; the sum is rounded to steps [s]", low=0, high=3600)
+    latency_s: float = key(
+        0.0,
+        "least delay on top of the one step that each hop takes; part of a step is rounded up or down by chance, "
+        "which keeps the mean [s]",
+        low=0,
+        high=3600,
+    )
+    jitter_s: float = key(
+        0.0, "more delay, uniform from 0 to this, rounded together with latency_s [s]", low=0, high=3600
+    )
     duplication: float = key(0.0, "share of received frames that arrive twice", low=0, high=1)
     bandwidth: BandwidthSettings = key(BandwidthSettings, "what radios can send and take in")
     contention_bytes_per_s: float = key(

@@ -1,7 +1,7 @@
 """The operator's uplink: how reports come from the agents to the operator's base.
 
 Each piece is off by default, and without any of them reports go straight to the operator. What becomes of a
-report that meets several is told in the world's `uplink.py`.
+report that meets several is told in the world's `uplink/uplink.py`.
 """
 
 from dataclasses import dataclass
@@ -28,9 +28,15 @@ class UplinkSettings:
     loss: float = key(0.0, "share of reports that are lost; relayed: on each hop", low=0, high=1)
     burst: BurstSettings = key(BurstSettings, "loss in bursts, of each agent's link to the base")
     latency_s: float = key(
-        0.0, "least delay; 0: a report arrives in the step in which it is sent [s]", low=0, high=3600
+        0.0,
+        "least delay; 0: a report arrives in the step in which it is sent; part of a step is rounded up or down by "
+        "chance, which keeps the mean [s]",
+        low=0,
+        high=3600,
     )
-    jitter_s: float = key(0.0, "more delay, uniform from 0 to this; the sum is rounded to steps [s]", low=0, high=3600)
+    jitter_s: float = key(
+        0.0, "more delay, uniform from 0 to this, rounded together with latency_s [s]", low=0, high=3600
+    )
     bandwidth: UplinkBandwidthSettings = key(UplinkBandwidthSettings, "what agents can send and the base take in")
     outages: tuple[BlackoutSettings, ...] = key((), "no report gets through, as tables of from_s, until_s")
     base_m: Place | None = key(None, "where the operator's base is [m]; without it: everywhere in reach", length=2)

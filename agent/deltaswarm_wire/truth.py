@@ -29,6 +29,7 @@ DROP_REASONS = (
     "range",
     "blackout",
     "partition",
+    "obstacle",
     "jam",
     "asymmetry",
     "loss",
@@ -41,10 +42,11 @@ DROP_REASONS = (
 """Why a frame did not reach a receiver: what it met first, one reason each.
 
 range: too far, or too little power; blackout, partition, jam: no frame gets through now, across a wall, or to
-within a jammer's circle; asymmetry: this direction of the link is worse; loss: by chance; burst: by chance, on
-a link in its bad state; contention: too many bytes on the air around the receiver; bandwidth: the queue at its
-sender or its receiver was full; crowded: the receiver's own frame over the fabric was full; dead: the
-receiver's process is gone or hangs, or the radio of one of both is dead.
+within a jammer's circle; obstacle: one is in the way and blocks, or takes too much power; asymmetry: this
+direction of the link is worse; loss: by chance; burst: by chance, on a link in its bad state; contention: too many
+bytes on the air around the receiver; bandwidth: the queue at its sender or its receiver was full; crowded: the
+receiver's own frame over the fabric was full; dead: the receiver's process is gone or hangs, or the radio of one
+of both is dead.
 """
 
 UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "crowded", "expired", "left", "dead")
@@ -112,6 +114,7 @@ class Tally(NamedTuple):
     dropped_range: int
     dropped_blackout: int
     dropped_partition: int
+    dropped_obstacle: int
     dropped_jam: int
     dropped_asymmetry: int
     dropped_loss: int

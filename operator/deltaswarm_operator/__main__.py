@@ -29,7 +29,7 @@ from deltaswarm_wire.arguments import (
 )
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import OPERATOR, Keys
-from deltaswarm_wire.session import Link, air_pairs, tls_pairs
+from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 
 NO_WORLD = "--no-world"
@@ -154,7 +154,7 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
 
         if problem := certificate_problem(tls, OPERATOR):
             raise ValueError(f"--certificate {tls.certificate}: {problem}")
-    link = Link((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
+    link = RouterLink((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
     pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect", "listen")
     pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
     if arguments.agents:

@@ -15,7 +15,7 @@ from deltaswarm_operator.process import stop_on_signals
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import AGENT, Keys, parse_agent_key, parse_token
 from deltaswarm_wire.messages import Workload
-from deltaswarm_wire.session import Link, Pairs, configured, use_one_worker_thread
+from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
 
 use_one_worker_thread()
@@ -31,7 +31,7 @@ class OpenAirConfig:
     """What the operator is told where there is no world."""
 
     run: str
-    link: Link
+    link: RouterLink
     pairs: Pairs
     """How its session is opened."""
     settings: OperatorSettings

@@ -17,7 +17,7 @@ from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys, parse_agent_key
 from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
-from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
 
 use_one_worker_thread()
@@ -37,7 +37,7 @@ class OperatorConfig:
     """What the operator process is told."""
 
     run: str
-    link: Link
+    link: RouterLink
     settings: OperatorSettings
     step_s: float
     out: Path

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from deltaswarm_orchestrator.launch import PRELOADED, bare_main_module, safe_path
-from deltaswarm_wire.session import Link, client_pairs, configured, quiet_pairs, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -51,7 +51,7 @@ def zenoh_steps_per_s(agents: int, steps: int) -> float:
     """What Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        link = Link(f"tcp/127.0.0.1:{probe.getsockname()[1]}", low_latency=True)
+        link = RouterLink(f"tcp/127.0.0.1:{probe.getsockname()[1]}", low_latency=True)
     router = [("mode", "router"), ("listen/endpoints", [link.endpoint]), *quiet_pairs(low_latency=True)]
     with zenoh.open(configured(zenoh.Config, router, link)) as session:
         up = session.declare_subscriber("floor/up/*", zenoh.handlers.FifoChannel(4 * agents))
@@ -74,7 +74,7 @@ def zenoh_steps_per_s(agents: int, steps: int) -> float:
     return rate
 
 
-def _zenoh_agent(agent: int, steps: int, link: Link) -> None:
+def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
     with zenoh.open(configured(zenoh.Config, client_pairs(link), link)) as session:
         down = session.declare_subscriber(f"floor/down/{agent}", zenoh.handlers.FifoChannel(QUEUE_SAMPLES))
         session.put(f"floor/up/{agent}", PAYLOAD, congestion_control=zenoh.CongestionControl.BLOCK)

@@ -8,6 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from logging import WARNING
+from typing import Any
 
 from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
@@ -20,6 +21,7 @@ from deltaswarm_wire.messages import Clock, Status
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
+from deltaswarm_world import tracing
 from deltaswarm_world.core import WorldCore
 
 STATUS_EVERY_STEPS = 500
@@ -88,6 +90,21 @@ class InProcess:
         return tally
 
 
+def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
+    """Trace an agent's frames at another, or its reports at the operator (None), from the next step on."""
+    if receiver is None:
+        tracing.watch_uplink(swarm.world, sender)
+    else:
+        tracing.watch(swarm.world, sender, receiver)
+
+
+def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]], list[str]]:
+    """What each model says of the watched link in the last step, and what became of what was sent."""
+    answer = tracing.explain_uplink if receiver is None else tracing.explain
+    findings, outcomes = answer(swarm.world)
+    return [finding._asdict() for finding in findings], outcomes
+
+
 def run_in_process(
     scenario: Scenario,
     sink: Sink | None = None,
@@ -116,7 +133,7 @@ def run_in_process(
                 tally.time_s,
                 tally.agents_alive,
                 tally.agents_in_trees,
-                swarm.world.mean_waiting_s(),
+                swarm.world.environment.mean_waiting_s(),
                 "ended" if last else "running",
             )
             reporter.update(status, workload.rate_60s_hz)
@@ -124,7 +141,7 @@ def run_in_process(
             break
     complete = len(outcome.tallies) == steps
     outcome.messages += swarm.failed
-    outcome.events = swarm.world.events()
+    outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.operator.totals}
     return outcome

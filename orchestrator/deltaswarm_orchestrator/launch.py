@@ -20,9 +20,9 @@ from typing import Self
 from deltaswarm_orchestrator import child
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
-from deltaswarm_wire.orders import KILL, START, STOP, Order
+from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.plugins import CONTROLLERS
-from deltaswarm_wire.session import PASSWORD_VARIABLE, Link, Tls
+from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE
 
@@ -149,9 +149,9 @@ class Swarm:
         """The password of one who may join, once the world is there."""
         return self._passwords[user]
 
-    def recorder_link(self) -> Link:
+    def recorder_link(self) -> RouterLink:
         """How the orchestrator itself joins."""
-        return Link(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
+        return RouterLink(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
 
     def _told_of_boards(self) -> list[str]:
         return [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
@@ -190,7 +190,7 @@ class Swarm:
         pids = {part.name: part.process.pid for part in self.parts}
         (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
 
-    def carry_out(self, order: Order) -> None:
+    def carry_out(self, order: ProcessOrder) -> None:
         """Do to agents' processes what the world says; it waits for it."""
         newest = {part.number: part for part in self.parts if part.role == AGENT}
         parts = [newest[agent] for agent in order.agents]

@@ -22,8 +22,8 @@ from deltaswarm_wire.messages import (
     decode_status,
     decode_workload,
 )
-from deltaswarm_wire.orders import NOTE, Order, decode_order, encode_done
-from deltaswarm_wire.session import Link, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.truth import Truth, decode_truth
 
 use_one_worker_thread()
@@ -42,10 +42,10 @@ class Observer:
         ConnectionError: there is no way to the world.
     """
 
-    def __init__(self, run: str, link: Link, sink: Sink | None, *, wire: bool, uplink: bool = False) -> None:
+    def __init__(self, run: str, link: RouterLink, sink: Sink | None, *, wire: bool, uplink: bool = False) -> None:
         self.status: Status | None = None
         self.newest_workload: Workload | None = None
-        self.orders: deque[Order] = deque()
+        self.orders: deque[ProcessOrder] = deque()
         """What the world wants done to processes, and waits for; `confirm` each."""
         self._last_step: int | None = None
         self._keys = keys = Keys(run)
@@ -104,7 +104,7 @@ class Observer:
         newest = self.newest_workload
         return self._last_step is not None and newest is not None and newest.step >= self._last_step
 
-    def confirm(self, order: Order) -> None:
+    def confirm(self, order: ProcessOrder) -> None:
         """Tell the world that an order is carried out."""
         self._done.put(encode_done(order.number))
 

@@ -104,7 +104,9 @@ class Scene:
             "rotation": self._upright,
         }
         corners = [_vector(x, y) for x, y in ((0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m))]
-        self._walls = [_ready(_line(LINE_LOOP, corners, [], _WALL_PX, colour("#000000")))]
+        obstacles = [[_vector(x, y) for x, y in obstacle.corners_m] for obstacle in scenario.arena.obstacles]
+        loops = [corners, *obstacles]
+        self._walls = [_ready(_line(LINE_LOOP, loop, [], _WALL_PX, colour("#000000"))) for loop in loops]
         size_m = {kind: share * max(width_m, height_m) for kind, share in _SIZE_OF_ARENA.items()}
         self._size_m = size_m
         self._looks: dict[str, Json] = {}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.in_process import InProcess, explain, watch
 from deltaswarm_orchestrator.info import read_run
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
@@ -69,31 +69,24 @@ def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) ->
 def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[Tally]) -> Answer:
     """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
     swarm = InProcess(scenario)
-    world = swarm.world
+    at = receiver if isinstance(receiver, int) else None
+    is_traced = at is not None or swarm.world.has_uplink
     differs = None
     for step in range(at_step + 1):
-        if step == at_step:
-            if isinstance(receiver, int):
-                world.watch(sender, receiver)
-            elif world.has_uplink:
-                world.watch_uplink(sender)
+        if step == at_step and is_traced:
+            watch(swarm, sender, at)
         tally = swarm.step(step, last=False)
         if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
             differs = step
-    if isinstance(receiver, int):
-        findings, fates = world.explain()
-    elif world.has_uplink:
-        findings, fates = world.explain_uplink()
-    else:
-        findings, fates = [], _straight(swarm, sender, at_step)
-    cut = next((finding.reason for finding in findings if finding.cuts), None)
+    findings, fates = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
+    cut = next((finding["reason"] for finding in findings if finding["cuts"]), None)
     return Answer(
         sender,
         receiver,
         at_step,
         at_step * scenario.run.step_s,
         cut,
-        tuple(finding._asdict() for finding in findings),
+        tuple(findings),
         tuple(fates),
         differs,
         len(rows),

@@ -23,7 +23,7 @@ from deltaswarm_wire.arguments import (
 )
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.session import CERTIFIED, Link
+from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.process import WorldConfig, run_world
@@ -99,7 +99,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = WorldConfig(
             run=arguments.run,
             scenario=scenario,
-            link=Link(listen[0], overrides=tuple(arguments.zenoh), tls=tls),
+            link=RouterLink(listen[0], overrides=tuple(arguments.zenoh), tls=tls),
             credentials=arguments.credentials,
             out=arguments.out,
             expect=tuple(arguments.expect or (OPERATOR,)),

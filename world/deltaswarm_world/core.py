@@ -5,10 +5,11 @@ bytes are a stranger's. Of a radio frame the world reads the envelope, never the
 """
 
 from bisect import bisect_right
-from collections import Counter, deque
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
-from itertools import accumulate, islice
+from itertools import accumulate
+from types import MappingProxyType
 from typing import Any
 
 from deltaswarm_wire.codec import WireError
@@ -16,7 +17,6 @@ from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import (
     FRAME_ROOM_BYTES,
-    MAX_POSES,
     MAX_SENSED,
     NOBODY,
     SENSED_BYTES,
@@ -25,31 +25,28 @@ from deltaswarm_wire.messages import (
     Forwarded,
     Frame,
     Heard,
-    Pose,
     Report,
     Standing,
     decode_act,
     decode_report,
 )
-from deltaswarm_wire.orders import KILL, START, Order
+from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally, Truth
-from deltaswarm_world.channel.links import Finding
+from deltaswarm_wire.truth import DEAD, Body, Tally, Truth
+from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.coverage import Coverage
-from deltaswarm_world.environment import Environment, Happening
-from deltaswarm_world.faults import Faults
+from deltaswarm_world.environment import Environment
+from deltaswarm_world.faults.timeline import Faults
 from deltaswarm_world.lockstep import LockStep
-from deltaswarm_world.radio import Air, Carried
+from deltaswarm_world.quiet import QuietSleep
 from deltaswarm_world.sequence import SequenceNumbers, by_agent
-from deltaswarm_world.uplink import Uplink
+from deltaswarm_world.tally import tally
+from deltaswarm_world.uplink.uplink import Uplink
 
 HEARD_BYTES = 6
 """What a heard frame takes in an agent's frame besides its own bytes: its sender, and its length."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
-
-NONE_DROPPED = {f"dropped_{reason}": 0 for reason in DROP_REASONS}
-NO_REPORTS_DROPPED = {f"reports_dropped_{reason}": 0 for reason in UPLINK_REASONS}
 
 SILENT, GONE = Standing(), Standing(DEAD)
 
@@ -75,28 +72,24 @@ class WorldCore:
         self.reports_passing = 0
         """Reports of this step that went straight to the operator."""
 
-        self._air = Air(scenario)
-        self._uplink = Uplink(scenario) if self.has_uplink else None
+        self.air = Air(scenario)
+        self.uplink = Uplink(scenario, self.air.steady_links) if self.has_uplink else None
         self._reports: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
         count = scenario.agents.count
         self._present = [True] * count
-        self._listening = self._speaking = [True] * count
+        self._listening = self.speaking = [True] * count
+        """Whose radio heard in this step, and in the step before, when what is heard now was sent."""
         self._spoken: dict[int, bytes] = {}
         self._acts: dict[int, tuple[bytes, Act]] = {}
         self._standings: dict[int, Standing] = {}
         """What each agent that takes part says it is, by its last act."""
-        self._asks_all = scenario.run.ask_every_step
-        self._quiet_until = [0] * count
-        """The step until which each agent's act holds."""
-        self._asked = [-1] * count
-        """The step in which each agent was asked last."""
-        self._places: deque[list[Pose]] = deque(maxlen=MAX_POSES)
-        """All agents' places in the last steps, this one last."""
+        self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
         self._sensed: list[list[Event]] = []
-        self._links: Sequence[tuple[int, int]] = ()
+        self.links: Sequence[tuple[int, int]] = ()
+        """(sender, receiver) of each frame that is heard in this step."""
         self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
         self._rejected_in_step = 0
         self._lost_before = 0
@@ -106,7 +99,7 @@ class WorldCore:
 
     # A step: strike and begin, then acts and radio frames as they arrive, then end
 
-    def strike(self, step: int) -> Sequence[Order]:
+    def strike(self, step: int) -> Sequence[ProcessOrder]:
         """What fails or recovers before a step; the orders are for the agents' processes, the rest is done."""
         if self._faults is None:
             return ()
@@ -115,13 +108,13 @@ class WorldCore:
         orders = self._faults.strike(step, lockstep.alive, roots)
         for order in orders:
             for agent in order.agents:
-                self._quiet_until[agent] = 0
+                self._sleep.wake(agent)
                 if order.action == KILL:
                     lockstep.take_out(agent)
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
                     lockstep.back(agent)
-                    self._asked[agent] = step - 1
+                    self._sleep.start(agent, step)
                     self._radio_numbers.begin_anew(agent)
                     self._report_numbers.begin_anew(agent)
         lockstep.frozen = self._faults.frozen
@@ -137,42 +130,27 @@ class WorldCore:
         for agent, there in enumerate(self._present):
             if there != (agent in alive):
                 self._present[agent] = not there
-                self._quiet_until[agent] = 0
+                self._sleep.wake(agent)
                 environment.command(agent, 0.0, 0.0)
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
-            environment.move(self._faults.speed_factors if self._faults else None)
+            environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)
         self._sensed = self._sense((*taking_part, *knocked))
         heard = self._hear(taking_part)
-        self._places.append([(x_m, y_m) for x_m, y_m in environment.positions_m.tolist()])
-        asked = taking_part if last or self._asks_all else self._with_something_to_decide(taking_part, heard)
+        self._sleep.move_to(environment.positions_m.tolist())
+        always = lockstep.boards.keys() | (self._faults.afflicted if self._faults else NOBODY_HIT)
+        asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
         lockstep.begin(step, asked)
         before = self._standings
         self._standings = {agent: before[agent] for agent in taking_part if agent in before}
         self._spoken, self._acts = {}, {}
         return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *knocked)]
 
-    def _with_something_to_decide(self, agents: Sequence[int], heard: Sequence[Sequence[Heard]]) -> list[int]:
-        """Those whose act has run out, who sense or hear something, whom a fault afflicts; and boards, always."""
-        quiet_until, sensed, step = self._quiet_until, self._sensed, self._step
-        afflicted = self._faults.afflicted if self._faults else NOBODY_HIT
-        boards = self.lockstep.boards
-        return [
-            agent
-            for agent in agents
-            if quiet_until[agent] <= step or sensed[agent] or heard[agent] or agent in afflicted or agent in boards
-        ]
-
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
-        places = self._places
-        missed = min(self._step - self._asked[agent], len(places)) - 1
-        self._asked[agent] = self._step
-        poses: tuple[Pose, ...] = ()
-        if missed > 0:
-            poses = tuple([there[agent] for there in islice(places, len(places) - 1 - missed, len(places) - 1)])
+        here, poses = self._sleep.ask(agent, self._step)
         sensed = tuple(self._sensed[agent][:MAX_SENSED])
-        return Frame(self._step, self._time_s, last, *places[-1][agent], poses, sensed, tuple(heard))
+        return Frame(self._step, self._time_s, last, *here, poses, sensed, tuple(heard))
 
     def board_is_back(self, agent: int) -> None:
         """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
@@ -194,26 +172,22 @@ class WorldCore:
     def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
         """Deliver the radio frames of the step before; per agent those that reach it, with their senders."""
         deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
-        spoken = {agent: data for agent, data in self._spoken.items() if agent not in mute}
         listening = [False] * len(self._present)
         for agent in taking_part:
             listening[agent] = agent not in deaf
-        self._speaking, self._listening = self._listening, listening
-        carried = self._air.carry(self._step, self._time_s, spoken, self.environment.positions_m, listening)
-        carried.drop("dead", (len(self._spoken) - len(spoken)) * (len(listening) - 1))
-        if self._air.watched and self._air.watched[0] in self._spoken.keys() - spoken.keys():
-            self._air.fates.append("dropped: dead, the sender's radio")
+        self.speaking, self._listening = self._listening, listening
+        carried = self.air.carry(self._step, self._time_s, self._spoken, self.environment.positions_m, listening, mute)
         heard = carried.heard
-        self._links = carried.links
+        self.links = carried.links
         crowded = self._cut_crowded(heard, carried.largest_bytes)
         if crowded:
             kept = [iter(frames) for frames in heard]
-            self._links = [link for link in carried.links if next(kept[link[1]], None) is not None]
+            self.links = [link for link in carried.links if next(kept[link[1]], None) is not None]
             carried.drop("crowded", crowded)
         self._carried = carried
         pairs: list[list[Heard]] = [[] for _ in heard]
         frames_of = [iter(frames) for frames in heard]
-        for sender, receiver in self._links:
+        for sender, receiver in self.links:
             pairs[receiver].append((sender, next(frames_of[receiver])))
         return pairs
 
@@ -311,20 +285,20 @@ class WorldCore:
                 self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
             self._standings[agent] = act.standing
-            self._quiet_until[agent] = min(act.until, self._step + MAX_POSES)
+            self._sleep.hold(agent, act)
         self.environment.work(observers, self._time_s)
         passing, self.reports_passing = self.reports_passing, 0
         for agent in late:
             self._standings.pop(agent, None)
-            self._quiet_until[agent] = 0
-        if self._uplink is None:
-            reports = {"reports_sent": passing, "reports_arrived": passing, "reports_in_flight": 0}
-        else:
-            reports = self._forward(self._uplink)
-        return self._tally(len(late), reports)
+            self._sleep.wake(agent)
+        if self.uplink is None:
+            return self._tally(len(late), passing, passing)
+        sent = len(self._reports)
+        self._forward(self.uplink)
+        return self._tally(len(late), sent, len(self.forwarded), self.uplink.under_way, self.uplink.dropped)
 
-    def _forward(self, uplink: Uplink) -> dict[str, int]:
-        """Let the reports of this step into the uplink; how many were sent, arrived, are under way, were dropped."""
+    def _forward(self, uplink: Uplink) -> None:
+        """Let the reports of this step into the uplink, and take what comes out of it."""
         sent, self._reports = self._reports, {}
         for agent in sorted(sent):
             self.digest.add(self._step, agent, REPORT, sent[agent])
@@ -336,10 +310,15 @@ class WorldCore:
         first = self._forwarded_ever
         self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
         self._forwarded_ever += len(arrived)
-        counts = {"reports_sent": len(sent), "reports_arrived": len(arrived), "reports_in_flight": uplink.under_way}
-        return counts | {f"reports_dropped_{reason}": count for reason, count in uplink.dropped.items()}
 
-    def _tally(self, late: int, reports: dict[str, int]) -> Tally:
+    def _tally(
+        self,
+        late: int,
+        reports_sent: int,
+        reports_arrived: int,
+        reports_in_flight: int = 0,
+        reports_dropped: Mapping[str, int] = MappingProxyType({}),
+    ) -> Tally:
         in_trees = sorted(agent for agent, standing in self._standings.items() if standing.root != NOBODY)
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
@@ -347,8 +326,7 @@ class WorldCore:
         lost = (self._radio_numbers.lost + self._report_numbers.lost).total() - self._lost_before
         self._lost_before += lost
         carried, others = self._carried, self.scenario.agents.count - 1
-        dropped = {f"dropped_{reason}": count for reason, count in carried.dropped.items()}
-        return Tally(
+        return tally(
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.lockstep.alive),
@@ -360,62 +338,26 @@ class WorldCore:
             events_active=len(self.environment.active),
             frames_sent=len(self._spoken),
             bytes_sent=sum(map(len, self._spoken.values())),
-            frames_received=len(self._links),
+            frames_received=len(self.links),
             frames_duplicated=carried.duplicated,
-            frames_in_flight=len(self._spoken) * others + self._air.under_way,
+            frames_in_flight=len(self._spoken) * others + self.air.under_way,
             rejected=rejected,
             transport_lost=lost,
-            **{**NONE_DROPPED, **dropped, **NO_REPORTS_DROPPED, **reports},
+            frames_dropped=carried.dropped,
+            reports_sent=reports_sent,
+            reports_arrived=reports_arrived,
+            reports_in_flight=reports_in_flight,
+            reports_dropped=reports_dropped,
         )
 
-    def truth(self, tally: Tally) -> Truth:
+    def truth(self, row: Tally) -> Truth:
         """Everything about the step just ended, for the recorder. Call once a step, or never."""
         bodies = []
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
             standing = self._standings.get(agent, SILENT) if agent in self.lockstep.alive else GONE
             bodies.append(Body(agent, x_m, y_m, *standing))
-        shown = {happening.event: happening for happening in self.environment.active}
-        shown |= {happening.event: happening for happening in self.environment.take_changed()}
-        events = tuple(_as_state(happening) for happening in sorted(shown.values(), key=_by_arrival))
-        return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self._links), tally)
-
-    def watch(self, sender: int, receiver: int) -> None:
-        """From the next step on, `explain` tells of the frames of one agent at another."""
-        self._air.watched = (sender, receiver)
-
-    def explain(self) -> tuple[list[Finding], list[str]]:
-        """What each model of the air says of the watched link in this step, and what became of its frames."""
-        assert self._air.watched is not None
-        sender, receiver = self._air.watched
-        findings = self._air.explain(sender, receiver)
-        gone = [] if self._speaking[sender] else [sender]  # what is heard now was sent in the step before
-        gone += [] if self._listening[receiver] else [receiver]
-        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        findings[0] = Finding("dead", bool(gone), says, {"gone": gone})
-        fates = list(self._air.fates)
-        for _ in range(fates.count("delivered") - list(self._links).count(self._air.watched)):
-            fates[fates.index("delivered")] = "dropped: crowded"
-        return findings, fates
-
-    def watch_uplink(self, sender: int) -> None:
-        """From the next step on, `explain_uplink` tells of one agent's reports."""
-        assert self._uplink is not None
-        self._uplink.watched = sender
-
-    def explain_uplink(self) -> tuple[list[Finding], list[str]]:
-        """What each model of the uplink says of the watched agent in this step, and what became of its reports."""
-        assert self._uplink is not None
-        assert self._uplink.watched is not None
-        return self._uplink.explain(self._uplink.watched), list(self._uplink.fates)
-
-    def mean_waiting_s(self) -> float:
-        """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
-        waits = [h.sensed_s - h.arrived_s for h in self.environment.happenings if h.sensed_s is not None]
-        return sum(waits) / len(waits) if waits else 0.0
-
-    def events(self) -> list[EventState]:
-        """All events so far, in order of arrival; those of one step by id."""
-        return [_as_state(happening) for happening in sorted(self.environment.happenings, key=_by_arrival)]
+        events = tuple(self.environment.states_to_show())
+        return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """What the world says of a run besides its rows."""
@@ -430,20 +372,3 @@ class WorldCore:
             "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
             "refused_claims": self.refused_claims,
         }
-
-
-def _by_arrival(happening: Happening) -> tuple[float, int]:
-    return happening.arrived_s, happening.event
-
-
-def _as_state(happening: Happening) -> EventState:
-    """An event's life as it goes to the recorder and into `events.csv`."""
-    return EventState(
-        happening.event,
-        happening.x_m,
-        happening.y_m,
-        happening.arrived_s,
-        happening.sensed_s,
-        happening.completed_s,
-        happening.work_agent_s,
-    )

@@ -6,22 +6,25 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from deltaswarm_wire.messages import Event
+from deltaswarm_wire.seeds import derived_key
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.density import Floats, sampler
+from deltaswarm_wire.truth import EventState
+from deltaswarm_world.density import MAX_TRIES, Floats, sampler
 from deltaswarm_world.event_ids import EventIds
 from deltaswarm_world.near import near
+from deltaswarm_world.obstacles import Obstacles
 
-ARRIVALS_STREAM, START_STREAM, RADIO_STREAM = 1, 2, 3
+ARRIVALS_STREAM, START_STREAM = 1, 2
 """Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
 
 
-def generator(seed: int, stream: int) -> np.random.Generator:
-    """The generator of one stream of a run."""
-    return np.random.default_rng([seed, stream])
+def generator(seed: int, *stream: int) -> np.random.Generator:
+    """The generator of one stream of a run; not one that an agent, which has a seed of its own, could build."""
+    return np.random.default_rng([int.from_bytes(derived_key(seed, "world"), "little"), *stream])
 
 
 @dataclass
-class Happening:
+class EventRecord:
     """One event's life. Place in m, world frame; times in s."""
 
     event: int
@@ -36,6 +39,11 @@ class Happening:
     def __post_init__(self) -> None:
         self.as_sensed = Event(self.event, self.x_m, self.y_m)
 
+    def state(self) -> EventState:
+        """As it goes to the recorder and into `events.csv`."""
+        times = (self.arrived_s, self.sensed_s, self.completed_s)
+        return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
+
 
 class Environment:
     """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
@@ -43,11 +51,12 @@ class Environment:
     def __init__(self, scenario: Scenario) -> None:
         count = scenario.agents.count
         size = np.array([scenario.arena.width_m, scenario.arena.height_m])
-        self.positions_m: Floats = generator(scenario.seed, START_STREAM).random((count, 2)) * size
+        self._obstacles = Obstacles(scenario.arena.obstacles)
+        self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
         self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
-        self.happenings: list[Happening] = []
-        self.active: list[Happening] = []
-        self.changed: list[Happening] = []
+        self.arrived: list[EventRecord] = []
+        self.active: list[EventRecord] = []
+        self.changed: list[EventRecord] = []
         self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
@@ -66,63 +75,106 @@ class Environment:
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
-    def move(self, speed_factors: Floats | None = None) -> None:
-        """One step of motion; walls hold. Factors (n, 1), if given, are what is left of each agent's speed."""
+    def move(self, drive: Callable[[Floats], None] | None = None) -> None:
+        """One step of motion; the arena's edge and obstacles stop bodies.
+
+        `drive`, if given, changes what bodies make of their commands.
+        """
         velocities_mps = np.array(self.velocities_mps)
-        if speed_factors is not None:
-            velocities_mps *= speed_factors
+        if drive is not None:
+            drive(velocities_mps)
         moved = self.positions_m + velocities_mps * self._step_s
-        self.positions_m = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
+        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
+        self.positions_m = self._obstacles.stop(self.positions_m, moved) if self._obstacles else moved
+
+    def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
+        """Places uniform in the arena; one in an obstacle is drawn again."""
+        places_m: Floats = rng.random((count, 2)) * size_m
+        for _ in range(MAX_TRIES):
+            inside = self._obstacles.inside(places_m).nonzero()[0]
+            if not len(inside):
+                return places_m
+            places_m[inside] = rng.random((len(inside), 2)) * size_m
+        raise ValueError(f"arena.obstacles: {MAX_TRIES} draws in a row left an agent in an obstacle")
+
+    def _place_of_event(self) -> tuple[float, float]:
+        """By the density; a place in an obstacle is drawn again."""
+        for _ in range(MAX_TRIES):
+            place_m = self._draw(self._rng)
+            if not self._obstacles or not self._obstacles.inside(np.array([place_m]))[0]:
+                return place_m
+        raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell into an obstacle")
 
     def arrive(self, time_s: float) -> None:
         """Let events arrive (Poisson)."""
         for _ in range(self._rng.poisson(self._mean_arrivals)):
-            x_m, y_m = self._draw(self._rng)
-            happening = Happening(self._ids.of(len(self.happenings)), x_m, y_m, time_s)
-            self.happenings.append(happening)
-            self.active.append(happening)
-            self.changed.append(happening)
+            x_m, y_m = self._place_of_event()
+            record = EventRecord(self._ids.of(len(self.arrived)), x_m, y_m, time_s)
+            self.arrived.append(record)
+            self.active.append(record)
+            self.changed.append(record)
             self._place_active()
 
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
     ) -> list[list[Event]]:
-        """Per agent the events within its sensing range, as they arrived; notes when an event is first sensed.
+        """Per agent the events within its sensing range and line of sight; notes when an event is first sensed.
 
         `misses`, if given, says of an agent whether it misses the event before it all the same.
         """
         sensed: list[list[Event]] = [[] for _ in present]
         if self.active:
             agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
+            if self._obstacles:
+                seen = ~self._obstacles.hide(self.positions_m[agents], self._places_m[indices])
+                agents, indices = agents[seen], indices[seen]
             for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
                 if present[agent] and (misses is None or not misses(agent)):
-                    happening = self.active[index]
-                    sensed[agent].append(happening.as_sensed)
-                    if happening.sensed_s is None:
-                        happening.sensed_s = time_s
-                        self.changed.append(happening)
+                    record = self.active[index]
+                    sensed[agent].append(record.as_sensed)
+                    if record.sensed_s is None:
+                        record.sensed_s = time_s
+                        self.changed.append(record)
         return sensed
 
     def work(self, observers: dict[int, int], time_s: float) -> None:
         """Let each event's number of distinct observers work on it for one step; complete what is done."""
         done = False
-        for happening in self.active:
-            count = observers.get(happening.event, 0)
+        for record in self.active:
+            count = observers.get(record.event, 0)
             if count:
-                happening.work_agent_s += count * self._step_s
-                if happening.work_agent_s >= self._work_agent_s - 1e-9:
-                    happening.completed_s = time_s
-                    self.changed.append(happening)
+                record.work_agent_s += count * self._step_s
+                if record.work_agent_s >= self._work_agent_s - 1e-9:
+                    record.completed_s = time_s
+                    self.changed.append(record)
                     done = True
         if done:
-            self.active = [happening for happening in self.active if happening.completed_s is None]
+            self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
-    def take_changed(self) -> list[Happening]:
+    def take_changed(self) -> list[EventRecord]:
         """The events that arrived, were first sensed or completed since the last call."""
         changed, self.changed = self.changed, []
         return changed
 
+    def states(self) -> list[EventState]:
+        """All events so far, in order of arrival; those of one step by id."""
+        return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
+
+    def states_to_show(self) -> list[EventState]:
+        """Those that are not complete, or have changed since this was asked."""
+        shown = {event.event: event for event in (*self.active, *self.take_changed())}
+        return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
+
+    def mean_waiting_s(self) -> float:
+        """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
+        waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
+        return sum(waits) / len(waits) if waits else 0.0
+
     def _place_active(self) -> None:
-        places = [(happening.x_m, happening.y_m) for happening in self.active]
+        places = [(record.x_m, record.y_m) for record in self.active]
         self._places_m = np.array(places, dtype=np.float64).reshape(-1, 2)
+
+
+def _by_arrival(record: EventRecord) -> tuple[float, int]:
+    return record.arrived_s, record.event

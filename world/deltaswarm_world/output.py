@@ -52,7 +52,7 @@ class WorldOutput:
         with (self._folder / "events.csv").open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
-            rows.writerows(core.events())
+            rows.writerows(core.environment.states())
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"
         part.write_text(json.dumps(totals, indent=2) + "\n")

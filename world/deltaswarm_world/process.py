@@ -21,8 +21,8 @@ from deltaswarm_wire.keys import (
     Keys,
 )
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded, encode_frame, encode_status
-from deltaswarm_wire.orders import KILL, NOTE, START, Order, encode_order
-from deltaswarm_wire.session import Link, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder, encode_order
+from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
@@ -50,7 +50,7 @@ class WorldConfig:
 
     run: str
     scenario: Scenario
-    link: Link
+    link: RouterLink
     credentials: Path
     """File of `user:password` lines, one for each process that may join."""
     out: Path
@@ -80,7 +80,7 @@ class WorldProcess:
         self._forwarded = self._publisher(session, keys.forwarded, "Forwarded")
         self._status = self._publisher(session, keys.status, "Status")
         self._orders = self._publisher(session, keys.orders, "Order")
-        self._in_hand: Order | None = None
+        self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = self._knock_due = 0.0
         self._ending = False
@@ -160,7 +160,7 @@ class WorldProcess:
         if now >= self._knock_due or not lockstep.hanging:
             self._knock_due = now + self._config.scenario.run.step_timeout_s
 
-    def _give(self, order: Order, pace: RealTimePace | None) -> None:
+    def _give(self, order: ProcessOrder, pace: RealTimePace | None) -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
 
         Raises:
@@ -182,7 +182,7 @@ class WorldProcess:
         if pace:
             pace.pause(time.monotonic() - began)
 
-    def _is_done(self, order: Order) -> bool:
+    def _is_done(self, order: ProcessOrder) -> bool:
         tokens = [(AGENT, agent) in self._there for agent in order.agents]
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._waker.done
@@ -276,7 +276,7 @@ class WorldProcess:
                     max(step, 0) * settings.step_s,
                     len(core.lockstep.alive),
                     core.agents_in_trees,
-                    core.mean_waiting_s(),
+                    core.environment.mean_waiting_s(),
                     phase,
                 )
             )

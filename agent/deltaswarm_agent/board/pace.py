@@ -3,7 +3,7 @@
 import math
 
 
-class Pace:
+class StepTimer:
     """Step k is due at `start_s + k * step_s`, whatever happened before."""
 
     def __init__(self, step_s: float, start_s: float) -> None:

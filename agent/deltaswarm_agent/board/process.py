@@ -16,7 +16,7 @@ from deltaswarm_agent.board.driver import Driver
 from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.open_air import OpenAir
-from deltaswarm_agent.board.pace import Pace
+from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
@@ -135,8 +135,8 @@ class _Loop:
     def go(self, stop: Stop) -> None:
         """Until a signal, or the last step."""
         settings = self._run.settings
-        pace = Pace(self._step_s, self._air.now_s())
-        line = Pace(settings.log.every_s, self._air.now_s() + settings.log.every_s)
+        pace = StepTimer(self._step_s, self._air.now_s())
+        line = StepTimer(settings.log.every_s, self._air.now_s() + settings.log.every_s)
         longest_s = self._notifier.alive_every_s or 60.0
         step = 0
         while step < self._run.steps:

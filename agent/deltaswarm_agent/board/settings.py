@@ -15,7 +15,7 @@ from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, Keys
 from deltaswarm_wire.plugins import controller_settings
-from deltaswarm_wire.session import Link, Pairs, Tls, air_pairs, tls_pairs
+from deltaswarm_wire.session import Pairs, RouterLink, Tls, air_pairs, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 MODES = ("peer", "client")
@@ -113,12 +113,12 @@ class AirSettings:
         """Who may be there; nobody in particular where it is not said."""
         return agent_numbers(self.agents) if self.agents else []
 
-    def link(self, user: str) -> Link:
+    def link(self, user: str) -> RouterLink:
         """The first endpoint with its credentials, and the user's own settings; raises as `password_in`."""
         password = password_in(Path(self.credentials_file), user) if self.credentials_file else ""
         endpoint = self.connect[0] if self.connect else ""
         tls = self.tls.files if protocol_of(endpoint) == TLS else None
-        return Link(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
+        return RouterLink(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
         """Zenoh's settings for open air."""

@@ -8,15 +8,13 @@ import math
 from random import Random
 
 from deltaswarm_agent.controller import Velocity
+from deltaswarm_agent.obstacles import Obstacles, Stride
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.settings import AgentSettings
 
-WALL_MARGIN_M = 1e-6
-"""A stride that ends this close to a wall is looked at when it is due."""
-
 
 class Walk:
-    """Straight legs of uniform length in time, a uniform new heading, specular walls.
+    """Straight legs of uniform length in time, a uniform new heading, specular walls and obstacles.
 
     On a straight leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
     """
@@ -27,6 +25,7 @@ class Walk:
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
         self._size_m = (shared.width_m, shared.height_m)
+        self._obstacles = Obstacles(shared)
         self._vx = self._vy = 0.0
         self._ends = -1
         """The step in which the next leg begins."""
@@ -44,19 +43,20 @@ class Walk:
             self.turn(now)
         vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
         vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
-        return vx_mps, vy_mps
+        to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s
+        mirrored = self._obstacles.reflect(x_m, y_m, Stride(to_x_m, to_y_m, self._vx, self._vy))
+        if mirrored is None:
+            return vx_mps, vy_mps
+        self._vx, self._vy = mirrored.dx_m, mirrored.dy_m
+        return (mirrored.to_x_m - x_m) / self._step_s, (mirrored.to_y_m - y_m) / self._step_s
 
     def straight_until(self, now: int, x_m: float, y_m: float, velocity: Velocity) -> int:
-        """The step up to which `velocity`, that of this step, holds: the leg's end, or the stride before a wall."""
+        """The step until which this step's `velocity` holds: the end of the leg, or the stride that is reflected."""
         if velocity != (self._vx, self._vy):
             return now + 1
-        ahead = min(
-            self._ends - now,
-            MAX_POSES,
-            _strides(x_m, self._vx * self._step_s, self._size_m[0]),
-            _strides(y_m, self._vy * self._step_s, self._size_m[1]),
-        )
-        return now + max(1, ahead)
+        dx_m, dy_m = self._vx * self._step_s, self._vy * self._step_s
+        most = min(self._ends - now, MAX_POSES)
+        return now + max(1, self._obstacles.free_strides(x_m, y_m, dx_m, dy_m, most))
 
 
 def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[float, float]:
@@ -74,14 +74,6 @@ def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[f
     else:
         to_m, after = max(2.0 * wall_m - to_m, 0.0), -v_mps
     return (to_m - at_m) / step_s, after
-
-
-def _strides(at_m: float, stride_m: float, wall_m: float) -> int:
-    """Whole strides along an axis that surely end before the wall."""
-    room_m = (wall_m - at_m if stride_m > 0.0 else at_m) - WALL_MARGIN_M
-    if room_m <= 0.0 or stride_m == 0.0:
-        return 0 if stride_m else MAX_POSES
-    return int(min(room_m / abs(stride_m), MAX_POSES))
 
 
 def towards(x_m: float, y_m: float, to_x_m: float, to_y_m: float, shared: AgentSettings) -> Velocity:

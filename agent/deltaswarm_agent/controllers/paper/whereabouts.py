@@ -3,6 +3,7 @@
 from collections import deque
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame
+from deltaswarm_agent.obstacles import Obstacles
 from deltaswarm_wire.messages import Pose
 from deltaswarm_wire.settings import AgentSettings
 
@@ -23,6 +24,7 @@ class Whereabouts:
         self._range_m2 = shared.range_m**2
         self._reach_m2 = (shared.range_m - RANGE_MARGIN_M) ** 2
         self._size_m = (shared.width_m, shared.height_m)
+        self._obstacles = Obstacles(shared)
         self._d_min_m2 = d_min_m**2
 
     def move_to(self, pose: Pose, since: tuple[Pose, ...]) -> None:
@@ -68,5 +70,6 @@ class Whereabouts:
         return self._d_min_m2 <= self.sender_m2(frame) <= self._reach_m2
 
     def is_in_arena(self, x_m: float, y_m: float) -> bool:
-        """Whether a place that another agent named can be gone to."""
-        return 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
+        """Whether a place that another agent named can be gone to: straight on, with no obstacle in the way."""
+        is_inside = 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
+        return is_inside and not self._obstacles.first_crossing(self.x_m, self.y_m, x_m - self.x_m, y_m - self.y_m)

@@ -6,26 +6,24 @@ then (reach, blackouts, walls, jammers, asymmetry; no chance), towards the membe
 within the base's range. Where there is no way it waits. Each hop loses by the uplink's own share.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.channel.links import Ends, Links
-from deltaswarm_world.channel.queues import Arrival
-from deltaswarm_world.channel.reach import reach_of
+from deltaswarm_world.air.channel.links import Ends
+from deltaswarm_world.air.channel.queues import Arrival
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.radio import SHADOWING_STREAM, pieces_of
 
 RELAY_STREAM = 45
 
 TIME_TO_LIVE_S = 60.0
 """A report that its tree has carried for so long is dropped: it tells of what is past."""
 
-HOLDING = ("blackout", "partition", "jam", "asymmetry")
-"""What closes a link for a whole step; the air's other pieces are chance, of each frame its own."""
+SteadyLinks = Callable[[float, Ends], list[tuple[int, int]]]
+"""Given a time [s] and agents, sender and receiver of each link among them that is open for a whole step."""
 
 
 class Moment(NamedTuple):
@@ -59,17 +57,15 @@ class Way(NamedTuple):
 class Relay:
     """What is carried in one run. Called once a step: `check`, then `hand_on` with those that are still there."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         self.handed: list[Arrival] = []
         """Carriers and what was handed to them in this step; they send it in the next."""
         self.waiting: list[Arrival] = []
         """Carriers and what found no way in this step."""
-        count = scenario.agents.count
         self._life = max(1, round(TIME_TO_LIVE_S / scenario.run.step_s))
         self._loss = scenario.uplink.loss
         self._rng = generator(scenario.seed, RELAY_STREAM)
-        self._reach = reach_of(scenario.radio, count, generator(scenario.seed, SHADOWING_STREAM))
-        self._pieces = [piece for piece in pieces_of(scenario, self._reach, count) if piece.reason in HOLDING]
+        self._steady_links = steady_links
         self._trips: dict[int, Trip] = {}
         """By the report's number, of those that did not reach the base from their sender."""
 
@@ -120,7 +116,9 @@ class Relay:
         """From whom to whom, in this step, for all who are beyond the base's range and have a way to it."""
         members = [agent for agent in sorted(moment.roots) if moment.there[agent]]
         heard_from: dict[int, list[int]] = {}
-        for sender, receiver in self._open_links(moment, members):
+        ids = np.array(members, dtype=np.int64)
+        links = self._steady_links(moment.time_s, Ends(ids, moment.positions_m[ids])) if members else []
+        for sender, receiver in links:
             if moment.roots[sender] == moment.roots[receiver]:
                 heard_from.setdefault(receiver, []).append(sender)
         nearest = [agent for agent in members if moment.within[agent]]
@@ -136,21 +134,3 @@ class Relay:
                         further.append(sender)
             nearest = sorted(further)
         return {agent: way for agent, way in found.items() if way.hops}
-
-    def _open_links(self, moment: Moment, members: Sequence[int]) -> list[tuple[int, int]]:
-        """Sender and receiver of each link between members that the air leaves open."""
-        ids = np.array(members, dtype=np.int64)
-        if not members:
-            return []
-        ends = Ends(ids, moment.positions_m[ids])
-        rows, columns, spare_db = self._reach.find(ends, ends)
-        others = rows != columns
-        links = Links(ends, ends, (), columns[others], rows[others])
-        if spare_db is not None:
-            links.spare_db = spare_db[others]
-        for piece in self._pieces:
-            cut = piece.cuts(links, moment.time_s)
-            if cut is not None:
-                links.is_open &= ~cut
-        is_open = links.is_open
-        return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))

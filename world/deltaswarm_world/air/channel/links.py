@@ -11,7 +11,7 @@ from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices
 
 Mask = npt.NDArray[np.bool_]
-Numbers = npt.NDArray[np.uint64]
+Hashes = npt.NDArray[np.uint64]
 
 
 class Ends(NamedTuple):
@@ -115,6 +115,10 @@ class Piece(Protocol):
     def reason(self) -> str:
         """Under which its cuts are counted."""
 
+    @property
+    def holds_for_step(self) -> bool:
+        """Whether it closes links for a whole step; the relay asks it, too, so it neither draws nor keeps a state."""
+
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """Called once a step, with all links; None is none. This, and nothing else, may draw."""
 
@@ -131,7 +135,7 @@ class LinkDice:
     def __init__(self, rng: np.random.Generator) -> None:
         self._key, self._turn = rng.integers(0, 2**64, 2, dtype=np.uint64) | np.uint64(1)
         self._rng = rng
-        self._of_ids: Numbers = np.zeros(0, dtype=np.uint64)
+        self._of_ids: Hashes = np.zeros(0, dtype=np.uint64)
         """What the number of each end begins with, by its id; grows as needed."""
 
     @cached_property
@@ -139,7 +143,7 @@ class LinkDice:
         """The standard normal draws that there are: 65,536."""
         return self._rng.standard_normal(1 << _POOL_BITS)
 
-    def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Numbers:
+    def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Hashes:
         """A number for each end."""
         try:
             state = self._of_ids[ids]
@@ -151,16 +155,16 @@ class LinkDice:
             state = _mixed(state + word.view(np.uint64) * _GOLDEN)
         return state
 
-    def uniform(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Floats:
+    def uniform(self, senders: Hashes, receivers: Hashes, mutual: bool = False) -> Floats:
         """From 0 to 1, 1 excluded, for each link; if mutual, the same from either end."""
         drawn: Floats = (self._of(senders, receivers, mutual) >> np.uint64(11)).astype(np.float64) * 2.0**-53
         return drawn
 
-    def pick(self, senders: Numbers, receivers: Numbers, mutual: bool = False) -> Indices:
+    def pick(self, senders: Hashes, receivers: Hashes, mutual: bool = False) -> Indices:
         """Which one of `normals` each link has."""
         return (self._of(senders, receivers, mutual) >> np.uint64(64 - _POOL_BITS)).view(np.intp)
 
-    def _of(self, senders: Numbers, receivers: Numbers, mutual: bool) -> Numbers:
+    def _of(self, senders: Hashes, receivers: Hashes, mutual: bool) -> Hashes:
         return _mixed(senders + receivers if mutual else senders + receivers * self._turn)
 
 
@@ -170,7 +174,7 @@ _SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
-def _mixed(state: Numbers) -> Numbers:
+def _mixed(state: Hashes) -> Hashes:
     """The finaliser of splitmix64: each bit of the input turns half of those of the output."""
     state = state ^ (state >> _SHIFTS[0])
     state *= _FACTORS[0]

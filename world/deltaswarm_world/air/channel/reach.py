@@ -1,21 +1,17 @@
-"""Who is in reach of a frame at all: a disc, or path loss with shadowing; and links worse than the others."""
+"""Who is in reach of a frame at all: a disc, or path loss with shadowing."""
 
 from functools import cached_property
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from deltaswarm_wire.settings_radio import LOG_DISTANCE, AsymmetrySettings, PathLossSettings, RadioSettings
-from deltaswarm_world.channel.links import Ends, Finding, LinkDice, Links, Mask, Numbers
+from deltaswarm_wire.settings_radio import LOG_DISTANCE, PathLossSettings, RadioSettings
+from deltaswarm_world.air.channel.links import Ends, Finding, Hashes, LinkDice, Links
 from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 
 SHADOWING_CUT = 4.0
 """Shadowing is cut at so many standard deviations: no link in 15,000 is beyond, and reach has a bound."""
-
-
-MOST_IN_TABLE = 1000
-"""Up to so many ends, what is drawn once for each link is kept (8 MB); beyond, it is drawn when needed."""
 
 
 class Found(NamedTuple):
@@ -139,7 +135,7 @@ class PathLoss:
         assert self._dice is not None
         return self._settings.shadowing_db * np.clip(self._dice.normals, -SHADOWING_CUT, SHADOWING_CUT)
 
-    def _numbers(self, dice: LinkDice, *sides: Ends) -> Numbers:
+    def _numbers(self, dice: LinkDice, *sides: Ends) -> Hashes:
         """What a link's shadowing depends on at each end, side by side: who it is, and the square that it is in."""
         ids = np.concatenate([side.ids for side in sides])
         side_m = self._settings.decorrelation_m
@@ -189,48 +185,3 @@ def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> R
     if ranges_m is not None:
         gains_db = 10.0 * settings.path_loss.exponent * np.log10(ranges_m / settings.range_m)
     return PathLoss(settings.path_loss, gains_db, LinkDice(rng))
-
-
-class Asymmetry:
-    """Some directed links carry nothing, others less far than the range; the same for a whole run."""
-
-    reason = "asymmetry"
-
-    def __init__(self, settings: AsymmetrySettings, reach: Reach, ends: int, rng: np.random.Generator) -> None:
-        self._settings = settings
-        self._reach = reach
-        self._factor_dice, self._death_dice = LinkDice(rng), LinkDice(rng)
-        self._table: Floats | None = None
-        if ends <= MOST_IN_TABLE:
-            ids = np.arange(ends)
-            self._table = self._drawn(np.repeat(ids, ends), np.tile(ids, ends)).reshape(ends, ends)
-
-    def factors(self, links: Links) -> Floats:
-        """By what each link's range is multiplied; below 0 for one that carries nothing."""
-        if self._table is None:
-            return self._drawn(links.senders, links.receivers)
-        factors: Floats = self._table[links.senders, links.receivers]
-        return factors
-
-    def _drawn(self, senders: Indices, receivers: Indices) -> Floats:
-        low, dice, deaths = self._settings.range_factor_low, self._factor_dice, self._death_dice
-        factors: Floats = low + (1.0 - low) * dice.uniform(dice.ends(senders), dice.ends(receivers))
-        is_dead = deaths.uniform(deaths.ends(senders), deaths.ends(receivers)) < self._settings.dead_share
-        factors[is_dead] = -1.0
-        return factors
-
-    def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
-        factors = self.factors(links)
-        if self._settings.range_factor_low >= 1.0:
-            return factors < 0.0
-        return self._reach.shares(links) > factors
-
-    def explain(self, links: Links, time_s: float) -> Finding:
-        """The link's factor."""
-        factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
-        if factor < 0.0:
-            return Finding(self.reason, True, "this direction carries nothing", {"dead": True})
-        cuts = share > factor and self._settings.range_factor_low < 1.0
-        says = f"this direction has {factor:.2f} of its range and needs {share:.2f}"
-        return Finding(self.reason, cuts, says, {"range_factor": factor, "range_share": share})

@@ -2,15 +2,15 @@
 
 Each frame sent is tried at every other agent, once. On its way it meets, in this order: the sender's queue
 (`bandwidth`); then on the air, all in one step, whether the receiver is there (`dead`), reach (`range`),
-blackouts, walls (`partition`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then
-duplication and delay; on arrival once more whether the receiver is there (`dead`); and the receiver's queue
-(`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit into an
-agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
+blackouts, walls (`partition`), obstacles (`obstacle`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`),
+`contention`; then duplication and delay; on arrival once more whether the receiver is there (`dead`); and the
+receiver's queue (`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit
+into an agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
 
     sent x other agents + duplicated = received + dropped, by reason + under way
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -18,17 +18,18 @@ import numpy as np
 
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
-from deltaswarm_world.channel.chance import Bursts, Contention, Loss
-from deltaswarm_world.channel.links import Ends, Finding, Links, Mask, Piece
-from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
-from deltaswarm_world.channel.reach import Asymmetry, Reach, reach_of
-from deltaswarm_world.channel.zones import Blackouts, Jammers, Walls
+from deltaswarm_world.air.channel.links import Ends, Links, Mask
+from deltaswarm_world.air.channel.model import Context
+from deltaswarm_world.air.channel.models import pieces_of
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.reach import reach_of
 from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import RADIO_STREAM, generator
+from deltaswarm_world.environment import generator
 
-SHADOWING_STREAM, ASYMMETRY_STREAM, BURST_STREAM, CONTENTION_STREAM = 31, 32, 33, 34
+SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
-"""Each model has its own chance, so that switching one on changes nothing of another's draws."""
+ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
+"""Each use of chance has its own generator, and so has each model (`channel/models.py`)."""
 
 
 class _Moment(NamedTuple):
@@ -68,33 +69,13 @@ class Carried:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 
 
-def pieces_of(scenario: Scenario, reach: Reach, ends: int) -> list[Piece]:
-    """What a frame meets on the air within reach, in order; what is off is left out."""
-    radio, step_s = scenario.radio, scenario.run.step_s
-
-    def rng(stream: int) -> np.random.Generator:
-        return generator(scenario.seed, stream)
-
-    pieces: list[Piece] = []
-    if radio.blackouts:
-        pieces.append(Blackouts(radio.blackouts))
-    if radio.walls:
-        pieces.append(Walls(radio.walls))
-    if radio.jammers:
-        pieces.append(Jammers(radio.jammers))
-    if radio.asymmetry.dead_share > 0 or radio.asymmetry.range_factor_low < 1:
-        pieces.append(Asymmetry(radio.asymmetry, reach, ends, rng(ASYMMETRY_STREAM)))
-    if radio.loss > 0:
-        pieces.append(Loss(radio.loss, rng(RADIO_STREAM)))
-    if radio.burst.is_on:
-        pieces.append(Bursts(radio.burst, ends, step_s, rng(BURST_STREAM)))
-    if radio.contention_bytes_per_s > 0:
-        pieces.append(Contention(radio.contention_bytes_per_s * step_s, rng(CONTENTION_STREAM)))
-    return pieces
-
-
 def _pipes(bytes_per_s: float, radio: RadioSettings, step_s: float) -> Pipes | None:
     return Pipes(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
+
+
+def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
+    radio, rngs = scenario.radio, [generator(scenario.seed, stream) for stream in (jitter_stream, rounding_stream)]
+    return DelayLine(radio.latency_s, radio.jitter_s, scenario.run.step_s, *rngs)
 
 
 class Air:
@@ -102,21 +83,18 @@ class Air:
 
     def __init__(self, scenario: Scenario) -> None:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
-        self.watched: tuple[int, int] | None = None
-        """A sender and a receiver of whose frames `fates` tells."""
-        self.fates: list[str] = []
-        """What became in the last step of the watched sender's frames at the watched receiver."""
         self._ids = np.arange(count)
         self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
-        self._pieces = pieces_of(scenario, self._reach, count)
+        self._pieces = pieces_of(Context(scenario, self._reach))
+        self._steady = [piece for piece in self._pieces if piece.holds_for_step]
         self._sending = _pipes(radio.bandwidth.sender_bytes_per_s, radio, step_s)
         self._taking_in = _pipes(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
         self._duplication = radio.duplication
         self._delays: DelayLine | None = None
         if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
-            self._delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, JITTER_STREAM))
+            self._delays = _delays(scenario, JITTER_STREAM, ROUNDING_STREAM)
         self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
-        self._copy_delays = DelayLine(radio.latency_s, radio.jitter_s, step_s, generator(scenario.seed, COPY_STREAM))
+        self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Whose frame comes first into the queues of a step: else those with low numbers would always."""
         self._numbers = 0
@@ -141,17 +119,20 @@ class Air:
         spoken: Mapping[int, bytes],
         positions_m: Floats,
         listening: Sequence[bool],
+        mute: Collection[int] = (),
     ) -> Carried:
-        """One step: frames by sender, positions (n, 2) [m] and who is there to hear."""
+        """One step: frames by sender, positions (n, 2) [m], who is there to hear, and whose radio sends nothing."""
         carried = Carried(len(listening))
-        self.fates = []
         senders = sorted(spoken)
+        if mute:
+            senders = [sender for sender in senders if sender not in mute]
+            carried.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
         frames = [spoken[sender] for sender in senders]
         if self._sending is not None:
             senders, frames = self._send(self._sending, senders, frames, listening, carried)
         self._moment = _Moment(time_s, positions_m, listening)
         is_late = self._delays is not None or self._taking_in is not None
-        if not (is_late or self._pieces or self.watched):
+        if not (is_late or self._pieces):
             self._hear_at_once(senders, frames, carried)
             return carried
         links = self._cross(senders, frames, carried) if frames else None
@@ -160,9 +141,21 @@ class Air:
             self._deliver(step, arriving, listening, carried)
         elif links is not None:
             _hear_all(links, frames, carried)
-        if self.watched:
-            self._note_end(self.watched, carried)
         return carried
+
+    def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
+        """Sender and receiver of each link among some agents that is open for the whole step, chance aside."""
+        rows, columns, spare_db = self._reach.find(agents, agents)
+        others = rows != columns
+        links = Links(agents, agents, (), columns[others], rows[others])
+        if spare_db is not None:
+            links.spare_db = spare_db[others]
+        for piece in self._steady:
+            cut = piece.cuts(links, time_s)
+            if cut is not None:
+                links.is_open &= ~cut
+        is_open = links.is_open
+        return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))
 
     def _send(
         self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried
@@ -181,9 +174,6 @@ class Air:
             gone = [] if listening[sender] else pipes.clear(sender)
             carried.drop("bandwidth", len(dropped) * others)
             carried.drop("dead", len(gone) * others)
-            if self.watched and self.watched[0] == sender:
-                self.fates += ["dropped: bandwidth, the sender's queue is full"] * len(dropped)
-                self.fates += ["dropped: dead, in the sender's queue"] * len(gone)
         on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
         return [sender for sender, _ in on_air], [data for _, data in on_air]
 
@@ -228,10 +218,6 @@ class Air:
         dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
         carried.drop("dead", dead)
         carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
-        watched = self.watched
-        if watched and not _between(links, watched).any():
-            reason = "range" if listening[watched[1]] else "dead"
-            self.fates += [f"dropped: {reason}"] * senders.count(watched[0])
         for piece in self._pieces:
             cut = piece.cuts(links, time_s)
             if cut is None:
@@ -239,8 +225,6 @@ class Air:
             cut &= links.is_open
             links.is_open ^= cut
             carried.drop(piece.reason, int(np.count_nonzero(cut)))
-            if watched:
-                self.fates += [f"dropped: {piece.reason}"] * int(np.count_nonzero(cut & _between(links, watched)))
         return links
 
     def _set_off(
@@ -269,9 +253,6 @@ class Air:
             due = self._delays.take(step)
             there = [arrival for arrival in due if listening[arrival[0]]]
             carried.drop("dead", len(due) - len(there))
-            if self.watched and not listening[self.watched[1]]:
-                lost = [packet for receiver, packet in due if (packet.sender, receiver) == self.watched]
-                self.fates += ["dropped: dead, on arrival"] * len(lost)
             arriving += there
         if self._taking_in is not None:
             arriving = self._take_in(self._taking_in, arriving, listening, carried)
@@ -301,46 +282,7 @@ class Air:
             passed, dropped = pipes.take(receiver, packets)
             carried.drop("bandwidth", len(dropped))
             passing += [(receiver, packet) for packet in passed]
-            if self.watched:
-                lost = [packet for packet in dropped if (packet.sender, receiver) == self.watched]
-                self.fates += ["dropped: bandwidth, the receiver's queue is full"] * len(lost)
         return passing
-
-    # Why
-
-    def _note_end(self, watched: tuple[int, int], carried: Carried) -> None:
-        """What is left to say of the watched frames when all is done."""
-        sender, receiver = watched
-        self.fates += ["delivered"] * carried.links.count(watched)
-        if self._sending is not None:
-            self.fates += ["waits in the sender's queue"] * len(self._sending.holds(sender))
-        if self._delays is not None:
-            self.fates += [f"under way, due in step {due}" for due in self._delays.due_of(sender, receiver)]
-        if self._taking_in is not None:
-            held = [packet for packet in self._taking_in.holds(receiver) if packet.sender == sender]
-            self.fates += ["waits in the receiver's queue"] * len(held)
-
-    def explain(self, sender: int, receiver: int) -> list[Finding]:
-        """What each model has to say of one link in the last step, in the order in which a frame meets them."""
-        time_s, positions_m, listening = self._moment
-        from_end, to_end = (Ends(np.array([agent]), positions_m[[agent]]) for agent in (sender, receiver))
-        links = Links.of_pairs(from_end, to_end)
-        gone = [agent for agent in (sender, receiver) if not listening[agent]]
-        says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        found = [Finding("dead", bool(gone), says, {"gone": gone})]
-        found.append(self._reach.explain(links, time_s))
-        found += [piece.explain(links, time_s) for piece in self._pieces]
-        if self._delays is not None:
-            found.append(self._delays.explain())
-        for pipes, end, whose in ((self._sending, sender, "sender"), (self._taking_in, receiver, "receiver")):
-            if pipes is not None:
-                found.append(pipes.explain(end, whose))
-        return found
-
-
-def _between(links: Links, watched: tuple[int, int]) -> Mask:
-    between: Mask = (links.senders == watched[0]) & (links.receivers == watched[1])
-    return between
 
 
 def _hear_all(links: Links, frames: Sequence[bytes], carried: Carried) -> None:

@@ -1,5 +1,6 @@
 """Frames under way: what waits for bandwidth, and what is delayed."""
 
+import math
 from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
@@ -7,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.channel.links import Finding
+from deltaswarm_world.air.channel.links import Finding
 
 
 class Packet(NamedTuple):
@@ -115,20 +116,41 @@ class Pipes:
 
 
 class DelayLine:
-    """Frames that arrive later: a least delay and a jitter, uniform, the sum rounded to steps."""
+    """Frames that arrive later: a least delay, and more by a uniform jitter.
 
-    def __init__(self, latency_s: float, jitter_s: float, step_s: float, rng: np.random.Generator) -> None:
+    Part of a step is rounded up or down by chance, so that the mean delay is latency + jitter / 2 at any length of
+    a step.
+
+    Args:
+        latency_s: least delay [s].
+        jitter_s: most that comes on top [s].
+        step_s: length of a step [s].
+        rng: draws the jitter.
+        rounding_rng: draws for delays that are not whole steps.
+    """
+
+    def __init__(
+        self,
+        latency_s: float,
+        jitter_s: float,
+        step_s: float,
+        rng: np.random.Generator,
+        rounding_rng: np.random.Generator,
+    ) -> None:
         self.waiting = 0
-        self._latency = latency_s / step_s
-        self._jitter = jitter_s / step_s
-        self._rng = rng
+        self._latency = _snapped(latency_s / step_s)
+        self._jitter = _snapped(jitter_s / step_s)
+        self._rng, self._rounding_rng = rng, rounding_rng
         self._due: defaultdict[int, list[Arrival]] = defaultdict(list)
 
     def draw(self, count: int) -> npt.NDArray[np.int64]:
-        """Delays [steps] for so many frames; drawn only where there is jitter."""
+        """Delays [steps] of some frames; nothing is drawn where there is no jitter and the latency is whole steps."""
+        if self._jitter == 0.0 and self._latency.is_integer():
+            return np.full(count, int(self._latency))
+        delays = self._latency + self._rounding_rng.random(count)
         if self._jitter > 0.0:
-            return np.rint(self._latency + self._jitter * self._rng.random(count)).astype(np.int64)
-        return np.full(count, round(self._latency))
+            delays += self._jitter * self._rng.random(count)
+        return np.floor(delays).astype(np.int64)
 
     def send(self, step: int, arrivals: Iterable[tuple[int, Packet]], delays: Iterable[int]) -> list[Arrival]:
         """Keep what is late until its step; what is not, as (receiver, packet)."""
@@ -149,9 +171,10 @@ class DelayLine:
 
     def explain(self) -> Finding:
         """How late frames are."""
-        least, most = round(self._latency), round(self._latency + self._jitter)
-        says = f"frames arrive {least} to {most} steps later than without delay"
-        return Finding("delay", False, says, {"steps_min": least, "steps_max": most})
+        least, most = math.floor(self._latency), math.ceil(self._latency + self._jitter)
+        mean = self._latency + self._jitter / 2
+        says = f"frames arrive {least} to {most} steps later than without delay, {mean:g} on average"
+        return Finding("delay", False, says, {"steps_min": least, "steps_max": most, "steps_mean": mean})
 
     def due_of(self, sender: int, receiver: int) -> list[int]:
         """The steps in which packets of one to another are due, ascending."""
@@ -161,3 +184,9 @@ class DelayLine:
             for end, packet in held
             if end == receiver and packet.sender == sender
         )
+
+
+def _snapped(steps: float) -> float:
+    """A whole number of steps where only rounding is in the way, as of 0.3 s by 0.1 s."""
+    whole = round(steps)
+    return float(whole) if abs(steps - whole) < 1e-9 else steps

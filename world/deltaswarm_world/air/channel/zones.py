@@ -3,11 +3,13 @@
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
+from typing import Self
 
 import numpy as np
 
 from deltaswarm_wire.settings_radio import BlackoutSettings, JammerSettings, WallSettings
-from deltaswarm_world.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.density import Floats
 
 
@@ -23,9 +25,17 @@ def _when(zone: BlackoutSettings | JammerSettings | WallSettings) -> str:
 class Blackouts:
     """Times in which nobody hears anybody; the operator's uplink calls them outages."""
 
+    holds_for_step = True
+
     def __init__(self, zones: Sequence[BlackoutSettings], reason: str = "blackout") -> None:
         self.reason = reason
         self._zones = zones
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        zones = context.scenario.radio.blackouts
+        return cls(zones) if zones else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
@@ -43,9 +53,16 @@ class Walls:
     """No frame crosses them: one whose ends are on opposite sides, and pass between a wall's two ends."""
 
     reason = "partition"
+    holds_for_step = True
 
     def __init__(self, walls: Sequence[WallSettings]) -> None:
         self._walls = walls
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        walls = context.scenario.radio.walls
+        return cls(walls) if walls else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
@@ -95,12 +112,19 @@ class Jammers:
     """Circles in which nothing is heard; their edge is within them. Who is within can be heard outside."""
 
     reason = "jam"
+    holds_for_step = True
 
     def __init__(self, zones: Sequence[JammerSettings]) -> None:
         self._zones = zones
         self._ways = [
             ((zone.from_s, *zone.times_s), [(x, y) for x, y in (zone.center_m, *zone.waypoints_m)]) for zone in zones
         ]
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        zones = context.scenario.radio.jammers
+        return cls(zones) if zones else None
 
     def center_m(self, index: int, time_s: float) -> tuple[float, float]:
         """Where a jammer is: before its first time where it begins, after its last where it ends [m]."""

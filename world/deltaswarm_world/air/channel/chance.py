@@ -1,9 +1,12 @@
 """Frames lost by chance: independently, in bursts, and where too many are on the air."""
 
+from typing import Self
+
 import numpy as np
 
 from deltaswarm_wire.settings_radio import BurstSettings
-from deltaswarm_world.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices
 
@@ -12,10 +15,18 @@ class Loss:
     """Each frame is lost with the same chance, for each receiver anew."""
 
     reason = "loss"
+    holds_for_step = False
+    stream = 3
 
     def __init__(self, share: float, rng: np.random.Generator) -> None:
         self._share = share
         self._rng = rng
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        share = context.scenario.radio.loss
+        return cls(share, context.rng(cls.stream)) if share > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
@@ -32,11 +43,22 @@ class Bursts:
 
     A link's state is looked at only when a frame passes; the steps in between are made up for in one draw,
     by the chain's own law for so many steps. Frames of one link in one step find it in one state.
+
+    Args:
+        settings: chances and losses.
+        ends: number of ends that send or receive.
+        step_s: length of a step [s].
+        rng: the model's own generator.
+        to_one: whether all links lead to the same end, as reports do; then a state is kept per sender.
     """
 
     reason = "burst"
+    holds_for_step = False
+    stream = 33
 
-    def __init__(self, settings: BurstSettings, ends: int, step_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self, settings: BurstSettings, ends: int, step_s: float, rng: np.random.Generator, to_one: bool = False
+    ) -> None:
         self._settings = settings
         self._step_s = step_s
         self._rng = rng
@@ -44,10 +66,18 @@ class Bursts:
         self._stationary = settings.p_good_to_bad / change if change > 0 else 0.0
         self._memory = 1.0 - change
         self._ends = ends
-        self._badness = np.full(ends * ends, self._stationary)
+        self._to_one = to_one
+        links = ends if to_one else ends * ends
+        self._badness = np.full(links, self._stationary)
         """1 where a link was bad when it was looked at last, 0 where good; between them where it never was."""
-        self._seen = np.zeros(ends * ends, dtype=np.int32)
+        self._seen = np.zeros(links, dtype=np.int32)
         """In which step, counted from 1, that was; 0 is never."""
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        settings = context.scenario.radio.burst
+        return cls(settings, context.ends, context.step_s, context.rng(cls.stream)) if settings.is_on else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`."""
@@ -72,7 +102,7 @@ class Bursts:
         return chances
 
     def _places(self, links: Links) -> Indices:
-        places: Indices = links.senders * self._ends + links.receivers
+        places: Indices = links.senders if self._to_one else links.senders * self._ends + links.receivers
         return places
 
     def _now(self, time_s: float) -> int:
@@ -105,10 +135,18 @@ class Contention:
     """
 
     reason = "contention"
+    holds_for_step = False
+    stream = 34
 
     def __init__(self, bytes_per_step: float, rng: np.random.Generator) -> None:
         self._bytes_per_step = bytes_per_step
         self._rng = rng
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        bytes_per_step = context.scenario.radio.contention_bytes_per_s * context.step_s
+        return cls(bytes_per_step, context.rng(cls.stream)) if bytes_per_step > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """See `Piece`. What other pieces have cut takes no room."""

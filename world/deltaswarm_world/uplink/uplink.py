@@ -13,48 +13,44 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.channel.chance import Bursts, Loss
-from deltaswarm_world.channel.links import Ends, Finding, Links, Piece
-from deltaswarm_world.channel.queues import Arrival, DelayLine, Packet, Pipes
-from deltaswarm_world.channel.reach import RangeDisc
-from deltaswarm_world.channel.zones import Blackouts
+from deltaswarm_world.air.channel.chance import Bursts, Loss
+from deltaswarm_world.air.channel.links import Ends, Links, Piece
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.zones import Blackouts
 from deltaswarm_world.density import Floats
 from deltaswarm_world.environment import generator
-from deltaswarm_world.relay import Moment, Relay
+from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks
 
-LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM = 41, 42, 43, 44
+LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
 """Each model has its own chance, as on the air; the relay's is 45."""
 
-EAR = 0
-"""The operator's one radio, among the ends of its queue."""
+BASE = 0
+"""The operator's one radio, as the only end of its queue."""
 
 
 class Uplink:
     """The uplink of one run, with all its models; `carry` is called once a step, in order, at the step's end."""
 
-    def __init__(self, scenario: Scenario) -> None:
+    def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
-        self.watched: int | None = None
-        """An agent of whose reports `fates` tells."""
-        self.fates: list[str] = []
-        """What became in the last step of the watched agent's reports."""
         self.dropped: dict[str, int] = {}
         """Reports that will not arrive, by reason, of the last step."""
         self._count = count
         self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
         self._range_m = uplink.range_m
-        self._relay = Relay(scenario) if uplink.relay else None
+        self._relay = Relay(scenario, steady_links) if uplink.relay else None
         self._pieces: list[Piece] = []
         if uplink.outages:
             self._pieces.append(Blackouts(uplink.outages, "outage"))
         if uplink.loss > 0:
             self._pieces.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
         if uplink.burst.is_on:
-            self._pieces.append(Bursts(uplink.burst, count + 1, step_s, generator(scenario.seed, BURST_STREAM)))
+            rng = generator(scenario.seed, BURST_STREAM)
+            self._pieces.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
         self._delays: DelayLine | None = None
         if uplink.latency_s > 0 or uplink.jitter_s > 0:
-            rng = generator(scenario.seed, JITTER_STREAM)
-            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, rng)
+            rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
+            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
         width = uplink.bandwidth
         self._sending, self._taking_in = (
             Pipes(rate * step_s, width.queue_bytes) if rate > 0 else None
@@ -81,7 +77,7 @@ class Uplink:
         sent: Mapping[int, bytes],
     ) -> list[bytes]:
         """One step: places [m], presence and tree's root by agent, reports by sender; what arrives, by sender."""
-        self.fates, self.dropped = [], {}
+        self.dropped = {}
         self._moment = moment = Moment(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
         for sender in sorted(sent):
@@ -92,14 +88,11 @@ class Uplink:
             else:
                 self._drop(packet, "dead")
         near = self._near(moment, entering)
-        arriving = [(EAR, packet) for packet in self._cross(moment, near)]
+        arriving = [(BASE, packet) for packet in self._cross(moment, near)]
         if self._delays is not None:
             arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
             arriving += self._delays.take(step)
-        packets = sorted(self._take_in([packet for _, packet in arriving]))
-        if self.watched is not None:
-            self._note_end(self.watched, packets)
-        return [packet.data for packet in packets]
+        return [packet.data for packet in sorted(self._take_in([packet for _, packet in arriving]))]
 
     def _within(self, positions_m: Floats) -> Sequence[bool]:
         """Who is within the base's range, the range itself included."""
@@ -109,13 +102,11 @@ class Uplink:
         within: list[bool] = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2 <= self._range_m**2).tolist()
         return within
 
-    def _drop(self, packet: Packet, reason: str, detail: str = "") -> None:
-        """A report will not arrive."""
+    def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
+        """Count a report that will not arrive; `where` is for `TracedUplink`."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         if self._relay:
             self._relay.forget(packet.number)
-        if packet.sender == self.watched:
-            self.fates.append(f"dropped: {reason}{detail}")
 
     def _near(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
         """Through the senders' queues and, where there is one, the relay; whose report is on its way to the base."""
@@ -185,63 +176,12 @@ class Uplink:
         if pipes is None:
             return packets
         luck = self._order_rng.random(self._count).tolist()
-        if not pipes.is_wide_enough(EAR, packets):
+        if not pipes.is_wide_enough(BASE, packets):
             packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
-        passed, dropped = pipes.take(EAR, packets)
+        passed, dropped = pipes.take(BASE, packets)
         for packet in dropped:
             self._drop(packet, "crowded")
         return passed
-
-    # Why
-
-    def _note_end(self, watched: int, arrived: Sequence[Packet]) -> None:
-        """What is left to say of the watched agent's reports when all is done."""
-        self.fates += ["arrived"] * sum(packet.sender == watched for packet in arrived)
-        if self._sending is not None:
-            for end in self._sending.ends:
-                held = [packet for packet in self._sending.holds(end) if packet.sender == watched]
-                self.fates += [f"waits in the queue of agent {end}"] * len(held)
-        if self._relay is not None:
-            self.fates += [f"handed on to agent {to}" for to, packet in self._relay.handed if packet.sender == watched]
-            waiting = [end for end, packet in self._relay.waiting if packet.sender == watched]
-            self.fates += [f"waits at agent {end} for a way" for end in waiting]
-        if self._delays is not None:
-            self.fates += [f"under way, due in step {due}" for due in self._delays.due_of(watched, EAR)]
-        if self._taking_in is not None:
-            held = [packet for packet in self._taking_in.holds(EAR) if packet.sender == watched]
-            self.fates += ["waits in the operator's queue"] * len(held)
-
-    def explain(self, sender: int) -> list[Finding]:
-        """What each model has to say of an agent's way to the operator in the last step, in a report's order."""
-        moment = self._moment
-        there = moment.there[sender]
-        says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
-        found = [Finding("dead", not there, says, {"gone": [] if there else [sender]})]
-        if self._sending is not None:
-            found.append(self._sending.explain(sender, "sender"))
-        links = self._links(moment, [sender])
-        if self._range_m is not None:
-            found.append(self._explain_range(moment, self._range_m, links, sender))
-        found += [piece.explain(links, moment.time_s) for piece in self._pieces]
-        if self._delays is not None:
-            found.append(self._delays.explain())
-        if self._taking_in is not None:
-            found.append(self._taking_in.explain(EAR, "operator"))
-        return found
-
-    def _explain_range(self, moment: Moment, range_m: float, links: Links, sender: int) -> Finding:
-        """Distance and range, and who carries the reports of one that is beyond it."""
-        direct = RangeDisc(range_m).explain(links, moment.time_s)
-        says = f"{direct.says} from the operator's base"
-        if self._relay is None or not direct.cuts:
-            return direct._replace(says=says)
-        if sender not in moment.roots:
-            return direct._replace(says=f"{says}; in no tree that could carry it")
-        way = self._relay.ways(moment).get(sender)
-        if way is None:
-            return direct._replace(says=f"{says}; the tree of root {moment.roots[sender]} has no way to it now")
-        says = f"{says}; its tree carries it, first to agent {way.to}, over {way.hops} hops to one within range"
-        return direct._replace(cuts=False, says=says, numbers={**direct.numbers, **way._asdict()})
 
 
 def _by_carrier(arrival: Arrival) -> tuple[int, int]:

@@ -1,0 +1,102 @@
+"""Obstacles: polygons in the arena that bodies do not enter, that nobody senses through, and that dampen radio."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from deltaswarm_wire.checked import Problem, key, plain_value
+
+Place = tuple[float, ...]
+
+LEAST_AREA_M2 = 1e-6
+
+
+@dataclass(frozen=True)
+class ObstacleSettings:
+    """One obstacle. Its corners may be given clockwise or not; its edges must not cross each other."""
+
+    corners_m: tuple[Place, ...] = key((), "at least 3 corners [m], in order along the edge", length=None)
+    attenuation_db: float | None = key(
+        None,
+        "what a frame loses whose straight way meets the obstacle, once per obstacle [dB]; default: the frame is lost",
+        low=0,
+        high=1000,
+    )
+
+    def problems(self) -> list[Problem]:
+        """The corners must make a polygon."""
+        corners = self.corners_m
+        found = [
+            Problem(f"corners_m[{index}]", str(plain_value(corner))[:60], "two coordinates [x, y] are expected")
+            for index, corner in enumerate(corners)
+            if len(corner) != 2
+        ]
+        if found:
+            return found
+        if len(corners) < 3:
+            return [Problem("corners_m", f"{len(corners)} corners", "at least 3 are expected")]
+        area_m2 = abs(signed_area_m2(corners))
+        if area_m2 < LEAST_AREA_M2:
+            allowed = "corners that are not on one line are expected: an obstacle has an area"
+            return [Problem("corners_m", f"an area of {area_m2:g} m2", allowed)]
+        if crossing := _crossing_edges(corners):
+            first, second = crossing
+            allowed = "corners in order along the edge are expected"
+            return [Problem("corners_m", f"the edges after corners {first} and {second} meet", allowed)]
+        return []
+
+
+def signed_area_m2(corners: Sequence[Place]) -> float:
+    """Area of a polygon; positive if its corners go counterclockwise [m2]."""
+    x0, y0 = corners[0]
+    return 0.5 * sum(
+        (ax - x0) * (by - y0) - (bx - x0) * (ay - y0)
+        for (ax, ay), (bx, by) in zip(corners, [*corners[1:], corners[0]], strict=True)
+    )
+
+
+def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float, float]) -> list[Problem]:
+    """What an obstacle alone cannot show: corners outside the arena."""
+    allowed = f"a place within {size_m[0]:g} m x {size_m[1]:g} m is expected"
+    return [
+        Problem(f"arena.obstacles[{index}].corners_m[{number}]", str(plain_value(corner)), allowed)
+        for index, obstacle in enumerate(obstacles)
+        for number, corner in enumerate(obstacle.corners_m)
+        if not all(0.0 <= x <= end for x, end in zip(corner, size_m, strict=True))
+    ]
+
+
+def _crossing_edges(corners: Sequence[Place]) -> tuple[int, int] | None:
+    """Two edges, by the corner they begin at, that meet elsewhere than at a corner that they share."""
+    count = len(corners)
+    edges = [(corners[index], corners[(index + 1) % count]) for index in range(count)]
+    for first in range(count):
+        for second in range(first + 1, count):
+            (a, b), (c, d) = edges[first], edges[second]
+            is_next = second == first + 1 or (first == 0 and second == count - 1)
+            meet = _folds_back(edges, first, second) if is_next else _meet(a, b, c, d)
+            if a == b or c == d or meet:
+                return first, second
+    return None
+
+
+def _side(a: Place, b: Place, c: Place) -> float:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+
+
+def _meet(a: Place, b: Place, c: Place, d: Place) -> bool:
+    """Whether two segments share a point."""
+    if not (_overlap(a[0], b[0], c[0], d[0]) and _overlap(a[1], b[1], c[1], d[1])):
+        return False
+    return _side(a, b, c) * _side(a, b, d) <= 0 and _side(c, d, a) * _side(c, d, b) <= 0
+
+
+def _overlap(a: float, b: float, c: float, d: float) -> bool:
+    return max(min(a, b), min(c, d)) <= min(max(a, b), max(c, d))
+
+
+def _folds_back(edges: Sequence[tuple[Place, Place]], first: int, second: int) -> bool:
+    """Whether two edges that share a corner lie on top of each other."""
+    (a, b), (c, d) = edges[first], edges[second]
+    shared, one, other = (b, a, d) if b == c else (a, b, c)
+    along = (one[0] - shared[0]) * (other[0] - shared[0]) + (one[1] - shared[1]) * (other[1] - shared[1])
+    return _side(one, shared, other) == 0 and along > 0

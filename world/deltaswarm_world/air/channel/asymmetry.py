@@ -1,0 +1,70 @@
+"""Links that are worse than the others."""
+
+from typing import Self
+
+import numpy as np
+
+from deltaswarm_wire.settings_radio import AsymmetrySettings
+from deltaswarm_world.air.channel.links import Finding, LinkDice, Links, Mask
+from deltaswarm_world.air.channel.model import Context
+from deltaswarm_world.air.channel.reach import Reach
+from deltaswarm_world.density import Floats
+from deltaswarm_world.near import Indices
+
+MOST_IN_TABLE = 1000
+"""Up to so many ends, what is drawn once for each link is kept (8 MB); beyond, it is drawn when needed."""
+
+
+class Asymmetry:
+    """Some directed links carry nothing, others less far than the range; the same for a whole run."""
+
+    reason = "asymmetry"
+    holds_for_step = True
+    stream = 32
+
+    def __init__(self, settings: AsymmetrySettings, reach: Reach, ends: int, rng: np.random.Generator) -> None:
+        self._settings = settings
+        self._reach = reach
+        self._factor_dice, self._death_dice = LinkDice(rng), LinkDice(rng)
+        self._table: Floats | None = None
+        if ends <= MOST_IN_TABLE:
+            ids = np.arange(ends)
+            self._table = self._drawn(np.repeat(ids, ends), np.tile(ids, ends)).reshape(ends, ends)
+
+    @classmethod
+    def of(cls, context: Context) -> Self | None:
+        """See `Model`."""
+        settings = context.scenario.radio.asymmetry
+        if settings.dead_share == 0 and settings.range_factor_low == 1:
+            return None
+        return cls(settings, context.reach, context.ends, context.rng(cls.stream))
+
+    def factors(self, links: Links) -> Floats:
+        """By what each link's range is multiplied; below 0 for one that carries nothing."""
+        if self._table is None:
+            return self._drawn(links.senders, links.receivers)
+        factors: Floats = self._table[links.senders, links.receivers]
+        return factors
+
+    def _drawn(self, senders: Indices, receivers: Indices) -> Floats:
+        low, dice, deaths = self._settings.range_factor_low, self._factor_dice, self._death_dice
+        factors: Floats = low + (1.0 - low) * dice.uniform(dice.ends(senders), dice.ends(receivers))
+        is_dead = deaths.uniform(deaths.ends(senders), deaths.ends(receivers)) < self._settings.dead_share
+        factors[is_dead] = -1.0
+        return factors
+
+    def cuts(self, links: Links, time_s: float) -> Mask | None:
+        """See `Piece`."""
+        factors = self.factors(links)
+        if self._settings.range_factor_low >= 1.0:
+            return factors < 0.0
+        return self._reach.shares(links) > factors
+
+    def explain(self, links: Links, time_s: float) -> Finding:
+        """The link's factor."""
+        factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
+        if factor < 0.0:
+            return Finding(self.reason, True, "this direction carries nothing", {"dead": True})
+        cuts = share > factor and self._settings.range_factor_low < 1.0
+        says = f"this direction has {factor:.2f} of its range and needs {share:.2f}"
+        return Finding(self.reason, cuts, says, {"range_factor": factor, "range_share": share})

@@ -1,0 +1,134 @@
+"""Faults on a timeline: when they begin and end, and whom they hit. What they do is each kind's own.
+
+Pure. The world asks before each step; what befalls a process goes out as orders, what befalls a body is
+kept here and asked for. Each fault has generators of its own, so that adding one changes no other.
+"""
+
+from collections.abc import Collection, Sequence
+from typing import Any
+
+
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.orders import ProcessOrder
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
+from deltaswarm_world.density import Floats
+from deltaswarm_world.environment import generator
+from deltaswarm_world.faults.kind import Kind, Orders, Spell
+from deltaswarm_world.faults.kinds import KINDS
+
+FAULT_STREAM = 11
+"""Of the run's streams of chance; below it each fault has two: for its victims, and for what it does."""
+
+
+class Faults:
+    """The faults of one run."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.log: list[dict[str, Any]] = []
+        """Each fault that has begun: its index, kind, step, times [s] and whom it hit."""
+        self.deaf: frozenset[int] = frozenset()
+        """Whose radio is dead in this step."""
+        self.mute: frozenset[int] = frozenset()
+        """Whose radio was dead in the step before: what they said then went nowhere."""
+        self._seed = scenario.seed
+        self._step_s = scenario.run.step_s
+        self._count = scenario.agents.count
+        self._faults = scenario.fault
+        self._orders = Orders(self._step_s)
+        self._kinds: dict[str, Kind] = {kind.name: kind(scenario, self._orders) for kind in KINDS}
+        self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
+        """Step and index of those to come, the next one last."""
+        self._spells: list[Spell] = []
+        self._active: list[Kind] = []
+        """Kinds of which a spell is under way, in the order of the table."""
+        self._blind: frozenset[int] = frozenset()
+
+    @property
+    def frozen(self) -> frozenset[int]:
+        """Whose process is stopped."""
+        return self._kinds[FREEZE].agents
+
+    def strike(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
+        """What ends and what begins before this step; the orders that follow, to be carried out one by one."""
+        self.mute = self.deaf
+        over = [spell for spell in self._spells if spell.end is not None and spell.end <= step]
+        if not over and not (self._due and self._due[-1][0] <= step):
+            return []
+        living = set(alive)
+        self._orders.begin(step)
+        for spell in over:
+            self._spells.remove(spell)
+            self._kinds[spell.fault.kind].end(spell, living)
+        while self._due and self._due[-1][0] <= step:
+            self._begin(step, self._due.pop()[1], living, roots)
+        for name, kind in self._kinds.items():
+            kind.look(self._of(name))
+        self._active = [kind for name, kind in self._kinds.items() if self._of(name)]
+        self._blind = frozenset(agent for kind in self._active for agent in kind.blind)
+        self.deaf = frozenset(agent for kind in self._active for agent in kind.deaf)
+        return self._orders.given
+
+    def _begin(self, step: int, index: int, living: set[int], roots: Collection[int]) -> None:
+        fault = self._faults[index]
+        kind = self._kinds[fault.kind]
+        victims = self._victims(index, living, roots)
+        end = fault.ends(self._step_s)
+        until_s = None if end is None else end * self._step_s
+        head = {"fault": index, "kind": fault.kind, "step": step, "at_s": step * self._step_s}
+        self.log.append({**head, "until_s": until_s, "agents": sorted(victims)})
+        spell = Spell(index, fault, victims, end, generator(self._seed, FAULT_STREAM, index, 1))
+        if kind.begin(spell, living, f"{fault.kind} of {_whom(fault)}"):
+            self._spells.append(spell)
+        if kind.kills:
+            for name, other in self._kinds.items():
+                other.see_killed(victims, self._of(name))
+
+    def _victims(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
+        """Whom a fault hits."""
+        fault = self._faults[index]
+        if fault.agents:
+            named = set(fault.agents)
+            return named if self._kinds[fault.kind].hits_dead else named & living
+        if fault.roots:
+            return set(roots) & living
+        # Of all agents, so that chance hits the same ones however many others have died before.
+        shuffled = generator(self._seed, FAULT_STREAM, index, 0).permutation(self._count).tolist()
+        wanted = int((fault.fraction or 0.0) * len(living) + 0.5)
+        return set([agent for agent in shuffled if agent in living][:wanted])
+
+    @property
+    def afflicted(self) -> frozenset[int]:
+        """All upon whom a fault is in this step."""
+        return frozenset(agent for spell in self._spells for agent in spell.agents)
+
+    def _of(self, name: str) -> list[Spell]:
+        return [spell for spell in self._spells if spell.fault.kind == name]
+
+    # What bodies do and sense in each step
+
+    def seeing(self, present: list[bool]) -> list[bool]:
+        """Per agent whether it is there and senses anything."""
+        if not self._blind:
+            return present
+        return [there and agent not in self._blind for agent, there in enumerate(present)]
+
+    def misses(self, agent: int) -> bool:
+        """Whether an agent misses one of the events before it."""
+        return any(kind.misses(agent) for kind in self._active)
+
+    def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
+        """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
+        for kind in self._active:
+            kind.distort(sensed, positions_m)
+
+    def drive(self, velocities_mps: Floats) -> None:
+        """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
+        for kind in self._active:
+            kind.drive(velocities_mps)
+
+
+def _whom(fault: FaultSettings) -> str:
+    if fault.roots:
+        return "the roots"
+    return "named agents" if fault.agents else f"a share of {fault.fraction:g}"

@@ -1,0 +1,63 @@
+"""The quiet sleep: which agents have something to decide, and where the others have been meanwhile."""
+
+from collections import deque
+from collections.abc import Collection, Sequence
+from itertools import islice
+
+from deltaswarm_wire.messages import MAX_POSES, Act, Event, Heard, Pose
+
+
+class QuietSleep:
+    """Keeps, for each agent, until when its last act holds and when it was asked last. Steps are the run's."""
+
+    def __init__(self, agents: int, *, ask_all: bool) -> None:
+        self._ask_all = ask_all
+        self._until = [0] * agents
+        self._asked = [-1] * agents
+        self._places: deque[list[Pose]] = deque(maxlen=MAX_POSES)
+        """All agents' places in the last steps, this one last."""
+
+    def wake(self, agent: int) -> None:
+        """Ask an agent in the next step, whatever its last act said."""
+        self._until[agent] = 0
+
+    def start(self, agent: int, step: int) -> None:
+        """A new process stands in for an agent from this step on; where the body was before is not its to know."""
+        self._until[agent] = 0
+        self._asked[agent] = step - 1
+
+    def hold(self, agent: int, act: Act) -> None:
+        """An act holds until its step comes, but never longer than a frame has room for places."""
+        self._until[agent] = min(act.until, act.step + MAX_POSES)
+
+    def to_ask(
+        self,
+        step: int,
+        agents: Sequence[int],
+        sensed: Sequence[Sequence[Event]],
+        heard: Sequence[Sequence[Heard]],
+        always: Collection[int],
+    ) -> list[int]:
+        """Those of `agents` whose act has run out, who sense or hear something, or who are among `always`.
+
+        `sensed` and `heard` are by agent.
+        """
+        if self._ask_all:
+            return list(agents)
+        until = self._until
+        return [agent for agent in agents if until[agent] <= step or sensed[agent] or heard[agent] or agent in always]
+
+    def move_to(self, places: Sequence[Sequence[float]]) -> None:
+        """All agents' places in this step [m]."""
+        self._places.append([(x_m, y_m) for x_m, y_m in places])
+
+    def ask(self, agent: int, step: int) -> tuple[Pose, tuple[Pose, ...]]:
+        """An agent's place in this step, and those since it was asked last, oldest first."""
+        places = self._places
+        missed = min(step - self._asked[agent], len(places)) - 1
+        self._asked[agent] = step
+        here = places[-1][agent]
+        if missed <= 0:
+            return here, ()
+        last = len(places) - 1
+        return here, tuple([there[agent] for there in islice(places, last - missed, last)])
