@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import count, pairwise
 from typing import Any
 
@@ -15,6 +16,8 @@ from deltaswarm_agent.controllers.paper.walk import Walk, towards
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.settings import AgentSettings
+from deltaswarm_wire.settings_obstacles import ObstacleSettings
+from tests.shapes import SIDE_M, Place, places, polygons
 
 ENDLESS_S = 1e9
 sizes_m = st.floats(3.0, 60.0)
@@ -166,14 +169,9 @@ walls = st.builds(
 )
 
 
-@given(walls, shares | st.floats(-0.5, 1.5), shares | st.floats(-0.5, 1.5), st.floats(0.1, 500.0), seeds)
-@settings(max_examples=200)
-def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
-    shared: AgentSettings, right: float, up: float, leg_max_s: float, seed: int
-) -> None:
-    """`straight_until` never promises a step in which the velocity would have differed, by as much as one bit."""
+def assert_promises_hold(shared: AgentSettings, leg_max_s: float, seed: int, x_m: float, y_m: float) -> None:
+    """Where one walk is asked when its promise ends, and its twin in each step, both have the same velocities."""
     asked, left = (Walk(shared, leg_max_s, random.Random(seed)) for _ in range(2))
-    x_m, y_m = right * shared.width_m, up * shared.height_m
     due = 0
     velocity: Velocity = STAND
     for now in range(120):
@@ -183,6 +181,25 @@ def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
             assert now < due <= now + MAX_POSES
         assert asked.velocity(now, x_m, y_m) == velocity, (now, due)
         x_m, y_m = x_m + velocity[0] * shared.step_s, y_m + velocity[1] * shared.step_s
+
+
+@given(walls, shares | st.floats(-0.5, 1.5), shares | st.floats(-0.5, 1.5), st.floats(0.1, 500.0), seeds)
+@settings(max_examples=200)
+def test_an_agent_left_alone_walks_as_one_that_is_asked_in_each_step(
+    shared: AgentSettings, right: float, up: float, leg_max_s: float, seed: int
+) -> None:
+    """`straight_until` never promises a step in which the velocity would have differed, by as much as one bit."""
+    assert_promises_hold(shared, leg_max_s, seed, right * shared.width_m, up * shared.height_m)
+
+
+@given(st.lists(polygons(), min_size=1, max_size=2), places, st.floats(0.01, 10.0), st.floats(0.05, 5.0), seeds)
+@settings(max_examples=150)
+def test_promises_hold_among_obstacles(
+    obstacles: list[ObstacleSettings], place: Place, speed_mps: float, step_s: float, seed: int
+) -> None:
+    """The same where the walk is reflected by obstacles, also from within one."""
+    shared = an_agent(width_m=SIDE_M, height_m=SIDE_M, speed_mps=speed_mps, step_s=step_s)
+    assert_promises_hold(replace(shared, obstacles=tuple(obstacles)), 500.0, seed, *place)
 
 
 @given(walls, seeds)
