@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
@@ -24,6 +24,7 @@ from deltaswarm_agent.controllers.paper.frames import (
 )
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_agent.controllers.paper.timers import timers
 from deltaswarm_agent.shell import Shell
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_orchestrator.scenario import load_scenario
@@ -38,6 +39,9 @@ Place = tuple[float, float]
 
 ME, PARENT, ROOT = 7, 3, 1
 """The hand-driven agent, and two of its neighbours."""
+
+STEPS = timers(1.0)
+"""The protocol's timers for steps of 1 s."""
 
 
 def cm(metres: float) -> int:
@@ -81,11 +85,14 @@ def leaving(sender: int, at: Place) -> Leaving:
     return Leaving(sender, cm(at[0]), cm(at[1]))
 
 
-def agent_settings(*, width_m: float = 100.0, height_m: float = 100.0, **control: Any) -> AgentSettings:
-    """An agent's settings, with a radio of 10 m and gamma of 50 in mind; keywords are keys of its control."""
-    own = {"gamma_max": 50, **control}
-    control_table = {"mode": "hybrid", **own}
-    return load(AgentSettings, {"width_m": width_m, "height_m": height_m, "range_m": 10.0, "control": control_table})
+SHARED = {spec.name for spec in fields(AgentSettings)}
+
+
+def agent_settings(**keys: Any) -> AgentSettings:
+    """An agent's settings, by default with a radio of 10 m and gamma of 50 s; other keys are those of its control."""
+    shared = {key: value for key, value in keys.items() if key in SHARED}
+    control = {key: value for key, value in keys.items() if key not in SHARED}
+    return load(AgentSettings, {"range_m": 10.0, **shared, "control": {"mode": "hybrid", "gamma_max": 50, **control}})
 
 
 class Said(NamedTuple):
@@ -101,10 +108,8 @@ class Core:
 
     def __init__(self, agent: int, settings: AgentSettings, restart: int = 0) -> None:
         self.agent = agent
-        controller = make_controller(agent, settings, restart)
-        assert isinstance(controller, PaperController)
-        self.controller = controller
-        self.shell = Shell(agent, settings.step_s, controller)
+        self.shell = Shell(agent, settings.step_s, make_controller(agent, settings, restart))
+        self.controller = paper(self.shell)
 
     @property
     def state(self) -> State:
@@ -143,7 +148,7 @@ def paper(shell: Shell) -> PaperController:
     return shell.controller
 
 
-def heard(frame: PaperFrame, counter: int) -> Heard:
+def on_air(frame: PaperFrame, counter: int) -> Heard:
     """A frame as the air delivers it."""
     return frame.sender, encode_sample(Sample(counter, encode(frame)))
 
@@ -171,8 +176,9 @@ class Lone:
         """One step; `at` moves it there first, `skip` is a number of steps that it misses before."""
         self.now += 1 + skip
         self.at = at or self.at
-        data = [one if type(one) is tuple else heard(one, self.now) for one in frames]  # type: ignore[arg-type]
-        frame = Frame(self.now, float(self.now), False, *self.at, tuple(poses), tuple(events), tuple(data))  # type: ignore[arg-type]
+        data = tuple(on_air(said, self.now) if isinstance(said, PaperFrame) else said for said in frames)
+        time_s = self.now * self.settings.step_s
+        frame = Frame(self.now, time_s, False, *self.at, tuple(poses), tuple(events), data)
         return self.core.step(frame)
 
     def steps(self, count: int, *heard: PaperFrame, events: Sequence[Event] = ()) -> list[Said]:
@@ -263,6 +269,11 @@ def a_chain(length: int, **control: Any) -> Crowd:
 def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
     """A whole swarm in this process."""
     return InProcess(load_scenario(name, sets, seed))
+
+
+def controllers_of(swarm: InProcess) -> dict[int, PaperController]:
+    """The controllers of a swarm under the paper's control, by agent."""
+    return {shell.agent: paper(shell) for shell in swarm.agents}
 
 
 def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[Tally]:

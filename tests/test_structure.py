@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.controllers import potential
+from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_wire import settings as wire_settings
 from deltaswarm_wire import settings_fault, settings_obstacles, settings_radio, settings_uplink
 
@@ -140,7 +141,10 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 
 SETTINGS: list[Any] = [
     found
-    for module in (wire_settings, settings_fault, settings_obstacles, settings_radio, settings_uplink)
+    for module in (
+        *(wire_settings, settings_fault, settings_obstacles, settings_radio, settings_uplink),
+        *(paper_settings, potential),
+    )
     for found in vars(module).values()
     if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__
     if found is not settings_fault.FaultKind  # a row of a table, and no settings
@@ -159,6 +163,6 @@ def test_every_setting_says_what_it_means(settings: Any) -> None:
 
 
 def test_what_decides_in_a_swarm_has_a_source() -> None:
-    """Paper or our reading: every default of how agents decide."""
-    unsaid = [spec.name for spec in dataclasses.fields(PaperSettings) if not spec.metadata["source"]]
+    """Paper or our reading: every default of how agents decide under the paper's control."""
+    unsaid = [spec.name for spec in dataclasses.fields(paper_settings.PaperSettings) if not spec.metadata["source"]]
     assert not unsaid

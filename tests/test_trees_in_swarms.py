@@ -7,12 +7,12 @@ with some slack: the longest of any agent, in steps on end.
 import random
 
 import pytest
-from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import State
 
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_world.air.channel.chance import Loss
-from tests.cores import swarm
+from tests.cores import controllers_of, swarm
 from tests.trees import Spans, check_agreement, cycle_of, true_descendants
 
 STEPS, KILL_EVERY_STEPS = 600, 60
@@ -34,9 +34,9 @@ class Trees:
         self.most_in_trees = 0
 
     @property
-    def members(self) -> dict[int, AgentCore]:
+    def members(self) -> dict[int, PaperController]:
         """The living agents in trees."""
-        return {core.agent: core for core in self.crew.agents if core.membership and core.agent in self.alive}
+        return {n: one for n, one in controllers_of(self.crew).items() if one.membership and n in self.alive}
 
     def kill_a_root(self) -> None:
         """Silence one, if there is any, while enough agents are left to go on."""
@@ -98,7 +98,8 @@ def test_trees_hold_in_every_step(watched: tuple[Trees, float, bool]) -> None:
     trees, _, kills = watched
     assert trees.most_in_trees >= (8 if kills else 15)
     assert trees.crew.world.refused_claims == 0
-    assert all(core.rejected_frames == 0 for core in trees.crew.agents)
+    assert all(shell.rejected_frames == 0 for shell in trees.crew.agents)
+    assert all(controller.rejected_frames == 0 for controller in controllers_of(trees.crew).values())
 
 
 def test_no_cycle_lasts(watched: tuple[Trees, float, bool]) -> None:
@@ -141,12 +142,23 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     for agent in trees.rng.sample(followers, 3):
         trees.crew.world.lockstep.gone(agent)
     trees.run(15, kills=False)
-    (loss,) = (piece for piece in trees.crew.world._air._pieces if isinstance(piece, Loss))
+    (loss,) = (piece for piece in trees.crew.world.air._pieces if isinstance(piece, Loss))
     loss._share = 0.0
     for _ in range(60):
-        for core in trees.crew.agents:
+        for agent, core in controllers_of(trees.crew).items():
             if core.membership is None:
-                trees.crew.world.lockstep.gone(core.agent)
+                trees.crew.world.lockstep.gone(agent)
         trees.advance()
     assert len(trees.members) >= 5
     check_agreement(trees.members, seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_trees_grow_with_a_slow_radio_too(seed: int) -> None:
+    """With 5 s of latency most of the swarm has been in a tree within 400 s: an agent looks back that much farther."""
+    trees = Trees(seed, "radio.latency_s=5")
+    joined: set[int] = set()
+    for _ in range(400):
+        trees.advance()
+        joined |= {agent for agent, core in trees.members.items() if core.state is State.MEMBER}
+    assert len(joined) >= 15

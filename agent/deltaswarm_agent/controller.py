@@ -15,6 +15,7 @@ from deltaswarm_wire.messages import (
     FREE,
     MAX_POSES,
     MAX_REPORTED,
+    MAX_SENSED,
     MAX_SPEED_MPS,
     NOBODY,
     Event,
@@ -168,9 +169,11 @@ def checked_decision(found: Any, step: int) -> Decision:
         raise TypeError(f"payload must be bytes or None (got {type(payload).__name__})")
     if not all(type(event) is int and 0 <= event <= MAX_ID for event in observed):
         raise ValueError(f"observed must be ids of events (got {observed!r:.80})")
+    if len(observed) > MAX_SENSED:
+        raise ValueError(f"observed must name at most {MAX_SENSED} events (got {len(observed)})")
     if not (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID):
         raise ValueError(f"level, parent and root must be numbers of agents (got {level}, {parent}, {root})")
-    if until is not None and not until > step:
+    if until is not None and not until >= step + 1:
         raise ValueError(f"until must be later than step {step} (got {until})")
     role_name(role, "role")
     if report is not None:

@@ -124,6 +124,7 @@ _KINDS = (Attending, Member, Relocating, Leaving)
 _KIND_OF = {cls: kind for kind, cls in enumerate(_KINDS)}
 
 _PLACE_CODES, _ATTENDING_CODES = "ii", "iiIii"
+_ATTENDING_FIELDS = [f"frame.{field}" for field in Attending._fields[1:]]
 _DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiH", "IH", "HiiIB"
 _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 """The C types that the integers fit, and their bounds."""
@@ -175,7 +176,7 @@ def decode(sender: int, payload: bytes) -> PaperFrame:
     if kind == MEMBER:
         return _decode_member(sender, array(raw, 11, "frame"))
     if kind == ATTENDING:
-        _check_integers(raw[1:], _ATTENDING_CODES, "frame.x_cm", "frame.y_cm", "frame.event", "frame.event_cm")
+        _check_integers(raw[1:], _ATTENDING_CODES, *_ATTENDING_FIELDS)
         return Attending(sender, *raw[1:])
     _check_integers(raw[1:], _PLACE_CODES, "frame.x_cm", "frame.y_cm")
     return (Relocating if kind == RELOCATING else Leaving)(sender, *raw[1:])

@@ -1,7 +1,6 @@
 """The states of an agent and every way from one to the next.
 
-The core changes its state only through this table, and the diagram in `agent/STATES.md` is drawn
-from it.
+An agent changes its state only through this table, and the diagram in `STATES.md` is drawn from it.
 """
 
 from enum import Enum

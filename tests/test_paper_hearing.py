@@ -5,14 +5,14 @@ import random
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import Decision
-from deltaswarm_agent.hearing import FORGET_SENDER_STEPS
-from deltaswarm_agent.states import State
-from deltaswarm_wire.radio import Member, Order, Sighting, decode_radio, encode_radio
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.codec import MAX_ABS_CM
+from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder, Sighting, decode, encode
+from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_agent.shell import FORGET_SENDER_S
+from deltaswarm_wire.codec import MAX_ABS_CM, WireError
+from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Event, decode_act, decode_report, encode_act, encode_report
 from tests.cores import (
     INSIDE,
@@ -22,6 +22,7 @@ from tests.cores import (
     PARENT_AT,
     ROOT,
     Lone,
+    Said,
     a_member,
     a_root,
     attending,
@@ -30,8 +31,10 @@ from tests.cores import (
     lives,
     member,
     near_frames,
+    neighbours,
+    on_air,
 )
-from tests.strategies import RADIO, complaint, radio_frames, strange
+from tests.strategies import PAPER, RADIO, complaint, paper_frames, strange
 
 in_arena = st.floats(0.0, 100.0)
 far_cm = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
@@ -41,22 +44,22 @@ def test_late_and_duplicate_frames_are_dropped() -> None:
     """Of each sender what counts is the newest frame by its counter, whenever it comes."""
     lone = a_member()
     gone = leaving(PARENT, PARENT_AT)
-    lone.step(encode_radio(gone._replace(counter=0)), encode_radio(gone._replace(counter=1)))
+    lone.step(on_air(gone, 0), on_air(gone, 1))
     assert lone.core.state is State.MEMBER, "frame 1 was the parent's own, heard before"
-    newer = encode_radio(member((ROOT, PARENT), PARENT_AT, pulse=102)._replace(counter=9))
-    lone.step(newer, encode_radio(gone._replace(counter=8)))
+    lone.step(on_air(member((ROOT, PARENT), PARENT_AT, pulse=102), 9), on_air(gone, 8))
     assert lone.core.state is State.MEMBER
-    lone.step(encode_radio(gone._replace(counter=10)))
+    lone.step(on_air(gone, 10))
     assert lone.core.state is State.WALKING
 
 
-@pytest.mark.parametrize(("silent_steps", "believed"), [(FORGET_SENDER_STEPS, False), (FORGET_SENDER_STEPS + 1, True)])
-def test_a_restarted_counter_is_believed_after_silence(silent_steps: int, believed: bool) -> None:
-    """A sender that begins anew is heard again after more than 20 steps."""
-    lone = Lone(at=OUTSIDE)
-    lone.step(encode_radio(attending(PARENT, PARENT_AT, 1, PARENT_AT)._replace(counter=500)))
-    lone.steps(silent_steps - 1)
-    lone.step(encode_radio(member((PARENT,), PARENT_AT)), at=INSIDE)
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+@pytest.mark.parametrize(("silent_s", "believed"), [(FORGET_SENDER_S, False), (FORGET_SENDER_S + 1, True)])
+def test_a_restarted_counter_is_believed_after_silence(silent_s: float, believed: bool, step_s: float) -> None:
+    """A sender that begins anew is heard again after more than 20 s, whatever the length of a step."""
+    lone = Lone(at=OUTSIDE, step_s=step_s)
+    lone.step(on_air(attending(PARENT, PARENT_AT, 1, PARENT_AT), 500))
+    lone.steps(round(silent_s / step_s) - 1)
+    lone.step(on_air(member((PARENT,), PARENT_AT), 0), at=INSIDE)
     assert (lone.path != ()) == believed
 
 
@@ -78,15 +81,15 @@ BEGINNINGS = {
 beginnings = st.sampled_from(sorted(BEGINNINGS))
 
 
-@given(lives(near_frames()), beginnings, st.randoms(use_true_random=False))
+@given(lives(st.builds(on_air, near_frames(), st.integers(0, 60))), beginnings, st.randoms(use_true_random=False))
 @settings(max_examples=100)
 def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order: random.Random) -> None:
     """Shuffled, every frame twice: the same decisions."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
     for heard, sensed in life:
-        frames = list({(frame.sender, frame.counter): encode_radio(frame) for frame in heard}.values())
-        shuffled = order.sample(frames * 2, len(frames) * 2)
-        assert one.go_where_it_wants(*frames, events=sensed) == other.go_where_it_wants(*shuffled, events=sensed)
+        samples = list({(sender, decode_sample(data).counter): (sender, data) for sender, data in heard}.values())
+        shuffled = order.sample(samples * 2, len(samples) * 2)
+        assert one.go_where_it_wants(*samples, events=sensed) == other.go_where_it_wants(*shuffled, events=sensed)
 
 
 def test_senders_are_taken_in_the_order_of_their_ids() -> None:
@@ -99,38 +102,57 @@ def test_senders_are_taken_in_the_order_of_their_ids() -> None:
     assert [row.agent for row in decision.radio.table] == [2, 4, 8]
 
 
-@given(lives(strange(RADIO) | near_frames().map(encode_radio), steps=6), beginnings)
+def is_valid(sender: int, payload: bytes) -> bool:
+    try:
+        decode(sender, payload)
+    except WireError:
+        return False
+    return True
+
+
+bad_samples = st.tuples(neighbours, strange(RADIO).filter(lambda data: complaint(RADIO, data) is not None))
+bad_payloads = (
+    st.tuples(st.integers(10, 20), strange(PAPER))
+    .filter(lambda said: not is_valid(*said))
+    .map(lambda said: (said[0], encode_sample(Sample(0, said[1]))))
+)
+"""From senders that say nothing else; of each the first is heard, the others are duplicates."""
+
+
+@given(lives(bad_samples | bad_payloads | near_frames(), steps=6), beginnings)
 @settings(max_examples=80)
 def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) -> None:
-    """An agent that hears them among others decides as one that does not hear them."""
+    """An agent that hears them among others decides as one that does not: neither envelopes nor payloads matter."""
     one, other = BEGINNINGS[begin](), BEGINNINGS[begin]()
-    malformed = 0
+    samples, senders = 0, set()
     for heard, sensed in life:
-        valid = [data for data in heard if complaint(RADIO, data) is None]
-        malformed += len(heard) - len(valid)
+        valid = [frame for frame in heard if isinstance(frame, PaperFrame)]
+        samples += sum(said[0] < 10 for said in heard) - len(valid)
+        senders |= {said[0] for said in heard if said[0] >= 10}
         assert one.step(*heard, events=sensed) == other.step(*valid, events=sensed)
-    assert (one.core.rejected_frames, other.core.rejected_frames) == (malformed, 0)
+    assert (one.core.shell.rejected_frames, one.core.controller.rejected_frames) == (samples, len(senders))
+    assert other.core.rejected_frames == 0
 
 
-def assert_sound(decision: Decision, sensed: list[Event]) -> None:
+def assert_sound(decision: Said, sensed: list[Event]) -> None:
     """Sendable as it is, finite and within the speed limit; only what is sensed is observed."""
     assert math.hypot(decision.act.vx_mps, decision.act.vy_mps) <= 1.0 + 1e-9
     assert set(decision.act.observed) <= {event.event for event in sensed}
     assert decode_act(encode_act(decision.act)) == decision.act
     if decision.radio is not None:
-        assert decode_radio(encode_radio(decision.radio)) == decision.radio
+        assert decode(decision.radio.sender, encode(decision.radio)) == decision.radio
     if decision.report is not None:
         assert decode_report(encode_report(decision.report)) == decision.report
 
 
-@given(lives(radio_frames | near_frames(far_cm)), beginnings, in_arena, in_arena)
+@given(lives(paper_frames | near_frames(far_cm)), beginnings, in_arena, in_arena)
 @settings(max_examples=120)
 def test_no_valid_frame_of_a_stranger_upsets_an_agent(life: list[Any], begin: str, x_m: float, y_m: float) -> None:
     """Whatever places, paths, ages and orders it claims, and wherever the agent is."""
     lone = BEGINNINGS[begin]()
     home = lone.at
     for number, (heard, sensed) in enumerate(life):
-        assert_sound(lone.step(*map(encode_radio, heard), events=sensed, at=home if number % 3 else (x_m, y_m)), sensed)
+        assert_sound(lone.step(*heard, events=sensed, at=home if number % 3 else (x_m, y_m)), sensed)
 
 
 @given(lives(near_frames(st.integers(0, 10_000)), steps=25), beginnings)
@@ -162,5 +184,5 @@ def test_no_place_outside_the_arena_is_gone_to() -> None:
 def test_no_order_leads_outside_the_arena() -> None:
     """Places to go to are within it, so such an order is wrong."""
     lone = a_member()
-    lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=Order(ME, 50_000, 5000, 1, 12)))
+    lone.step(member((ROOT, PARENT), PARENT_AT, pulse=101, order=RecruitmentOrder(ME, 50_000, 5000, 1, 12)))
     assert lone.core.state is State.MEMBER

@@ -2,17 +2,23 @@
 
 import math
 import random
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import ARRIVAL_STEPS, ARRIVAL_STRICT_STEPS, Decision
-from deltaswarm_agent.recruitment import ORDER_TTL_STEPS, best_place, weakest_leaf
-from deltaswarm_agent.states import State
-from deltaswarm_wire.radio import Descendant, Leaving, Member, Order, Relocating, Sighting
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.frames import (
+    Descendant,
+    Leaving,
+    Member,
+    RecruitmentOrder,
+    Relocating,
+    Sighting,
+)
+from deltaswarm_agent.controllers.paper.recruitment import best_place, weakest_leaf
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.messages import Event
 from tests.cores import (
     INSIDE,
@@ -20,13 +26,16 @@ from tests.cores import (
     PARENT,
     PARENT_AT,
     ROOT,
+    STEPS,
     Lone,
     Place,
+    Said,
     a_member,
     a_root,
     child,
     cm,
     event,
+    leaving,
     member,
     relocating,
 )
@@ -52,8 +61,9 @@ def is_legal(place: Place, members: Iterable[Place], slack_m: float = 0.0) -> bo
     return min(distances_m) <= RANGE_M + slack_m and all(d >= D_MIN_M - slack_m for d in distances_m)
 
 
-def chosen(leaf: Place, members: list[Place], events: list[Event]) -> Place | None:
-    return best_place(leaf, members, events, sensing_range_m=SENSING_M, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+def chosen(leaf: Place, members: list[Place], events: list[Event], taken: Sequence[Place] = ()) -> Place | None:
+    limits = {"sensing_range_m": SENSING_M, "range_m": RANGE_M, "d_min_m": D_MIN_M}
+    return best_place(leaf, members, taken, events, **limits, size_m=SIZE_M)
 
 
 # The place
@@ -133,11 +143,11 @@ def leaf_frame(**more: Any) -> Member:
     return child(LEAF, (ME,), (58, 50), events=[FAR_EVENT], **more)
 
 
-def orders(decisions: Iterable[Decision]) -> list[Order | None]:
+def orders(decisions: Iterable[Said]) -> list[RecruitmentOrder | None]:
     return [decision.radio.order for decision in decisions if isinstance(decision.radio, Member)]
 
 
-def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[Order | None]]:
+def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[RecruitmentOrder | None]]:
     """A root with one leaf up to a step; what it orders in the steps from 1 on."""
     root = a_root(**control)
     return root, orders(root.steps(until, leaf_frame()))
@@ -145,13 +155,13 @@ def with_a_leaf(until: int, **control: Any) -> tuple[Lone, list[Order | None]]:
 
 @pytest.mark.parametrize("interval_s", [60, 20])
 def test_a_root_recruits_on_its_own_clock(interval_s: int) -> None:
-    """Each 60 s of its own counting, said for 12 steps with less and less time to live."""
+    """Each 60 s of its own pulse, said for 12 steps with less and less time to live; its number is the step."""
     _, said = with_a_leaf(2 * interval_s + 15, recruitment_interval_s=interval_s)
     expected = {}
-    for number in (1, 2):
-        for since in range(ORDER_TTL_STEPS):
-            expected[number * interval_s + since] = (number, ORDER_TTL_STEPS - since)
-    found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 2) if order}
+    for number in (interval_s, 2 * interval_s):
+        for since in range(STEPS.order):
+            expected[number + since] = (number, STEPS.order - since)
+    found = {pulse: (order.number, order.ttl) for pulse, order in enumerate(said, 1) if order}
     assert found == expected
 
 
@@ -159,7 +169,7 @@ def test_the_order_names_the_weakest_leaf_and_a_legal_place() -> None:
     """Near the event that is out of everybody's sensing range."""
     root = a_root()
     strong = child(3, (ME,), (43, 50), score=1)
-    (order,) = {order[:3] for order in orders(root.steps(59, leaf_frame(), strong)) if order}
+    (order,) = {order[:3] for order in orders(root.steps(60, leaf_frame(), strong)) if order}
     place = (order[1] / 100, order[2] / 100)
     assert order[0] == LEAF
     assert distance(place, (62, 58)) <= 5
@@ -179,25 +189,64 @@ def test_recruitment_can_be_switched_off() -> None:
     assert not any(with_a_leaf(130, recruitment=False)[1])
 
 
+def orders_13_s_apart(*others: Member) -> list[set[tuple[int, int, int]]]:
+    """Leaf and place of a root's first two orders: when it gives the second, the first leaf is under way."""
+    root = a_root(recruitment_interval_s=13)
+    first = orders(root.steps(25, leaf_frame(), *others))
+    second = orders(root.steps(13, relocating(LEAF, (58, 50)), *others))
+    return [{order[:3] for order in said if order} for said in (first, second)]
+
+
+WEAK = child(3, (ME,), (50, 58), events=[FAR_EVENT], score=1)
+
+
 def test_a_movers_place_is_blocked_for_the_next() -> None:
     """Two leaves with the same event to go to are sent to places at least d_min apart."""
-    root = a_root(recruitment_interval_s=13)
-    both = [leaf_frame(), child(3, (ME,), (50, 58), events=[FAR_EVENT], score=1)]
-    (first,) = {order[:3] for order in orders(root.steps(13, *both)) if order}
-    moving = [relocating(LEAF, (58, 50)), both[1]]
-    found = {order[:3] for order in orders(root.steps(24, *moving)) if order} - {first}
-    assert all(distance((x_cm, y_cm), first[1:]) >= 600 for leaf, x_cm, y_cm in found)
-    assert {leaf for leaf, _, _ in found} == {3}
+    outpost = child(5, (ME,), (60, 64), score=9)
+    ((one, *place),), ((other, *other_place),) = orders_13_s_apart(WEAK, outpost)
+    assert (one, other) == (LEAF, 3)
+    assert distance((place[0], place[1]), (other_place[0], other_place[1])) >= 600
+
+
+def test_no_leaf_is_sent_where_only_a_mover_will_be() -> None:
+    """A mover's place blocks; it is no member yet, so being in range of that place alone is not enough."""
+    ((one, *_),), second = orders_13_s_apart(WEAK)
+    assert one == LEAF
+    assert second == set(), "what is left around the event is out of range of the root"
+
+
+@given(
+    in_arena,
+    st.lists(in_arena, min_size=1, max_size=3),
+    st.lists(in_arena, max_size=3),
+    st.lists(in_arena, min_size=1, max_size=6),
+)
+@settings(max_examples=150)
+def test_places_taken_only_block(leaf: Place, members: list[Place], taken: list[Place], spots: list[Place]) -> None:
+    """The place is in range of a member, at least d_min from all, and at least d_min from each place that is taken."""
+    place = chosen(leaf, members, [Event(number, *spot) for number, spot in enumerate(spots)], taken)
+    if place is not None:
+        assert is_legal(place, members, EPSILON)
+        assert all(distance(place, other) >= D_MIN_M - EPSILON for other in taken)
+
+
+def test_a_place_is_blocked_for_60_s() -> None:
+    """Then the mover has arrived or is lost; either way its place is free again."""
+    root = a_root(recruitment_interval_s=12)
+    root.steps(12, leaf_frame(), WEAK)
+    said = orders(root.steps(70, relocating(LEAF, (58, 50)), WEAK))
+    assert [order.leaf for order in said if order and order.number == 72] == [3] * 11
+    assert {order.number for order in said if order} == {12, 72}
 
 
 # The order on its way
 
 
-def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> Order:
-    return Order(leaf, cm(place[0]), cm(place[1]), number, ttl)
+def order_to(leaf: int, place: Place = (56.0, 56.0), number: int = 1, ttl: int = 12) -> RecruitmentOrder:
+    return RecruitmentOrder(leaf, cm(place[0]), cm(place[1]), number, ttl)
 
 
-def parent_says(pulse: int, order: Order | None) -> Member:
+def parent_says(pulse: int, order: RecruitmentOrder | None) -> Member:
     return member((ROOT, PARENT), PARENT_AT, pulse=pulse, order=order)
 
 
@@ -236,10 +285,10 @@ def test_an_agent_with_children_refuses() -> None:
     assert lone.core.state is State.MEMBER
 
 
-def sent(place: Place = (56.0, 56.0), **control: Any) -> Lone:
+def sent(place: Place = (56.0, 56.0), number: int = 1) -> Lone:
     """A member that has just been ordered to a place."""
-    lone = a_member(**control)
-    decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place)))
+    lone = a_member()
+    decision = lone.go_where_it_wants(parent_says(101, order_to(ME, place, number)))
     assert isinstance(decision.radio, Relocating)
     return lone
 
@@ -266,6 +315,40 @@ def test_an_order_is_obeyed_once() -> None:
     assert lone.core.state is State.RELOCATING
 
 
+def test_a_restarted_roots_first_order_is_followed() -> None:
+    """An order's number is the step, which does not begin anew with the root's pulse."""
+    old, new = (a_root_since(step, recruitment_interval_s=13) for step in (0, 100))
+    first, second = (order for root in (old, new) for order in orders(root.steps(13, leaf_frame())) if order)
+    assert (first.number, second.number) == (13, 113)
+    lone = sent(INSIDE, number=first.number)
+    lone.step(parent_says(102, None))
+    assert lone.core.state is State.MEMBER
+    lone.step(parent_says(13, order_to(ME, number=second.number)))
+    assert lone.core.state is State.RELOCATING
+
+
+def a_root_since(step: int, **control: Any) -> Lone:
+    """A root that founded its tree in some step of the run."""
+    root = Lone(mode="hierarchical", rho=1, **control)
+    root.step(events=[event(1, 50, 50)], skip=step)
+    assert root.path == (ME,)
+    return root
+
+
+def test_an_order_is_forgotten_when_a_tree_is_entered_anew() -> None:
+    """An agent that left and joined again obeys an order with the number of the last one that it obeyed."""
+    lone = sent(INSIDE)
+    lone.step(parent_says(102, None))
+    lone.step(leaving(PARENT, PARENT_AT))
+    assert lone.core.state is State.WALKING
+    lone.steps(STEPS.former)
+    lone.step(at=(61.0, 50.0))
+    lone.step(parent_says(150, None), at=INSIDE)
+    assert lone.core.state is State.MEMBER
+    lone.step(parent_says(151, order_to(ME)))
+    assert lone.core.state is State.RELOCATING
+
+
 @pytest.mark.parametrize("pulse", [101, 102])
 def test_a_mover_attaches_to_a_fresh_pulse_only(pulse: int) -> None:
     """Newer than the one with which it left; other trees are no matter to it."""
@@ -278,7 +361,7 @@ def test_a_mover_attaches_to_the_nearest_legal_member() -> None:
     """At its place; closer ones only after 3 steps."""
     lone = sent(INSIDE)
     near, legal = (56.0, 50.0), (59.0, 57.0)
-    for waited in range(ARRIVAL_STRICT_STEPS):
+    for waited in range(STEPS.arrival_strict):
         lone.step(member((ROOT, 4), near, pulse=102 + waited))
         assert lone.core.state is State.RELOCATING
     lone.step(member((ROOT, 4), near, pulse=105), member((ROOT, 5), legal, pulse=105))
@@ -291,7 +374,7 @@ def test_a_mover_attaches_to_the_nearest_legal_member() -> None:
 def test_a_mover_that_finds_nobody_gives_up() -> None:
     """It says that it relocates for 8 steps at its place, then that it leaves, and is free."""
     lone = sent(INSIDE)
-    waiting = lone.steps(ARRIVAL_STEPS)
+    waiting = lone.steps(STEPS.arrival)
     assert all(isinstance(decision.radio, Relocating) for decision in waiting)
     assert all((decision.act.vx_mps, decision.act.vy_mps) == (0.0, 0.0) for decision in waiting)
     assert isinstance(lone.step().radio, Leaving)

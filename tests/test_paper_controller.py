@@ -1,23 +1,21 @@
-"""The agent's core, rule by rule, with hand-made frames. Hearing, trees and recruitment have files of their own."""
+"""The paper's control, rule by rule, with hand-made frames: free agents, founding, joining, what an agent says."""
 
 import math
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import Decision
-from deltaswarm_agent.hearing import TRAIL_STEPS
-from deltaswarm_agent.states import FREE, State
-from deltaswarm_wire.radio import (
+
+from deltaswarm_agent.controllers.paper.frames import (
     MAX_PATH,
     MAX_TABLE,
     Attending,
     Descendant,
     Member,
     Sighting,
-    decode_radio,
-    encode_radio,
+    decode,
+    encode,
 )
-
+from deltaswarm_agent.controllers.paper.states import FREE, State
 from deltaswarm_wire.messages import Event
 from tests.cores import (
     INSIDE,
@@ -26,7 +24,9 @@ from tests.cores import (
     PARENT,
     PARENT_AT,
     ROOT,
+    STEPS,
     Lone,
+    Said,
     a_member,
     a_root,
     attending,
@@ -38,7 +38,7 @@ from tests.cores import (
 )
 
 
-def velocity(decision: Decision) -> tuple[float, float]:
+def velocity(decision: Said) -> tuple[float, float]:
     return decision.act.vx_mps, decision.act.vy_mps
 
 
@@ -76,7 +76,7 @@ def test_an_event_is_observed_at_the_event_only() -> None:
         decision = lone.go_where_it_wants(events=[here])
         assert decision.act.observed == (1,)
         assert velocity(decision) == (0.0, 0.0)
-        assert decision.radio == Attending(ME, step - 4, 5000, 5000, 1, 5000, 5000)
+        assert decision.radio == Attending(ME, 5000, 5000, 1, 5000, 5000)
         assert decision.report is not None
         assert (decision.report.role, decision.report.events) == ("attending", (here,))
         assert (decision.report.sequence, decision.report.step) == (step - 4, step)
@@ -135,7 +135,7 @@ def test_a_neighbour_that_begins_to_attend_while_in_range_is_not_joined() -> Non
     assert lone.core.state is State.WALKING
 
 
-@pytest.mark.parametrize(("inside_steps", "joins"), [(TRAIL_STEPS, True), (TRAIL_STEPS + 1, False)])
+@pytest.mark.parametrize(("inside_steps", "joins"), [(STEPS.trail, True), (STEPS.trail + 1, False)])
 @pytest.mark.parametrize("says", ["attending", "member"])
 def test_newly_looks_back_upon_a_few_positions(inside_steps: int, joins: bool, says: str) -> None:
     """Out of range at one of the last 4 positions is new; 5 steps ago is not."""
@@ -218,9 +218,9 @@ def test_a_parent_is_at_least_d_min_away_and_2_cm_within_range(distance_m: float
     assert (lone.core.state is State.MEMBER) == joins
     if joins:
         assert isinstance(decision.radio, Member)
-        assert decision.radio[4:7] == (False, (ROOT, PARENT, ME), 40)
+        assert decision.radio[3:6] == (False, (ROOT, PARENT, ME), 40)
         assert velocity(decision) == (0.0, 0.0)
-        assert lone.gamma <= lone.settings.control.gamma_max
+        assert lone.gamma <= 50
 
 
 @pytest.mark.parametrize("before", [State.WALKING, State.GOING, State.ATTENDING])
@@ -330,6 +330,6 @@ def test_the_longest_table_can_be_said() -> None:
     decision = a_root().step(*broods, events=[event(1, 50, 50)])
     assert isinstance(decision.radio, Member)
     assert len(decision.radio.table) == MAX_TABLE
-    assert decode_radio(encode_radio(decision.radio)) == decision.radio
+    assert decode(ME, encode(decision.radio)) == decision.radio
     assert decision.report is not None
     assert decision.report.followers == MAX_TABLE

@@ -1,23 +1,14 @@
 """Trees by message: tables, pulses, dissolution, lost parents, and what keeps cycles away."""
 
-import math
 from typing import Any
 
 import pytest
-from deltaswarm_agent.core import LEAVING_STEPS, ORPHAN_STEPS, ORPHAN_STRICT_STEPS
-from deltaswarm_agent.states import FREE, State
-from deltaswarm_agent.tree import (
-    FORMER_STEPS,
-    FRESHNESS_STEPS,
-    SILENCE_STEPS,
-    STALL_STEPS,
-    Membership,
-    is_fresh,
-)
-from deltaswarm_wire.radio import MAX_TABLE, Descendant, Leaving, Member, RadioFrame
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.frames import MAX_TABLE, Descendant, Leaving, Member, PaperFrame
+from deltaswarm_agent.controllers.paper.membership import Membership, is_fresh
+from deltaswarm_agent.controllers.paper.states import State
 from tests.cores import (
     INSIDE,
     ME,
@@ -25,6 +16,7 @@ from tests.cores import (
     PARENT,
     PARENT_AT,
     ROOT,
+    STEPS,
     Lone,
     a_chain,
     a_member,
@@ -53,7 +45,7 @@ def parent_says(pulse: int, **more: Any) -> Member:
 @given(lives(near_frames()), st.booleans())
 def test_a_table_has_no_agent_twice_and_not_itself(life: list[Any], is_root: bool) -> None:
     """Whatever the children claim, nobody above the agent either, though it name the agent as its parent."""
-    membership = Membership(ME, None if is_root else parent_says(1), 50, 0)
+    membership = Membership(ME, None if is_root else parent_says(1), 0, STEPS)
     for now, (heard, _) in enumerate(life, 1):
         membership.hear_children([frame for frame in heard if frame.sender != ME], now)
         agents = [row.agent for row in membership.table()]
@@ -86,7 +78,7 @@ def test_a_childs_own_word_about_itself_comes_first() -> None:
     ],
     ids=["child", "attending", "leaving", "relocating", "orphan", "other parent", "root"],
 )
-def test_a_child_is_dropped_when_it_is_none_any_more(says: RadioFrame, stays: bool) -> None:
+def test_a_child_is_dropped_when_it_is_none_any_more(says: PaperFrame, stays: bool) -> None:
     """It leaves, relocates, is orphaned, names another parent, or is a root itself."""
     root = a_root(agent=ME, d_min_m=9)
     root.step(child(CHILD, (ME,), CHILD_AT), child(2, (ME,), (42, 50)))
@@ -101,8 +93,8 @@ def test_a_silent_child_is_dropped_after_12_steps() -> None:
     """Not before: frames are lost now and then."""
     root = a_root()
     root.step(child(CHILD, (ME,), CHILD_AT))
-    tables = [decision.radio.table for decision in root.steps(SILENCE_STEPS) if isinstance(decision.radio, Member)]
-    assert [len(table) for table in tables] == [1] * (SILENCE_STEPS - 1) + [0]
+    tables = [decision.radio.table for decision in root.steps(STEPS.silence) if isinstance(decision.radio, Member)]
+    assert [len(table) for table in tables] == [1] * (STEPS.silence - 1) + [0]
 
 
 def test_the_root_knows_all_below_it() -> None:
@@ -121,7 +113,20 @@ def test_the_root_knows_all_below_it() -> None:
 @given(pulses, st.integers(0, 1000), st.integers(0, 40))
 def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed: int, late: int) -> None:
     """One that has advanced is trusted if it is at most 8 behind; one that was known before never is."""
-    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed) == (late <= FRESHNESS_STEPS and late < elapsed)
+    assert is_fresh(known + elapsed - late, known, 50, 50 + elapsed, STEPS.freshness) == (
+        late <= STEPS.freshness and late < elapsed
+    )
+
+
+def test_a_roots_first_pulse_on_the_air_is_0() -> None:
+    """And one more with each step."""
+    root = Lone(mode="hierarchical", rho=1)
+    pulses_said = []
+    for _ in range(4):
+        radio = root.step(events=[event(1, 50, 50)]).radio
+        assert isinstance(radio, Member)
+        pulses_said.append(radio.pulse)
+    assert pulses_said == [0, 1, 2, 3]
 
 
 def test_the_pulse_goes_down_one_level_per_step() -> None:
@@ -136,7 +141,7 @@ def test_the_pulse_goes_down_one_level_per_step() -> None:
 def test_a_stalled_pulse_means_a_dead_root() -> None:
     """A member whose parent lives, but knows no newer pulse, is free after 20 steps."""
     lone = a_member(dissolution=False)
-    lone.steps(STALL_STEPS - 1, parent_says(100))
+    lone.steps(STEPS.stall - 1, parent_says(100))
     assert lone.core.state is State.MEMBER
     lone.step(parent_says(100))
     assert lone.core.state is State.WALKING
@@ -155,88 +160,15 @@ def test_a_member_follows_its_parents_path() -> None:
     assert (lone.path, membership.pulse) == ((9, ROOT, PARENT, ME), 5)
 
 
-# Dissolution
-
-
-@pytest.mark.parametrize("level", [1, 2, 3, 7])
-@pytest.mark.parametrize("gamma_max", [50, 20])
-def test_gamma_falls_by_the_level_each_step(level: int, gamma_max: int) -> None:
-    """Without an event in sight an agent is free after gamma_max / level steps, joining counted, rounded up."""
-    path = tuple(range(100, 100 + level))
-    lone = a_member(path, gamma_max=gamma_max)
-    for step in range(2, math.ceil(gamma_max / level)):
-        lone.step(member(path, PARENT_AT, pulse=100 + step))
-        assert lone.gamma == gamma_max - step * level
-    lone.step(member(path, PARENT_AT, pulse=200))
-    assert lone.core.state is State.WALKING
-
-
-def test_a_sensed_event_restores_gamma() -> None:
-    """To the whole of it, however little is left."""
-    lone = a_member()
-    for pulse in range(101, 121):
-        lone.step(parent_says(pulse))
-    assert lone.gamma == 50 - 21 * 2
-    lone.step(parent_says(121), events=[event(1, *INSIDE)])
-    assert lone.gamma == 50
-
-
-def test_a_root_does_not_dissolve() -> None:
-    """Its level is 0."""
-    root = a_root()
-    root.steps(300)
-    assert root.core.state is State.ROOT
-
-
-def test_dissolution_can_be_switched_off() -> None:
-    """The paper's ablation: members stay without any event."""
-    lone = a_member(dissolution=False)
-    for pulse in range(101, 400):
-        lone.step(parent_says(pulse))
-    assert (lone.core.state, lone.gamma) == (State.MEMBER, 50)
-
-
-def test_a_subtree_leaves_hop_by_hop() -> None:
-    """An agent that dissolves takes all below it along, one level per step; those above stay."""
-    crowd = a_chain(5, gamma_max=100)
-    sees = {agent: [event(1, *lone.at)] for agent, lone in crowd.lones.items() if agent != 2}
-    freed: dict[int, int] = {}
-    for step in range(80):
-        crowd.step(sees)
-        for agent, lone in crowd.lones.items():
-            if lone.core.state in FREE:
-                freed.setdefault(agent, step)
-    assert freed == {2: freed[2], 3: freed[2] + 1, 4: freed[2] + 2}
-    assert crowd.lones[1].core.membership is not None
-    assert crowd.lones[1].core.membership.table() == ()
-
-
-def test_leaving_is_said_in_four_frames() -> None:
-    """One a step, from the step in which the agent leaves; then it is silent."""
-    lone = a_member()
-    assert isinstance(lone.step(leaving(PARENT, PARENT_AT)).radio, Leaving)
-    said = [isinstance(decision.radio, Leaving) for decision in lone.steps(10)]
-    assert said == [True] * (LEAVING_STEPS - 1) + [False] * (11 - LEAVING_STEPS)
-
-
-def test_leaving_comes_before_anything_else() -> None:
-    """Who attends an event at once says first that it has left."""
-    lone = a_member()
-    here = [event(1, *INSIDE)]
-    said = [lone.step(leaving(PARENT, PARENT_AT), events=here)]
-    said += lone.steps(6, events=here)
-    assert [type(decision.radio).__name__ for decision in said] == ["Leaving"] * 4 + ["Attending"] * 3
-
-
 # Lost parents
 
 
 @pytest.mark.parametrize("says", [relocating(PARENT, PARENT_AT), attending(PARENT, PARENT_AT, 1, PARENT_AT), None])
-def test_whose_parent_is_lost_is_an_orphan_and_says_so(says: RadioFrame | None) -> None:
+def test_whose_parent_is_lost_is_an_orphan_and_says_so(says: PaperFrame | None) -> None:
     """At once if the parent is heard to be no member any more, after 12 steps if it is not heard."""
     lone = a_member()
     if says is None:
-        lone.steps(SILENCE_STEPS - 1)
+        lone.steps(STEPS.silence - 1)
         assert lone.core.state is State.MEMBER
     decision = lone.step(*([says] if says else []))
     assert lone.core.state is State.ORPHAN
@@ -292,7 +224,7 @@ def test_an_orphan_is_adopted_by_a_fresh_pulse_only(frame: Member, adopts: bool)
 def test_an_orphan_takes_any_in_range_at_last() -> None:
     """After 2 steps a member nearer than d_min will do."""
     lone = an_orphan()
-    for waited in range(1, ORPHAN_STRICT_STEPS):
+    for waited in range(1, STEPS.orphan_strict):
         lone.step(member((ROOT, 5), NEAR_AT, pulse=101 + waited))
         assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), NEAR_AT, pulse=110))
@@ -302,7 +234,7 @@ def test_an_orphan_takes_any_in_range_at_last() -> None:
 def test_an_orphan_gives_up_after_5_steps() -> None:
     """It is free, and says that it leaves: so its subtree does too."""
     lone = an_orphan()
-    lone.steps(ORPHAN_STEPS - 1)
+    lone.steps(STEPS.orphan - 1)
     assert lone.core.state is State.ORPHAN
     assert isinstance(lone.step().radio, Leaving)
     assert lone.core.state is State.WALKING
@@ -311,16 +243,16 @@ def test_an_orphan_gives_up_after_5_steps() -> None:
 def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> None:
     """A pulse that is newer than its own, but more than 8 behind what it should be by now, is none."""
     lone = a_member()
-    lone.steps(SILENCE_STEPS)
+    lone.steps(STEPS.silence)
     assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=101))
     assert lone.core.state is State.ORPHAN
     lone.step(member((ROOT, 5), LEGAL_AT, pulse=114), events=[])
-    assert (lone.core.state, lone.gamma) == (State.MEMBER, 50)
+    assert lone.core.state is State.MEMBER
 
 
 @pytest.mark.parametrize(("root", "pulse", "joins"), [(ROOT, 100, False), (ROOT, 130, True), (2, 1, True)])
-@pytest.mark.parametrize("waited", [FORMER_STEPS, FORMER_STEPS + 1])
+@pytest.mark.parametrize("waited", [STEPS.former, STEPS.former + 1])
 def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, joins: bool, waited: int) -> None:
     """For 20 steps it joins it on a fresh pulse only; other trees at once."""
     lone = a_member()
@@ -328,4 +260,4 @@ def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, jo
     lone.at = OUTSIDE
     lone.steps(waited - 1)
     lone.step(member((root, PARENT), PARENT_AT, pulse=pulse), at=INSIDE)
-    assert (lone.core.state is State.MEMBER) == (joins or waited > FORMER_STEPS)
+    assert (lone.core.state is State.MEMBER) == (joins or waited > STEPS.former)

@@ -4,13 +4,13 @@ import random
 from collections.abc import Iterable
 
 import pytest
-from deltaswarm_agent.beliefs import GONE_STEPS, MEMORY_STEPS, Beliefs, to_cm
-from deltaswarm_wire.radio import MAX_AGE, MAX_EVENTS, MAX_GONE, Gone, Sighting
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.beliefs import Beliefs, to_cm
+from deltaswarm_agent.controllers.paper.frames import MAX_AGE, MAX_EVENTS, MAX_GONE, Gone, Sighting
 from deltaswarm_wire.messages import Event
-from tests.cores import event
+from tests.cores import STEPS, event
 
 NOW = 1000
 
@@ -22,7 +22,7 @@ words: st.SearchStrategy[Words] = st.dictionaries(
 
 
 def some(sensing_range_m: float = 5.0) -> Beliefs:
-    return Beliefs(sensing_range_m)
+    return Beliefs(sensing_range_m, STEPS)
 
 
 def place_cm(number: int) -> int:
@@ -49,8 +49,8 @@ def test_the_freshest_word_wins(told: Words) -> None:
     hear(beliefs, told.items())
     beliefs.forget(NOW)
     last = {number: (age + 1, seen) for number, (age, seen) in freshest(told).items()}
-    there = [number for number, (age, seen) in sorted(last.items()) if seen and age <= MEMORY_STEPS]
-    gone = {number: age for number, (age, seen) in last.items() if not seen and age <= GONE_STEPS}
+    there = [number for number, (age, seen) in sorted(last.items()) if seen and age <= STEPS.memory]
+    gone = {number: age for number, (age, seen) in last.items() if not seen and age <= STEPS.gone}
     assert beliefs.active() == [Event(number, 10.0 * number, 0.0) for number in there]
     assert bool(beliefs) == bool(there)
     assert {sighting.event: sighting.age for sighting in beliefs.sightings(NOW)} == {n: last[n][0] for n in there}
@@ -114,12 +114,12 @@ def test_an_event_is_forgotten_when_nobody_has_sensed_it_for_12_steps() -> None:
     """Its age grows by one each step, then it is gone without a word."""
     beliefs = some()
     beliefs.sense([event(1, 50, 50)], 45.1, 50.0, NOW)
-    for age in range(1, MEMORY_STEPS + 1):
+    for age in range(1, STEPS.memory + 1):
         beliefs.forget(NOW + age)
         assert [sighting.age for sighting in beliefs.sightings(NOW + age)] == [age]
-    beliefs.forget(NOW + MEMORY_STEPS + 1)
+    beliefs.forget(NOW + STEPS.memory + 1)
     assert not beliefs
-    assert beliefs.departures(NOW + MEMORY_STEPS + 1) == ()
+    assert beliefs.departures(NOW + STEPS.memory + 1) == ()
 
 
 def test_that_an_event_is_gone_is_told_for_30_steps() -> None:
@@ -127,9 +127,9 @@ def test_that_an_event_is_gone_is_told_for_30_steps() -> None:
     beliefs = some()
     beliefs.sense([event(1, 50, 50)], 50.0, 50.0, NOW)
     beliefs.sense([], 50.0, 50.0, NOW + 1)
-    last = NOW + 1 + GONE_STEPS
+    last = NOW + 1 + STEPS.gone
     beliefs.forget(last)
-    assert beliefs.departures(last) == (Gone(1, GONE_STEPS),)
+    assert beliefs.departures(last) == (Gone(1, STEPS.gone),)
     beliefs.forget(last + 1)
     assert beliefs.departures(last + 1) == ()
 
@@ -145,7 +145,7 @@ def test_echoes_keep_no_event_alive(agents: int, chatter: list[bool]) -> None:
             for sightings, departures in said if speaks else said[:1]:
                 listener.hear(sightings, departures, now)
             listener.forget(now)
-        assert any(crowd) == (now <= MEMORY_STEPS)
+        assert any(crowd) == (now <= STEPS.memory)
 
 
 @given(st.lists(st.tuples(st.integers(0, 99), st.integers(0, 11)), min_size=20, max_size=60, unique_by=lambda w: w[0]))
@@ -174,4 +174,4 @@ def test_no_age_is_too_great_for_the_air(told: Words, later: int) -> None:
     hear(beliefs, told.items())
     beliefs.forget(NOW + later)
     rows = (*beliefs.sightings(NOW + later), *beliefs.departures(NOW + later))
-    assert all(0 <= row.age <= max(MEMORY_STEPS, GONE_STEPS) <= MAX_AGE for row in rows)
+    assert all(0 <= row.age <= max(STEPS.memory, STEPS.gone) <= MAX_AGE for row in rows)

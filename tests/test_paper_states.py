@@ -7,14 +7,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from deltaswarm_agent.core import AgentCore
-from deltaswarm_agent.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
-from deltaswarm_wire.radio import Member, decode_radio
 
+from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.frames import _encoded, decode
+from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
 from deltaswarm_orchestrator.in_process import InProcess
-from tests.cores import play, swarm
+from deltaswarm_wire.envelope import decode_sample
+from tests.cores import controllers_of, play, swarm
 
-PAGE = Path(__file__).parent.parent / "agent" / "STATES.md"
+PAGE = Path(__file__).parent.parent / "agent/deltaswarm_agent/controllers/paper/STATES.md"
 
 Step = tuple[State, Cause, State]
 
@@ -56,29 +57,30 @@ CONNECTED = {0: {0}, 20: set(), 23: {1}, 30: set(), 32: {0}, 33: {0, 1}}
 
 
 class Watch:
-    """Notes every change of state that any core makes."""
+    """Notes every change of state that any agent makes."""
 
     def __init__(self) -> None:
         self.steps: Counter[Step] = Counter()
-        self.newest: dict[AgentCore, State] = {}
+        self.newest: dict[Agent, State] = {}
 
     def install(self, patch: pytest.MonkeyPatch) -> None:
-        """Look over the shoulder of every core."""
-        change = AgentCore._change
+        """Look over the shoulder of every agent."""
+        change = Agent.change
 
-        def noted(core: AgentCore, cause: Cause) -> None:
-            before = core.state
-            change(core, cause)
-            self.steps[before, cause, core.state] += 1
-            self.newest[core] = core.state
+        def noted(agent: Agent, cause: Cause) -> None:
+            before = agent.state
+            change(agent, cause)
+            self.steps[before, cause, agent.state] += 1
+            self.newest[agent] = agent.state
 
-        patch.setattr(AgentCore, "_change", noted)
+        patch.setattr(Agent, "change", noted)
 
     def check(self, swarm: InProcess) -> None:
-        """No core has changed its state by any other way."""
-        for core in swarm.agents:
-            assert core.state is self.newest.get(core, State.WALKING), (swarm.scenario.seed, core.agent)
-            assert (core.state in FREE) == (core.membership is None), (swarm.scenario.seed, core.agent)
+        """No agent has changed its state by any other way."""
+        for number, controller in controllers_of(swarm).items():
+            agent = controller.agent
+            assert agent.state is self.newest.get(agent, State.WALKING), (swarm.scenario.seed, number)
+            assert (agent.state in FREE) == (agent.membership is None), (swarm.scenario.seed, number)
 
 
 def rough(seed: int, watch: Watch) -> None:
@@ -89,7 +91,7 @@ def rough(seed: int, watch: Watch) -> None:
 
     def before(step: int) -> None:
         if step and step % KILL_EVERY_STEPS == 0 and len(lockstep.alive) > 4:
-            in_trees = [core.agent for core in crew.agents if core.membership and core.agent in lockstep.alive]
+            in_trees = [n for n, one in controllers_of(crew).items() if one.membership and n in lockstep.alive]
             if in_trees:
                 lockstep.gone(rng.choice(in_trees))
 
@@ -182,6 +184,8 @@ def test_what_a_rough_swarm_says_is_always_valid() -> None:
         crew = swarm("smoke", *ROUGH, seed=seed)
         for step in range(400):
             crew.step(step, last=False)
-            for agent, (data, frame) in crew.world._spoken.items():
-                assert decode_radio(data) == frame, (seed, step, agent)
-                assert not isinstance(frame, Member) or frame.path[-1] == agent
+            for agent, data in crew.world._spoken.items():
+                payload = decode_sample(data).payload
+                made = decode(agent, payload)
+                _encoded.clear()  # else nothing would be decoded
+                assert decode(agent, payload) == made, (seed, step, agent)

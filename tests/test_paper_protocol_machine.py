@@ -1,25 +1,25 @@
-"""The tree protocol under whatever the air and fate may do: what `agent/PROTOCOL.md` says under "What holds".
+"""The tree protocol whatever happens to the air and the agents: what `TREES.md` says under "What holds".
 
-A few agents in a small arena, real cores and real bytes, an air that loses, delays, reorders and doubles
+A few agents in a small arena, real controllers and real bytes, an air that loses, delays, reorders and doubles
 frames and falls into parts, agents that die, freeze, come late and begin anew. After each step the trees are
 compared with the truth; hypothesis chooses what happens, and prints it when a property breaks.
 """
 
 import math
 from collections import defaultdict
+from dataclasses import replace
 from random import Random
 from typing import Any
 
-from deltaswarm_agent.core import AgentCore, agent_rng
-from deltaswarm_agent.states import State
-from deltaswarm_agent.tree import ORPHAN_STEPS, SILENCE_STEPS, STALL_STEPS, Membership
-from deltaswarm_wire.radio import encode_radio
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, initialize, precondition, rule
 
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.membership import Membership
+from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.messages import Event, Frame
-from tests.cores import Place, agent_settings
+from tests.cores import STEPS, Core, Place, agent_settings
 from tests.trees import Spans, check_agreement, cycle_of, true_descendants
 
 SIZE_M, RANGE_M, SENSING_RANGE_M = 30.0, 10.0, 5.0
@@ -27,16 +27,16 @@ AGENTS = 7
 WORK_AGENT_STEPS = 60
 """An event is complete when it has been observed so often."""
 
-CYCLE_STEPS = SILENCE_STEPS
+CYCLE_STEPS = STEPS.silence
 """A cycle lasts at most so long for each agent on it; add the latency."""
 
-ROOTLESS_STEPS = SILENCE_STEPS + ORPHAN_STEPS
+ROOTLESS_STEPS = STEPS.silence + STEPS.orphan
 """A root that is none any more is believed in at most so long for each level; add the latency."""
 
-GHOST_STEPS = SILENCE_STEPS
+GHOST_STEPS = STEPS.silence
 """Who is not below an agent any more is in its table at most so long for each level between them; add the latency."""
 
-HEALED_STEPS = STALL_STEPS + ORPHAN_STEPS + SILENCE_STEPS
+HEALED_STEPS = STEPS.stall + STEPS.orphan + STEPS.silence
 """In a clear air all members of a tree agree after so long, and two steps per level."""
 
 seeds = st.integers(0, 2**16)
@@ -49,14 +49,15 @@ class Swarm:
 
     def __init__(self, seed: int, latency_steps: int, started: int, **control: Any) -> None:
         self.rng = Random(seed)
-        self.seed = seed
-        self.settings = agent_settings(width_m=SIZE_M, height_m=SIZE_M, **control)
+        self.settings = agent_settings(
+            seed=seed, width_m=SIZE_M, height_m=SIZE_M, latency_s=float(latency_steps), **control
+        )
         self.latency_steps = latency_steps
         self.loss = self.duplication = 0.0
         self.step = -1
         self.at: dict[int, Place] = {agent: self.anywhere() for agent in range(AGENTS)}
         self.side = dict.fromkeys(range(AGENTS), 0)
-        self.cores: dict[int, AgentCore] = {}
+        self.cores: dict[int, Core] = {}
         self.frozen: set[int] = set()
         self.starts: dict[int, int] = defaultdict(int)
         self.events: dict[int, list[float]] = {}
@@ -73,18 +74,17 @@ class Swarm:
 
     def start(self, agent: int) -> None:
         """A process begins, knowing nothing."""
-        rng = agent_rng(self.seed, agent, self.starts[agent])
+        self.cores[agent] = Core(agent, self.settings, self.starts[agent])
         self.starts[agent] += 1
         self.frozen.discard(agent)
-        self.cores[agent] = AgentCore(agent, self.settings, rng)
 
     @property
-    def members(self) -> dict[int, AgentCore]:
+    def members(self) -> dict[int, PaperController]:
         """The agents in trees that are neither dead nor frozen."""
-        return {agent: core for agent, core in self.awake if core.membership}
+        return {agent: core.controller for agent, core in self.awake if core.membership}
 
     @property
-    def awake(self) -> list[tuple[int, AgentCore]]:
+    def awake(self) -> list[tuple[int, Core]]:
         """Those that take part in a step."""
         return [(agent, core) for agent, core in sorted(self.cores.items()) if agent not in self.frozen]
 
@@ -101,17 +101,17 @@ class Swarm:
         flying = self._flying.pop(self.step, [])
         for agent, core in self.awake:
             is_out = self.is_quiet and core.membership is None
-            heard = [] if is_out else [data for _, to, data in flying if to == agent]
-            decision = core.step(
-                Frame(self.step, float(self.step), False, *self.at[agent], self._sensed(agent), tuple(heard))
+            heard = [] if is_out else [(sender, data) for sender, to, data in flying if to == agent]
+            said = core.shell.step(
+                Frame(self.step, float(self.step), False, *self.at[agent], (), self._sensed(agent), tuple(heard))
             )
-            for event in decision.act.observed:
+            for event in said.act.observed:
                 if event in self.events:
                     self.events[event][2] -= 1
             x_m, y_m = self.at[agent]
-            self.at[agent] = (x_m + decision.act.vx_mps, y_m + decision.act.vy_mps)
-            if decision.radio is not None:
-                self._send(agent, encode_radio(decision.radio))
+            self.at[agent] = (x_m + said.act.vx_mps, y_m + said.act.vy_mps)
+            if said.radio is not None:
+                self._send(agent, said.radio)
         self._land()
         self.events = {event: found for event, found in self.events.items() if found[2] > 0}
 
@@ -229,7 +229,7 @@ class TreeProtocol(RuleBasedStateMachine):
         self.change_the_air(0.0, 0.0)
         self.reunite()
         swarm.is_quiet = True
-        self._order_every(2**32)
+        self._recruit(False)
         quiet = 0
         while quiet < HEALED_STEPS + late_steps + 2 * (AGENTS - 1):
             swarm.advance()
@@ -238,11 +238,12 @@ class TreeProtocol(RuleBasedStateMachine):
         check_agreement(swarm.members, swarm.step)
         swarm.is_quiet = False
         swarm.latency_steps = late_steps
-        self._order_every(round(swarm.settings.control.recruitment_interval_s))
+        self._recruit(True)
 
-    def _order_every(self, steps: int) -> None:
+    def _recruit(self, on: bool) -> None:
         for core in self.swarm.cores.values():
-            core._recruit_every = steps
+            agent = core.controller.agent
+            agent.settings = replace(agent.settings, recruitment=on)
 
     def check(self, late_steps: int) -> None:
         """What must hold after each step; no frame is later than `late_steps`."""
@@ -257,12 +258,12 @@ class TreeProtocol(RuleBasedStateMachine):
         self.no_dead_root_is_believed_in_for_long(members, late_steps)
         self.no_ghost_stays_in_a_table(members, late_steps)
 
-    def no_cycle_lasts(self, members: dict[int, AgentCore], late_steps: int) -> None:
+    def no_cycle_lasts(self, members: dict[int, PaperController], late_steps: int) -> None:
         """At most CYCLE_STEPS and the latency, for each agent on it."""
         cycles = {cycle for agent in members if (cycle := cycle_of(members, agent))}
         self._hold(self.cycles, {cycle: len(cycle) * (CYCLE_STEPS + late_steps) for cycle in cycles})
 
-    def no_dead_root_is_believed_in_for_long(self, members: dict[int, AgentCore], late_steps: int) -> None:
+    def no_dead_root_is_believed_in_for_long(self, members: dict[int, PaperController], late_steps: int) -> None:
         """At most ROOTLESS_STEPS and the latency, for each level; one that began anew is another root."""
         found: dict[object, int] = {}
         for agent, core in members.items():
@@ -272,7 +273,7 @@ class TreeProtocol(RuleBasedStateMachine):
                 found[agent, own.root] = own.level * (ROOTLESS_STEPS + late_steps)
         self._hold(self.rootless, found)
 
-    def no_ghost_stays_in_a_table(self, members: dict[int, AgentCore], late_steps: int) -> None:
+    def no_ghost_stays_in_a_table(self, members: dict[int, PaperController], late_steps: int) -> None:
         """At most GHOST_STEPS and the latency, for each level between them."""
         below = true_descendants(members)
         found: dict[object, int] = {}
@@ -289,7 +290,7 @@ class TreeProtocol(RuleBasedStateMachine):
             assert spans.now[key] <= bound, (self.swarm.step, key, spans.now[key], bound)
 
 
-def membership_of(core: AgentCore) -> Membership:
+def membership_of(core: PaperController) -> Membership:
     """An agent's, who is in a tree."""
     assert core.membership is not None
     return core.membership

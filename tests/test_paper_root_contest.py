@@ -3,14 +3,13 @@
 from itertools import combinations
 
 import pytest
-from deltaswarm_agent.states import State
-from deltaswarm_agent.tree import CONTESTED_STEPS
-from deltaswarm_agent.tree import is_senior as senior
-from deltaswarm_wire.radio import Leaving, Member, RadioFrame
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from tests.cores import ME, Crowd, Lone, a_root, event, member
+from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame
+from deltaswarm_agent.controllers.paper.root_contest import is_senior as senior
+from deltaswarm_agent.controllers.paper.states import State
+from tests.cores import ME, STEPS, Crowd, Lone, a_root, event, member
 
 pulses = st.integers(0, 2**32 - 1)
 
@@ -83,8 +82,8 @@ def test_with_latency_one_of_several_roots_stays_too(ages: list[int], ids: list[
     roots = [a_root((50.0, 50.0), agent) for agent in ids[: len(ages)]]
     for root, age in zip(roots, ages, strict=True):
         root.steps(age + apart)
-    said: list[dict[int, RadioFrame | None]] = []
-    for _ in range(CONTESTED_STEPS + late + 2):
+    said: list[dict[int, PaperFrame | None]] = []
+    for _ in range(STEPS.contested + late + 2):
         heard = said[-1 - late].values() if len(said) > late else ()
         decisions = {
             root.core.agent: root.step(*(frame for frame in heard if frame and frame.sender != root.core.agent))
