@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from deltaswarm_agent.controllers.paper.walk import Walk
-from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.walk import Walk
+from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from deltaswarm_agent.obstacles import Obstacles
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.settings import AgentSettings

@@ -1,4 +1,4 @@
-"""The page on controllers: a stranger with an empty folder gets from nothing to a report, and the shapes are the code's."""
+"""The page on controllers: a stranger gets from an empty folder to a report, and its tables are the code's."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Agents that are left alone while they have nothing to decide: every decision is as if they had been asked each step."""
+"""Agents that are left alone while they have nothing to decide: they decide as if asked in every step."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any

@@ -65,7 +65,7 @@ def test_what_an_agent_is_told_does_not_fix_the_world(monkeypatch: pytest.Monkey
     """Two runs in which each agent is told the very same have other places, other arrivals and other ids."""
     monkeypatch.setattr(wire_settings, "agent_seed", lambda seed, agent: agent)
     runs = [InProcess(load_scenario("smoke", ["events.rate_hz=0.5"], seed)) for seed in (1, 2)]
-    assert [run.scenario.for_agent(ME) for run in runs][0] == runs[1].scenario.for_agent(ME)
+    assert runs[0].scenario.for_agent(ME) == runs[1].scenario.for_agent(ME)
     for step in range(50):
         for run in runs:
             run.step(step, last=False)

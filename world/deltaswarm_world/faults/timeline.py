@@ -7,7 +7,6 @@ kept here and asked for. Each fault has generators of its own, so that adding on
 from collections.abc import Collection, Sequence
 from typing import Any
 
-
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.settings import Scenario
