@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from deltaswarm_agent.controller import agent_rng
 from deltaswarm_orchestrator.in_process import InProcess
 from deltaswarm_orchestrator.scenario import load_scenario
-from deltaswarm_wire import settings as wire_settings
+from deltaswarm_wire import seeds
 from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_world.environment import ARRIVALS_STREAM, START_STREAM, Environment
 from deltaswarm_world.event_ids import EventIds
@@ -63,7 +63,7 @@ def test_no_arrival_follows_either() -> None:
 
 def test_what_an_agent_is_told_does_not_fix_the_world(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two runs in which each agent is told the very same have other places, other arrivals and other ids."""
-    monkeypatch.setattr(wire_settings, "agent_seed", lambda seed, agent: agent)
+    monkeypatch.setattr(seeds, "agent_seed", lambda seed, agent: agent)
     runs = [InProcess(load_scenario("smoke", ["events.rate_hz=0.5"], seed)) for seed in (1, 2)]
     assert runs[0].scenario.for_agent(ME) == runs[1].scenario.for_agent(ME)
     for step in range(50):
@@ -76,9 +76,9 @@ def test_what_an_agent_is_told_does_not_fix_the_world(monkeypatch: pytest.Monkey
 
 def test_no_agents_seed_follows_from_anothers() -> None:
     """Nor from a restart's: each is a keyed hash of its number."""
-    seeds = [agent_seed(RUN_SEED, agent) for agent in range(200)]
-    assert len(set(seeds)) == len(set(np.diff(seeds).tolist())) + 1 == 200
-    ones = [sum(seed >> bit & 1 for seed in seeds) for bit in range(63)]
+    told = [agent_seed(RUN_SEED, agent) for agent in range(200)]
+    assert len(set(told)) == len(set(np.diff(told).tolist())) + 1 == 200
+    ones = [sum(seed >> bit & 1 for seed in told) for bit in range(63)]
     assert all(60 < count < 140 for count in ones)
     settings = load_scenario("paper-25", [], RUN_SEED).for_agent(ME)
     assert replace(settings, seed=0) == replace(load_scenario("paper-25", [], 2).for_agent(4), seed=0)

@@ -1,79 +1,18 @@
 """The world's core: what it takes from agents, what it gives them, and that its counts add up."""
 
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.checked import load
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
-from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.messages import MAX_POSES, NOBODY, Act, Event, Frame, Standing, encode_act, encode_frame
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, Tally, Truth, decode_truth, encode_truth
-from deltaswarm_world.core import WorldCore
-from deltaswarm_world.environment import EventRecord
+from deltaswarm_wire.messages import NOBODY, Act, Event, Standing, encode_act, encode_frame
+from deltaswarm_wire.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from tests.airs import EVERYTHING
 from tests.cores import play, swarm
 from tests.strategies import ACT, RADIO, complaint, strange
-
-
-def sample(counter: int, payload: bytes = b"here") -> bytes:
-    """A radio frame of somebody's controller."""
-    return encode_sample(Sample(counter, payload))
-
-
-def an_act(step: int, *observed: int, vx_mps: float = 0.0, until: int | None = None, role: str = "free") -> Act:
-    """An act that holds for one step, unless `until` says otherwise."""
-    return Act(step, vx_mps, 0.0, observed, Standing(role), step + 1 if until is None else until)
-
-
-class Stage:
-    """A world with agents played by the test, all at one place unless they are moved."""
-
-    def __init__(self, count: int = 3, boards: Sequence[int] = (), **tables: Any) -> None:
-        table = {"agents": {"count": count}, "events": {"rate_hz": 0}, **tables}
-        self.core = WorldCore(load(Scenario, table), boards)
-        self.core.environment.positions_m[:] = 50.0
-        self.step = -1
-        self.frames: dict[int, Frame] = {}
-        self.counters = Counter[int]()
-
-    def event(self, x_m: float, y_m: float) -> int:
-        """An event from now on."""
-        environment = self.core.environment
-        event = EventRecord(len(environment.arrived) + 1, x_m, y_m, 0.0)
-        environment.arrived.append(event)
-        environment.active.append(event)
-        environment._place_active()
-        return event.event
-
-    def begin(self, last: bool = False) -> dict[int, Frame]:
-        """The next step's frames."""
-        self.step += 1
-        self.frames = dict(self.core.begin(self.step, last))
-        return self.frames
-
-    def say(self, agent: int, payload: bytes = b"here") -> bytes:
-        """A frame of an agent, with its next counter, taken by the world; its bytes."""
-        data = sample(self.counters[agent], payload)
-        self.counters[agent] += 1
-        assert self.core.hear_radio(agent, data) is None
-        return data
-
-    def act(self, agent: int, *observed: int, step: int | None = None, **more: Any) -> str | None:
-        """An act, with the events that it claims to observe."""
-        return self.core.hear_act(agent, encode_act(an_act(self.step if step is None else step, *observed, **more)))
-
-    def end(self, *silent: int) -> Tally:
-        """Acts of all who have not acted, save the silent; then the end of the step."""
-        for agent in sorted(self.core.lockstep.waiting - set(silent)):
-            assert self.act(agent) is None
-        return self.core.end()
-
+from tests.worlds import Stage, an_act, sample
 
 # Claims
 
@@ -332,7 +271,7 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
         assert tally.bytes_sent >= 6 * tally.frames_sent
         in_flight, heard = tally.frames_in_flight, heard + tally.frames_received
         dropped.update(drops)
-    assert heard > 1000
+    assert heard > 500
     if radio == list(EVERYTHING):
         assert {reason for reason in DROP_REASONS if not dropped[reason]} == {"crowded"}
 
@@ -394,69 +333,3 @@ def test_the_truth_is_what_happened_and_goes_over_the_wire() -> None:
             assert (body.level == 0) == (body.parent == NOBODY)
     assert len(completed) == len(set(completed))
     assert set(completed) == {event.event for event in crew.world.environment.states() if event.completed_s is not None}
-
-
-# Agents that have nothing to decide
-
-
-def test_an_agent_whose_act_holds_is_left_alone() -> None:
-    """It goes on as it said, and its next frame tells it where it has been."""
-    stage = Stage(2)
-    stage.begin()
-    stage.act(0, vx_mps=1.0, until=4, role="walker")
-    tally = stage.end()
-    for step in (1, 2, 3):
-        assert list(stage.begin()) == [1]
-        tally = stage.end()
-        assert (tally.agents_asked, tally.agents_late) == (1, 0)
-        body = stage.core.truth(tally).bodies[0]
-        assert (body.x_m, body.role) == (50.0 + step, "walker")
-    frame = stage.begin()[0]
-    assert (frame.x_m, frame.poses) == (54.0, ((51.0, 50.0), (52.0, 50.0), (53.0, 50.0)))
-    assert stage.end().agents_asked == 2
-    assert stage.begin()[0].poses == ()
-
-
-@pytest.mark.parametrize("what", ["senses", "hears", "fault", "board", "last", "asks all"])
-def test_an_agent_is_asked_earlier_when_something_happens(what: str) -> None:
-    """It senses an event, hears a frame, is hit by a fault; boards are asked always, and all in the last step."""
-    tables: dict[str, Any] = {"run": {"ask_every_step": what == "asks all"}}
-    if what == "fault":
-        tables["fault"] = [{"kind": "actuator-slow", "at_s": 2, "duration_s": 2, "factor": 0.5, "agents": [0]}]
-    stage = Stage(2, boards=[0] if what == "board" else [], **tables)
-    stage.begin()
-    stage.act(0, until=50)
-    stage.end()
-    assert list(stage.begin()) == ([0, 1] if what in ("board", "asks all") else [1])
-    if what == "hears":
-        stage.say(1)
-    if what == "board" or what == "asks all":
-        stage.act(0, until=50)
-    stage.end()
-    if what == "senses":
-        stage.event(50, 50)
-    stage.core.strike(2)
-    assert list(stage.begin(last=what == "last")) == [0, 1]
-
-
-def test_an_act_holds_no_longer_than_a_frame_has_places_for() -> None:
-    """However late an agent asks to be asked again."""
-    stage = Stage(1)
-    stage.begin()
-    stage.act(0, until=10_000)
-    stage.end()
-    for _ in range(MAX_POSES - 1):
-        assert stage.begin() == {}
-        stage.end()
-    assert len(stage.begin()[0].poses) == MAX_POSES - 1
-
-
-def test_an_agent_that_gets_no_frame_senses_nothing() -> None:
-    """While it hangs, an event before it goes on waiting."""
-    stage = Stage(1)
-    stage.begin()
-    stage.end(0)
-    stage.event(50, 50)
-    stage.begin()
-    stage.end()
-    assert stage.core.environment.states()[0].sensed_s is None

@@ -157,7 +157,7 @@ def test_no_frame_is_lost_from_the_books(table: dict[str, Any], agents: int, see
             sum(link[1] == agent for link in carried.links) for agent in range(agents)
         ]
         assert all(there[receiver] for _, receiver in carried.links)
-        assert carried.largest_bytes >= max((len(one) for frames in carried.heard for one in frames), default=0)
+        assert carried.largest_bytes >= max((len(one) for frames in carried.heard for _, one in frames), default=0)
         before = stage.air.under_way
 
 
@@ -237,7 +237,7 @@ def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int) -> None
     arrived = []
     for step in range(30):
         carried = stage.carry([0] if step < 20 else [])
-        arrived += [(int(data.split(b":")[0]), step) for data in carried.heard[1]]
+        arrived += [(int(data.split(b":")[0]), step) for _, data in carried.heard[1]]
     assert sorted(sent for sent, _ in arrived) == list(range(20))
     assert stage.air.under_way == 0
     for sent, step in arrived:
@@ -247,7 +247,7 @@ def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int) -> None
 def test_jitter_reorders() -> None:
     """A frame may overtake another of the same sender."""
     stage = Stage([[0, 0], [1, 0]], jitter_s=6.0)
-    sent = [data for _ in range(40) for data in stage.carry([0]).heard[1]]
+    sent = [data for _ in range(40) for _, data in stage.carry([0]).heard[1]]
     numbers = [int(data.split(b":")[0]) for data in sent]
     assert numbers != sorted(numbers)
 
@@ -255,7 +255,7 @@ def test_jitter_reorders() -> None:
 def test_every_frame_comes_twice_where_all_are_doubled() -> None:
     """A copy is one reception more, and is counted as such."""
     carried = Stage([[0, 0], [1, 0]], duplication=1.0).carry([0])
-    assert carried.heard[1] == [b"0:0", b"0:0"]
+    assert carried.heard[1] == [(0, b"0:0"), (0, b"0:0")]
     assert (carried.duplicated, carried.dropped) == (1, {})
 
 

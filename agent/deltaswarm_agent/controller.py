@@ -18,8 +18,10 @@ from deltaswarm_wire.messages import (
     MAX_SENSED,
     MAX_SPEED_MPS,
     NOBODY,
+    Act,
     Event,
     Pose,
+    Standing,
     role_name,
 )
 from deltaswarm_wire.plugins import controller_settings, find_controller
@@ -154,30 +156,35 @@ def described(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def checked_decision(found: Any, step: int) -> Decision:
-    """A decision as plain values that the wire carries; a controller may be anybody's.
+def checked_act(decision: Any, step: int) -> Act:
+    """The act of a decision, as plain values that the wire carries; a controller may be anybody's.
 
     Raises:
         TypeError, ValueError: it is not what a controller may return; the text says what must hold.
     """
-    if type(found) is not Decision:
-        raise TypeError(f"step must return a Decision (got {type(found).__name__})")
-    (vx_mps, vy_mps), observed, payload, report, role, level, parent, root, until = found
+    if type(decision) is not Decision:
+        raise TypeError(f"step must return a Decision (got {type(decision).__name__})")
+    (vx_mps, vy_mps), observed, payload, report, role, level, parent, root, until = decision
     if not (abs(vx_mps) <= MAX_SPEED_MPS and abs(vy_mps) <= MAX_SPEED_MPS):
         raise ValueError(f"velocity must be finite, at most {MAX_SPEED_MPS:g} m/s (got {vx_mps}, {vy_mps})")
     if payload is not None and type(payload) is not bytes:
         raise TypeError(f"payload must be bytes or None (got {type(payload).__name__})")
+    if report is not None and type(report) is not OperatorReport:
+        raise TypeError(f"report must be an OperatorReport or None (got {type(report).__name__})")
+    if observed:
+        _check_observed(observed)
+    if not (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID):
+        raise ValueError(f"level, parent and root must be numbers of agents (got {level}, {parent}, {root})")
+    if until is None:
+        until = step + 1
+    elif not until >= step + 1:
+        raise ValueError(f"until must be later than step {step} (got {until})")
+    standing = Standing(role_name(role, "role"), int(level), int(parent), int(root))
+    return Act(step, float(vx_mps), float(vy_mps), tuple(observed), standing, min(int(until), step + MAX_POSES))
+
+
+def _check_observed(observed: Any) -> None:
     if not all(type(event) is int and 0 <= event <= MAX_ID for event in observed):
         raise ValueError(f"observed must be ids of events (got {observed!r:.80})")
     if len(observed) > MAX_SENSED:
         raise ValueError(f"observed must name at most {MAX_SENSED} events (got {len(observed)})")
-    if not (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID):
-        raise ValueError(f"level, parent and root must be numbers of agents (got {level}, {parent}, {root})")
-    if until is not None and not until >= step + 1:
-        raise ValueError(f"until must be later than step {step} (got {until})")
-    role_name(role, "role")
-    if report is not None:
-        report = OperatorReport(tuple(report.events[:MAX_REPORTED]), report.followers)
-    velocity = float(vx_mps), float(vy_mps)
-    until = step + 1 if until is None else min(int(until), step + MAX_POSES)
-    return Decision(velocity, tuple(observed), payload, report, role, int(level), int(parent), int(root), until)

@@ -1,15 +1,30 @@
 """The shell around a controller: hears, numbers and encodes, and holds the controller to what it may return."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from typing import NamedTuple
 
-from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_decision, described
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act, described
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import Act, Frame, Heard, Report, Standing, decode_report, encode_act, encode_report
+from deltaswarm_wire.messages import (
+    MAX_REPORTED,
+    Act,
+    Frame,
+    Heard,
+    Pose,
+    Report,
+    decode_report,
+    encode_act,
+    encode_report,
+)
 
 FORGET_SENDER_S = 20.0
 """A sender unheard for this long may begin its counter anew."""
+
+
+_opened = lru_cache(maxsize=256)(decode_sample)
+"""In one process with others, a frame that many hear is opened once."""
 
 
 class Outbound(NamedTuple):
@@ -40,7 +55,7 @@ class Receiver:
         known = self._newest
         for sender, data in heard:
             try:
-                counter, payload, _ = decode_sample(data)
+                counter, payload, _ = _opened(data)
             except WireError:
                 self.rejected += 1
                 continue
@@ -49,7 +64,7 @@ class Receiver:
             if is_new and sender != self._agent:
                 known[sender] = (counter, now)
                 newest[sender] = payload
-        return sorted(newest.items())
+        return [(sender, newest[sender]) for sender in sorted(newest)]
 
 
 class Shell:
@@ -78,26 +93,23 @@ class Shell:
         percept = Percept(step, time_s, (x_m, y_m), poses, events, frames)
         try:
             decision = self.controller.step(percept)
-            return self._outbound(frame, checked_decision(decision, step))
+            return self._outbound(checked_act(decision, step), decision, (x_m, y_m))
         except Exception as error:
             name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
-    def _outbound(self, frame: Frame, decision: Decision) -> Outbound:
+    def _outbound(self, act: Act, decision: Decision, pose: Pose) -> Outbound:
         """Number and encode. Raises ValueError for what the wire does not carry."""
-        step = frame.step
-        (vx_mps, vy_mps), observed, payload, told, role, level, parent, root, until = decision
-        assert until is not None
-        act = Act(step, vx_mps, vy_mps, observed, Standing(role, level, parent, root), until)
         radio = report = report_bytes = None
         counter = self._counter
-        if payload is not None:
-            radio = encode_sample(Sample(counter, payload))
+        if decision.payload is not None:
+            radio = encode_sample(Sample(counter, decision.payload))
             self._counter += 1
+        told = decision.report
         if told is not None:
-            place = frame.x_m, frame.y_m
-            report = Report(self.agent, self._sequence, step, role, *place, told.followers, told.events)
+            events = tuple(told.events[:MAX_REPORTED])
+            report = Report(self.agent, self._sequence, act.step, act.standing.role, *pose, told.followers, events)
             report_bytes = encode_report(report)
-            decode_report(report_bytes)
+            decode_report(report_bytes)  # a controller may be anybody's
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)

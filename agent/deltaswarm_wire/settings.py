@@ -9,7 +9,6 @@ from typing import Any
 
 from deltaswarm_wire.checked import Problem, key, plain_value, rest
 from deltaswarm_wire.codec import MAX_STEP
-from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_obstacles import ObstacleSettings, obstacle_problems
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
@@ -202,6 +201,8 @@ class Scenario:
 
     def for_agent(self, agent: int) -> AgentSettings:
         """What one agent of this scenario is told: nothing of the run's seed, of events, or of the others."""
+        from deltaswarm_wire.seeds import agent_seed  # hashing takes a board 4 MB, and no agent needs it
+
         return AgentSettings(
             seed=agent_seed(self.seed, agent),
             step_s=self.run.step_s,

@@ -177,21 +177,14 @@ class WorldCore:
             listening[agent] = agent not in deaf
         self.speaking, self._listening = self._listening, listening
         carried = self.air.carry(self._step, self._time_s, self._spoken, self.environment.positions_m, listening, mute)
-        heard = carried.heard
         self.links = carried.links
-        crowded = self._cut_crowded(heard, carried.largest_bytes)
-        if crowded:
-            kept = [iter(frames) for frames in heard]
-            self.links = [link for link in carried.links if next(kept[link[1]], None) is not None]
+        if crowded := self._cut_crowded(carried.heard, carried.largest_bytes):
+            self.links = [(sender, agent) for agent, frames in enumerate(carried.heard) for sender, _ in frames]
             carried.drop("crowded", crowded)
         self._carried = carried
-        pairs: list[list[Heard]] = [[] for _ in heard]
-        frames_of = [iter(frames) for frames in heard]
-        for sender, receiver in self.links:
-            pairs[receiver].append((sender, next(frames_of[receiver])))
-        return pairs
+        return carried.heard
 
-    def _cut_crowded(self, heard: list[list[bytes]], largest_bytes: int) -> int:
+    def _cut_crowded(self, heard: list[list[Heard]], largest_bytes: int) -> int:
         """Drop what does not fit into its receiver's frame beside the events sensed; how many frames that is."""
         largest = largest_bytes + HEARD_BYTES
         least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
@@ -200,7 +193,7 @@ class WorldCore:
             if len(frames) * largest <= least_room:
                 continue  # they fit, whichever they are
             room = FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(sensed))
-            ends = list(accumulate(len(data) + HEARD_BYTES for data in frames))
+            ends = list(accumulate(len(data) + HEARD_BYTES for _, data in frames))
             fitting = bisect_right(ends, room)
             crowded += len(frames) - fitting
             del frames[fitting:]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deltaswarm_wire.messages import Heard
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 from deltaswarm_world.air.channel.links import Ends, Links, Mask
@@ -44,8 +45,8 @@ class Carried:
     """What became of frames in one step."""
 
     def __init__(self, ends: int) -> None:
-        self.heard: list[list[bytes]] = [[] for _ in range(ends)]
-        """Per receiver the frames that reach it, by sender, then age."""
+        self.heard: list[list[Heard]] = [[] for _ in range(ends)]
+        """Per receiver the frames that reach it, with their senders, by sender, then age."""
         self.links: list[tuple[int, int]] = []
         """(sender, receiver) of each, in order of receiver, then as in `heard`."""
         self.dropped: dict[str, int] = {}
@@ -58,8 +59,8 @@ class Carried:
     def hear_all(self, arriving: Sequence[Arrival]) -> None:
         """Frames arrive, in order of receiver, then sender and age."""
         heard = self.heard
-        for receiver, (_, _, data) in arriving:
-            heard[receiver].append(data)
+        for receiver, (sender, _, data) in arriving:
+            heard[receiver].append((sender, data))
         self.links = [(sender, receiver) for receiver, (sender, _, _) in arriving]
         self.largest_bytes = max([len(data) for _, (_, _, data) in arriving], default=0)
 
@@ -140,7 +141,7 @@ class Air:
             arriving = [] if links is None else self._set_off(step, links, senders, frames, carried)
             self._deliver(step, arriving, listening, carried)
         elif links is not None:
-            _hear_all(links, frames, carried)
+            _hear_all(links, senders, frames, carried)
         return carried
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
@@ -198,8 +199,9 @@ class Air:
         carried.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
         carried.largest_bytes = max(map(len, frames))
         carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
+        said = list(zip(senders, frames, strict=True))
         for column, receiver in zip(columns.tolist(), receivers, strict=True):
-            carried.heard[receiver].append(frames[column])
+            carried.heard[receiver].append(said[column])
 
     def _cross(self, senders: list[int], frames: list[bytes], carried: Carried) -> Links:
         """Through the air: all links in reach, with those open that are heard."""
@@ -285,12 +287,12 @@ class Air:
         return passing
 
 
-def _hear_all(links: Links, frames: Sequence[bytes], carried: Carried) -> None:
+def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], carried: Carried) -> None:
     """All open links at once; the same as `Carried.hear_all`, for frames that are none the later."""
     is_open = links.is_open
     receivers = links.receivers[is_open].tolist()
     carried.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
     carried.largest_bytes = max(map(len, frames))
-    heard = carried.heard
+    heard, said = carried.heard, list(zip(senders, frames, strict=True))
     for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
-        heard[receiver].append(frames[column])
+        heard[receiver].append(said[column])
