@@ -66,18 +66,18 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
     scenario = a_scenario(*EVERYTHING)
     tallies = run_in_process(scenario).tallies
     for step in [tally.step for tally in tallies if tally.frames_received][5:7]:
-        fates = [
-            fate
+        outcomes = [
+            outcome
             for sender in range(10)
             for receiver in range(10)
             if sender != receiver
-            for fate in ask(scenario, sender, receiver, step, tallies).fates
+            for outcome in ask(scenario, sender, receiver, step, tallies).outcomes
         ]
         tally = tallies[step]
-        assert fates.count("delivered") == tally.frames_received > 0
+        assert outcomes.count("delivered") == tally.frames_received > 0
         for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition", "obstacle"):
-            assert fates.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
-        waiting = sum(fate.startswith(("under way", "waits")) for fate in fates)
+            assert outcomes.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
+        waiting = sum(outcome.startswith(("under way", "waits")) for outcome in outcomes)
         assert waiting == tally.frames_in_flight - 9 * tally.frames_sent
 
 
@@ -91,7 +91,8 @@ def test_a_dead_radio_is_the_reason() -> None:
             found[step] = answer.reason
             assert (answer.reason == "dead") == (61 <= step <= 80)
             assert all(
-                fate == ("dropped: dead, the sender's radio" if answer.reason else "delivered") for fate in answer.fates
+                outcome == ("dropped: dead, the sender's radio" if answer.reason else "delivered")
+                for outcome in answer.outcomes
             )
         assert ask(scenario, 1, 0, step, []).reason == ("dead" if 60 <= step < 80 else None)
     assert set(found.values()) == {None, "dead"}
@@ -113,11 +114,11 @@ def test_the_operator_is_asked_about_too() -> None:
     tallies = run_in_process(scenario).tallies
     for step in (60, 100):
         answers = [ask(scenario, agent, "operator", step, tallies) for agent in range(10)]
-        fates = [fate for answer in answers for fate in answer.fates]
+        outcomes = [outcome for answer in answers for outcome in answer.outcomes]
         tally = tallies[step]
-        assert fates.count("arrived") == tally.reports_arrived
-        assert fates.count("dropped: loss") == tally.reports_dropped_loss
-        assert sum(fate.startswith("under way") for fate in fates) <= tally.reports_in_flight
+        assert outcomes.count("arrived") == tally.reports_arrived
+        assert outcomes.count("dropped: loss") == tally.reports_dropped_loss
+        assert sum(outcome.startswith("under way") for outcome in outcomes) <= tally.reports_in_flight
         assert answers[0].reason == "dead"
         for answer in answers[1:]:
             shown = numbers(answer, "range")

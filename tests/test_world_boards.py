@@ -61,9 +61,9 @@ def test_only_boards_that_hang_are_knocked_for() -> None:
     begin(lockstep, 0)
     lockstep.close(2, 0)
     lockstep.give_up()
-    lockstep.knock()
+    lockstep.probe()
     assert lockstep.hanging == {AGENT, BOARD}
-    assert lockstep.knocked == [BOARD]
+    assert lockstep.probed == [BOARD]
 
 
 class Two:
@@ -129,7 +129,7 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     stage.end(BOARD)
     assert set(stage.begin()) == {AGENT}
     stage.end()
-    stage.core.lockstep.knock()
+    stage.core.lockstep.probe()
     frames = stage.begin(last=True)
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
@@ -138,4 +138,4 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}
     stage.end(BOARD)
-    assert set(stage.begin()) == {AGENT}, "a knock is for one step"
+    assert set(stage.begin()) == {AGENT}, "a probe is for one step"

@@ -32,7 +32,7 @@ def fault(kind: str, at_s: float, **keys: Any) -> dict[str, Any]:
 
 def orders(made: Faults, step: int, alive: Collection[int] = ALL, roots: Collection[int] = ()) -> list[Any]:
     """Action and agents of each order of a step."""
-    return [(order.action, order.agents) for order in made.strike(step, alive, roots)]
+    return [(order.action, order.agents) for order in made.inject(step, alive, roots)]
 
 
 # Whom it hits
@@ -170,7 +170,7 @@ def test_orders_can_always_be_carried_out(timeline: list[dict[str, Any]], roots:
     made = faults(*timeline)
     alive, stopped, numbers = set(ALL), set(), []
     for step in range(STEPS):
-        for order in made.strike(step, frozenset(alive), roots):
+        for order in made.inject(step, frozenset(alive), roots):
             numbers.append(order.number)
             victims = set(order.agents)
             assert order.step == step

@@ -44,7 +44,7 @@ def test_an_agent_is_asked_earlier_when_something_happens(what: str) -> None:
     stage.end()
     if what == "senses":
         stage.event(50, 50)
-    stage.core.strike(2)
+    stage.core.inject(2)
     assert list(stage.begin(last=what == "last")) == [0, 1]
 
 

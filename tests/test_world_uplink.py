@@ -75,7 +75,7 @@ step = st.tuples(st.sets(agents), st.dictionaries(agents, st.sampled_from([3, 4]
 def test_the_books_are_exact_in_every_step_and_the_same_again(
     uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]], places_m: list[Sequence[float]]
 ) -> None:
-    """Under way before + sent = arrived + dropped + under way; no report comes twice; same seed, same fate."""
+    """Under way before + sent = arrived + dropped + under way; no report comes twice; same seed, same outcome."""
     stages = [Stage(places_m, uplink) for _ in range(2)]
     before, came = 0, list[str]()
     for senders, trees, absent in steps:
@@ -136,10 +136,10 @@ def test_a_wall_and_another_tree_are_in_the_way() -> None:
     assert [step for step, arrived in enumerate(came) if arrived] == [14]  # four hops, once the wall is gone
     other = Stage(LINE_M, {**BASE, "relay": True})
     trees = {0: 0, 1: 0, 2: 4, 3: 4, 4: 4}
-    fates = [(other.carry([4] if step == 0 else [], trees), other.uplink.dropped) for step in range(70)]
-    assert [step for step, (_, dropped) in enumerate(fates) if dropped] == [int(TIME_TO_LIVE_S) + 1]
-    assert fates[61][1] == {"expired": 1}
-    assert not any(arrived for arrived, _ in fates)
+    outcomes = [(other.carry([4] if step == 0 else [], trees), other.uplink.dropped) for step in range(70)]
+    assert [step for step, (_, dropped) in enumerate(outcomes) if dropped] == [int(TIME_TO_LIVE_S) + 1]
+    assert outcomes[61][1] == {"expired": 1}
+    assert not any(arrived for arrived, _ in outcomes)
 
 
 @pytest.mark.parametrize(("trees", "absent", "reason"), [({4: 4, 3: 3}, [], "left"), (None, [3], "dead")])
@@ -210,7 +210,7 @@ def test_a_dead_radio_reports_to_nobody() -> None:
     core = WorldCore(load(Scenario, {"agents": {"count": 2}, "uplink": {"loss": 1e-9}, "fault": [fault]}))
     tallies = []
     for step in range(2):
-        core.strike(step)
+        core.inject(step)
         for agent, _ in core.begin(step, last=False):
             core.hear_report(agent, report(agent, step, step))
             core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))

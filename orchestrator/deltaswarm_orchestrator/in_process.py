@@ -45,9 +45,9 @@ class InProcess:
         settings = self.scenario.for_agent(agent)
         return Shell(agent, settings.step_s, make_controller(agent, settings, self._restarts[agent]))
 
-    def _strike(self, step: int, sink: Sink | None) -> None:
+    def _inject(self, step: int, sink: Sink | None) -> None:
         """What fails or recovers before a step. The dead and the frozen get no frame, which is all it takes."""
-        for order in self.world.strike(step):
+        for order in self.world.inject(step):
             if order.action == START:
                 self._restarts.update(order.agents)
                 for agent in order.agents:
@@ -58,7 +58,7 @@ class InProcess:
     def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
         """One step, in agent order."""
         world = self.world
-        self._strike(step, sink)
+        self._inject(step, sink)
         frames = world.begin(step, last)
         clock = time.perf_counter
         began = clock()

@@ -30,7 +30,7 @@ class Answer:
     """What cuts the link; None if nothing but chance, queues and delay is in the way."""
     findings: tuple[dict[str, Any], ...]
     """What each model says, in the order in which a frame meets them; the first that cuts is the reason."""
-    fates: tuple[str, ...]
+    outcomes: tuple[str, ...]
     """What became in this step of the sender's frames, or reports, for this receiver, those under way included."""
     differs_from_step: int | None
     """The first step in which the run in the folder was another; None if it is the same all the way."""
@@ -78,7 +78,7 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
         tally = swarm.step(step, last=False)
         if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
             differs = step
-    findings, fates = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
+    findings, outcomes = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
     cut = next((finding["reason"] for finding in findings if finding["cuts"]), None)
     return Answer(
         sender,
@@ -87,7 +87,7 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
         at_step * scenario.run.step_s,
         cut,
         tuple(findings),
-        tuple(fates),
+        tuple(outcomes),
         differs,
         len(rows),
     )
@@ -118,9 +118,10 @@ def text(answer: Answer) -> str:
         f"  {'CUT' if finding['cuts'] else 'ok ':3} {finding['reason']}: {finding['says']}"
         for finding in answer.findings
     ]
-    if answer.fates:
+    if answer.outcomes:
         lines += [
-            f"  a {'report' if is_operator else 'frame'} of agent {answer.sender}: {fate}" for fate in answer.fates
+            f"  a {'report' if is_operator else 'frame'} of agent {answer.sender}: {outcome}"
+            for outcome in answer.outcomes
         ]
     elif is_operator:
         lines.append(f"  agent {answer.sender} reported nothing in this step")

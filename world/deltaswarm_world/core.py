@@ -97,15 +97,15 @@ class WorldCore:
         self._time_s = 0.0
         self._carried = Carried(0)
 
-    # A step: strike and begin, then acts and radio frames as they arrive, then end
+    # A step: inject and begin, then acts and radio frames as they arrive, then end
 
-    def strike(self, step: int) -> Sequence[ProcessOrder]:
+    def inject(self, step: int) -> Sequence[ProcessOrder]:
         """What fails or recovers before a step; the orders are for the agents' processes, the rest is done."""
         if self._faults is None:
             return ()
         lockstep = self.lockstep
         roots = [agent for agent, standing in self._standings.items() if standing.root == agent]
-        orders = self._faults.strike(step, lockstep.alive, roots)
+        orders = self._faults.inject(step, lockstep.alive, roots)
         for order in orders:
             for agent in order.agents:
                 self._sleep.wake(agent)
@@ -125,7 +125,7 @@ class WorldCore:
         environment, lockstep = self.environment, self.lockstep
         self._step, self._time_s = step, step * self.scenario.run.step_s
         taking_part = lockstep.taking_part()
-        knocked, lockstep.knocked = lockstep.knocked, []
+        probed, lockstep.probed = lockstep.probed, []
         alive = lockstep.alive
         for agent, there in enumerate(self._present):
             if there != (agent in alive):
@@ -136,7 +136,7 @@ class WorldCore:
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)
-        self._sensed = self._sense((*taking_part, *knocked))
+        self._sensed = self._sense((*taking_part, *probed))
         heard = self._hear(taking_part)
         self._sleep.move_to(environment.positions_m.tolist())
         always = lockstep.boards.keys() | (self._faults.afflicted if self._faults else NOBODY_HIT)
@@ -145,7 +145,7 @@ class WorldCore:
         before = self._standings
         self._standings = {agent: before[agent] for agent in taking_part if agent in before}
         self._spoken, self._acts = {}, {}
-        return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *knocked)]
+        return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
         here, poses = self._sleep.ask(agent, self._step)

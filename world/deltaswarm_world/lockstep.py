@@ -34,7 +34,7 @@ class LockStep:
         self.frozen: frozenset[int] = frozenset()
         """Agents that are made to stand still; they get no frame, and nobody waits for them."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
-        self.knocked: list[int] = []
+        self.probed: list[int] = []
         """Boards that hang and get the next frame all the same, unwaited for: who was started anew owes no act."""
         self.step = -1
 
@@ -71,9 +71,9 @@ class LockStep:
         self.waiting = set()
         return late
 
-    def knock(self) -> None:
+    def probe(self) -> None:
         """Send the boards that hang a frame, with the next step."""
-        self.knocked = sorted(self.hanging & self.boards.keys())
+        self.probed = sorted(self.hanging & self.boards.keys())
 
     def gone(self, agent: int) -> None:
         """An agent's liveliness token went."""

@@ -82,7 +82,7 @@ class WorldProcess:
         self._orders = self._publisher(session, keys.orders, "Order")
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
-        self._status_due = self._knock_due = 0.0
+        self._status_due = self._probe_due = 0.0
         self._ending = False
         self._there: set[tuple[str, int]] = set()
         self._warned: set[int] = set()
@@ -127,10 +127,10 @@ class WorldProcess:
         tick_s = settings.step_s / settings.real_time_factor
         pace = RealTimePace(tick_s, time.monotonic, time.sleep, log.error) if settings.clock == "realtime" else None
         for step in range(settings.steps):
-            for order in self._core.strike(step):
+            for order in self._core.inject(step):
                 self._give(order, pace)
             last = step == settings.steps - 1 or self._waker.stop_requested
-            self._knock(last)
+            self._probe(last)
             for agent, frame in self._core.begin(step, last):
                 self._frames[agent].put(encode_frame(frame))
             self._collect(pace)
@@ -153,13 +153,13 @@ class WorldProcess:
         self._send_status(step, "ended")
         return complete
 
-    def _knock(self, last: bool) -> None:
+    def _probe(self, last: bool) -> None:
         """A board that hung for long gets a frame, as does each that hangs at the end, which else it would miss."""
         now, lockstep = time.monotonic(), self._core.lockstep
-        if last or now >= self._knock_due:
-            lockstep.knock()
-        if now >= self._knock_due or not lockstep.hanging:
-            self._knock_due = now + self._config.scenario.run.step_timeout_s
+        if last or now >= self._probe_due:
+            lockstep.probe()
+        if now >= self._probe_due or not lockstep.hanging:
+            self._probe_due = now + self._config.scenario.run.step_timeout_s
 
     def _give(self, order: ProcessOrder, pace: RealTimePace | None) -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.

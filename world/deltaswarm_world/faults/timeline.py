@@ -48,7 +48,7 @@ class Faults:
         """Whose process is stopped."""
         return self._kinds[FREEZE].agents
 
-    def strike(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
+    def inject(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
         """What ends and what begins before this step; the orders that follow, to be carried out one by one."""
         self.mute = self.deaf
         over = [spell for spell in self._spells if spell.end is not None and spell.end <= step]
