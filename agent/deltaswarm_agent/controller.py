@@ -14,7 +14,6 @@ from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import (
     FREE,
     MAX_POSES,
-    MAX_REPORTED,
     MAX_SENSED,
     MAX_SPEED_MPS,
     NOBODY,
@@ -77,7 +76,7 @@ class Percept(NamedTuple):
 class OperatorReport(NamedTuple):
     """One message for the operator: events that the agent tells of, and how many agents it speaks for besides itself.
 
-    At most `MAX_REPORTED` events are sent.
+    At most 64 events are sent (`messages.MAX_REPORTED`).
     """
 
     events: tuple[Event, ...]
