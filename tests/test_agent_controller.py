@@ -310,10 +310,11 @@ def test_an_error_is_described_in_one_line() -> None:
 def test_an_error_is_described_whatever_it_holds() -> None:
     """A text without end, control characters for a terminal, a text that cannot be had."""
 
-    class Mute(Exception):
+    class MuteError(Exception):
         def __str__(self) -> str:
+            """Fail."""
             raise ValueError("no text")
 
-    assert described(Mute()) == "Mute: (without a text)"
+    assert described(MuteError()) == "MuteError: (without a text)"
     assert described(RuntimeError("\x1b[31mred\x00")) == "RuntimeError: ?[31mred?"
     assert len(described(RuntimeError("x" * 100_000))) == MAX_DESCRIBED
