@@ -201,7 +201,7 @@ def test_an_installed_package_names_its_controllers(monkeypatch: pytest.MonkeyPa
         (Strict, {}, "ValueError: pace_mps must be at most 1"),
         (Listed, {"paces_mps": [1.0]}, "KeyError: list[float]"),
         (Pathed, {}, "TypeError: a value is no bool, int, float, str, or tuple of these"),
-        (Moded, {}, "no option may be called mode"),
+        (Moded, {}, "no option of its Settings may be called mode"),
         (Raising, {}, "KeyError: 'speed'"),
     ],
 )
@@ -228,6 +228,8 @@ def test_a_module_that_is_not_there_may_need_a_path() -> None:
     """The hint is for the module that was named, and not for one that it imports."""
     (problem,) = refused("no_such_module:Guide")
     assert problem.allowed.endswith("PYTHONPATH must name the folder that the module is in")
+    (problem,) = refused("math.py:Guide")
+    assert "PYTHONPATH" not in problem.allowed
 
 
 def test_a_controller_that_exits_cannot_be_made() -> None:

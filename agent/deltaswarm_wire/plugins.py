@@ -61,7 +61,7 @@ def find_class(
         found: Any = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # whatever a plug-in's module may raise; a script ends by SystemExit
         told = f"cannot be imported: {described(error)}"
-        if isinstance(error, ModuleNotFoundError) and error.name == module:
+        if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
             told += "; PYTHONPATH must name the folder that the module is in"
         raise SettingsError([Problem(path, repr(name), told)]) from None
     missing = [attribute for attribute in needed if not hasattr(found, attribute)]
@@ -132,13 +132,13 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
         check = getattr(settings, "problems_with", None)
         problems = [Problem(f"{path}.{p.path}", p.found, p.allowed) for p in (check(shared) if check else None) or ()]
         if "mode" in checked.plain(settings):
-            raise ValueError("control.mode is the controller's name: no option may be called mode")
+            raise SettingsError([Problem(f"{path}.mode", repr(mode), "no option of its Settings may be called mode")])
         if not _is_plain(checked.plain(settings)):
             raise TypeError("a value is no bool, int, float, str, or tuple of these")
     except SettingsError:
         raise
     except Exception as error:  # whatever somebody else's class may raise
-        needs = "each field must have a default and the type bool, int, float, str, or tuple of one of these"
+        needs = "a field has a default, and the type bool, int, float, str or tuple[one of these, ...]"
         told = f"its Settings fail: {described(error)}; {needs}"
         raise SettingsError([Problem(f"{path}.mode", repr(mode), told)]) from None
     if problems:
