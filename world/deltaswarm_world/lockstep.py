@@ -33,6 +33,8 @@ class LockStep:
         """Agents whose process went unasked, by step; those of one step ascending, in whatever order they went."""
         self._lost_before = 0
         """How many had gone when this step began."""
+        self.returned: set[int] = set()
+        """Agents whose process appeared again, until the world takes note."""
         self.frozen: frozenset[int] = frozenset()
         """Agents that are made to stand still; they get no frame, and nobody waits for them."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
@@ -99,4 +101,5 @@ class LockStep:
         """An agent's token appeared again; it takes part from the next step on."""
         if agent not in self.alive:
             self.alive.add(agent)
+            self.returned.add(agent)
             self.hanging.discard(agent)
