@@ -1,7 +1,9 @@
 """Controllers as plug-ins: found by name, made with their own settings, and told what is wrong in one line."""
 
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -12,14 +14,13 @@ from deltaswarm_agent.controller import (
     Decision,
     Percept,
     agent_rng,
-    described,
     make_controller,
 )
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
-from deltaswarm_wire.plugins import CONTROLLER_GROUP, CONTROLLERS
-from deltaswarm_wire.settings import AgentSettings
+from deltaswarm_wire.plugins import CONTROLLER_GROUP, CONTROLLERS, MAX_DESCRIBED, described
+from deltaswarm_wire.settings import AgentSettings, Scenario
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,68 @@ class Broken:
         return Decision()
 
 
+class Quits:
+    """Ends the process that makes it."""
+
+    Settings: ClassVar[type[GuideSettings]] = GuideSettings
+
+    def __init__(self, context: ControllerContext) -> None:
+        sys.exit(0)
+
+    def step(self, percept: Percept) -> Decision:
+        """Never."""
+        return Decision()
+
+
+@dataclass(frozen=True)
+class Needy:
+    """An option without a default."""
+
+    pace_mps: float
+
+
+@dataclass(frozen=True)
+class Strict:
+    """Checks itself in a way of its own."""
+
+    pace_mps: float = 0.5
+
+    def __post_init__(self) -> None:
+        raise ValueError("pace_mps must be\nat most 1")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """A type that no option has."""
+
+    paces_mps: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Pathed:
+    """A default that no file of settings holds."""
+
+    map_file: Path = Path("map")
+
+
+@dataclass(frozen=True)
+class Moded:
+    """An option that would take the place of `control.mode`."""
+
+    mode: str = "fast"
+
+
+@dataclass(frozen=True)
+class Raising:
+    """A check that fails."""
+
+    pace_mps: float = 0.5
+
+    def problems_with(self, shared: AgentSettings) -> list[Problem]:
+        """Never."""
+        raise KeyError("speed")
+
+
 def settings(mode: str, **options: Any) -> AgentSettings:
     return load(AgentSettings, {"control": {"mode": mode, **options}})
 
@@ -129,6 +192,57 @@ def test_an_installed_package_names_its_controllers(monkeypatch: pytest.MonkeyPa
     assert isinstance(make_controller(1, settings("guide")), Guide)
     (problem,) = refused("giude")
     assert "decentralised, guide, hierarchical" in problem.allowed
+
+
+@pytest.mark.parametrize(
+    ("own", "options", "said"),
+    [
+        (Needy, {}, "TypeError: Needy.__init__() missing 1 required positional argument: 'pace_mps'"),
+        (Strict, {}, "ValueError: pace_mps must be at most 1"),
+        (Listed, {"paces_mps": [1.0]}, "KeyError: list[float]"),
+        (Pathed, {}, "TypeError: a value is no bool, int, float, str, or tuple of these"),
+        (Moded, {}, "no option of its Settings may be called mode"),
+        (Raising, {}, "KeyError: 'speed'"),
+    ],
+)
+def test_settings_at_fault_are_one_problem(
+    monkeypatch: pytest.MonkeyPatch, own: type, options: dict[str, Any], said: str
+) -> None:
+    """One line that names the controller, and no traceback."""
+    monkeypatch.setattr(Guide, "Settings", own)
+    (problem,) = refused(named(Guide), **options)
+    assert (problem.path, problem.found) == ("control.mode", repr(named(Guide)))
+    assert said in problem.allowed
+    assert len(str(problem).splitlines()) == 1
+
+
+def test_a_script_is_no_controller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It ends by `sys.exit` as it is imported, which must not end the run as if all were well."""
+    (tmp_path / "a_script_of_mine.py").write_text("import sys; sys.exit(0)")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (problem,) = refused("a_script_of_mine:Walk")
+    assert problem.allowed == "cannot be imported: SystemExit: 0"
+
+
+def test_a_module_that_is_not_there_may_need_a_path() -> None:
+    """The hint is for the module that was named, and not for one that it imports."""
+    (problem,) = refused("no_such_module:Guide")
+    assert problem.allowed.endswith("PYTHONPATH must name the folder that the module is in")
+    (problem,) = refused("math.py:Guide")
+    assert "PYTHONPATH" not in problem.allowed
+
+
+def test_a_controller_that_exits_cannot_be_made() -> None:
+    """`sys.exit` is a failure as any other: it would end a run in one process."""
+    with pytest.raises(ControllerError, match="cannot be made: SystemExit: 0"):
+        make_controller(1, settings(named(Quits)))
+
+
+def test_an_agents_options_are_its_own() -> None:
+    """A controller that changes them changes no other agent's, in one process as with processes."""
+    scenario = load(Scenario, {"schema": 1, "control": {"mode": named(Guide), "table": {"of": "mine"}}})
+    scenario.for_agent(0).control.options["table"]["of"] = "yours"
+    assert scenario.for_agent(1).control.options == {"table": {"of": "mine"}}
 
 
 def test_a_controllers_chance_is_its_own() -> None:
@@ -193,3 +307,16 @@ def test_an_error_is_described_in_one_line() -> None:
     """Its kind and its text, without line breaks."""
     assert described(ValueError("one\n  two")) == "ValueError: one two"
     assert described(KeyError()) == "KeyError:"
+
+
+def test_an_error_is_described_whatever_it_holds() -> None:
+    """A text without end, control characters for a terminal, a text that cannot be had."""
+
+    class MuteError(Exception):
+        def __str__(self) -> str:
+            """Fail."""
+            raise ValueError("no text")
+
+    assert described(MuteError()) == "MuteError: (without a text)"
+    assert described(RuntimeError("\x1b[31mred\x00")) == "RuntimeError: ?[31mred?"
+    assert len(described(RuntimeError("x" * 100_000))) == MAX_DESCRIBED

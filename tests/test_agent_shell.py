@@ -105,6 +105,7 @@ def test_an_agent_is_asked_at_least_each_64_steps() -> None:
     """A later `until` is brought forward: a frame holds no more poses than that."""
     assert outbound(Decision(until=3 + MAX_POSES)).act.until == 3 + MAX_POSES
     assert outbound(Decision(until=10**9)).act.until == 3 + MAX_POSES
+    assert outbound(Decision(until=cast(Any, math.inf))).act.until == 3 + MAX_POSES
 
 
 def test_radio_frames_are_counted_from_0() -> None:
@@ -132,6 +133,14 @@ def test_a_report_tells_of_64_events_at_most() -> None:
     assert out.report.events == events[:MAX_REPORTED]
     assert out.report_bytes is not None
     assert decode_report(out.report_bytes) == out.report
+
+
+def test_a_report_is_what_its_bytes_say() -> None:
+    """In one process the operator gets the object, else the bytes: both must hold the same."""
+    out = outbound(Decision(report=OperatorReport(cast(Any, [(1, 2, 0)]))))
+    assert out.report is not None
+    assert out.report.events == (Event(1, 2.0, 0.0),)
+    assert type(out.report.events[0]) is Event
 
 
 # What a controller may not return
@@ -173,6 +182,11 @@ BAD = {
     "its velocity": (1.0, 0.0),
     "error": ValueError("I am\nlost"),
     "assertion": AssertionError(),
+    "exit": SystemExit(0),
+    "events as a generator": Decision(observed=cast(Any, (event for event in (1,)))),
+    "level of a share": Decision(level=cast(Any, 1.5)),
+    "level of truth": Decision(level=True),
+    "report of nothing": Decision(report=OperatorReport(cast(Any, None))),
 }
 
 
@@ -196,6 +210,12 @@ def test_a_bad_decision_is_one_line_with_controller_and_step(bad: Any) -> None:
         ("until now", "until must be later than step 3 (got 3)"),
         ("no event", "observed must be ids of events (got (-1,))"),
         ("role empty", "role: printable ASCII characters are expected"),
+        ("velocity of text", "velocity must be two numbers (got ('fast', 0.0))"),
+        ("until of text", "until must be a step or None (got str)"),
+        ("events of nothing", "observed must be a tuple of ids of events (got NoneType)"),
+        ("level of a share", "level, parent and root must be whole numbers (got 1.5, -1, -1)"),
+        ("report of nothing", "report.events must be a tuple of events (got NoneType)"),
+        ("exit", "SystemExit: 0"),
         ("nothing", "step must return a Decision (got NoneType)"),
         ("error", "ValueError: I am lost"),
     ],

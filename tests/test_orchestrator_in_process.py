@@ -4,6 +4,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_agent.controllers.potential import PotentialController
+from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import decode_act, decode_report
 from tests.cores import play, swarm
@@ -33,3 +36,23 @@ def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypa
     assert handed["take_act"] == asked
     assert min(handed["take_radio"], handed["take"]) > 100
     assert not crew.world.rejected
+
+
+def test_a_controller_that_fails_as_it_is_started_anew_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With its line, and with what there is of the run until then; as processes do."""
+    restart = 'fault=[{kind="restart", at_s=5, agents=[2]}]'
+    scenario = load_scenario("smoke", ["control.mode=potential", "run.duration_s=10", "record=off", restart])
+    made: list[int] = []
+    make = PotentialController.__init__
+
+    def make_once(self: PotentialController, context: Any) -> None:
+        if context.agent in made:
+            raise OSError("the map is in use")
+        made.append(context.agent)
+        make(self, context)
+
+    monkeypatch.setattr(PotentialController, "__init__", make_once)
+    outcome = run_in_process(scenario)
+    assert outcome.messages == ["controller potential cannot be made: OSError: the map is in use"]
+    assert len(outcome.tallies) == 5
+    assert not outcome.is_complete

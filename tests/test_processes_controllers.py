@@ -13,6 +13,7 @@ from tests.swarms import running, wait_until
 pytestmark = pytest.mark.processes
 
 MODULE = '''
+import sys
 import time
 from dataclasses import dataclass
 
@@ -64,6 +65,24 @@ class Sleeps(Well):
         return Decision()
 
 
+class Quits(Well):
+    def fail(self):
+        raise SystemExit(0)
+
+
+class SleepsAmongSleepers(Well):
+    def step(self, percept):
+        if self.context.agent == self.options.victim and percept.step >= self.options.at_step:
+            time.sleep(600)
+        return Decision((0.1, 0.0), until=percept.step + 50)
+
+
+class Nosy(Well):
+    def __init__(self, context):
+        super().__init__(context)
+        print(sys.argv, file=sys.stderr)
+
+
 class NeverThere(Well):
     def __init__(self, context):
         raise OSError("no body today")
@@ -110,6 +129,7 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
         ("Raises", "RuntimeError: no such thing at all"),
         ("NotANumber", "velocity must be finite"),
         ("TooLong", "at most 8192 are allowed"),
+        ("Quits", "SystemExit: 0"),
     ],
 )
 def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: str, said: str) -> None:
@@ -135,6 +155,24 @@ def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
         swarm.process.send_signal(signal.SIGINT)
         swarm.finish()
         assert swarm.summary()["agents_lost"] == []
+
+
+def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None:
+    """A step in which nobody is asked is over at once, although an agent hangs."""
+    arguments = sets("SleepsAmongSleepers", "run.step_timeout_s=2", "run.duration_s=300", "events.rate_hz=0")
+    code, found, _ = finished(module, "SleepsAmongSleepers", *arguments)
+    assert (code, found["complete"]) == (0, True)
+    assert found["wall_s"] < 60  # not 2 s for each of 200 steps
+
+
+def test_no_agent_is_told_the_command_line(module: Path) -> None:
+    """It holds the run's seed and its scenario."""
+    with running(module / "run", *sets("Nosy", "run.duration_s=5"), "--seed", "4711") as swarm:
+        swarm.finish()
+    log = (module / "run" / "logs" / "agent-3.log").read_text()
+    assert "deltaswarm" in log
+    assert "4711" not in log
+    assert "--set" not in log
 
 
 def test_agents_that_cannot_be_made_end_the_run(module: Path) -> None:

@@ -26,7 +26,8 @@ class Life(RuleBasedStateMachine):
         self.lockstep = LockStep(AGENTS)
         self.condition = dict.fromkeys(AGENTS, "idle")
         """Of each agent that is there: idle, owing an act, or hanging."""
-        self.deaths: list[int] = []
+        self.deaths: list[tuple[int, int]] = []
+        """Step and agent."""
         self.step = -1
 
     def those(self, condition: str) -> set[int]:
@@ -63,7 +64,7 @@ class Life(RuleBasedStateMachine):
         """A dead agent is waited for no longer, and is noted once per death."""
         self.lockstep.gone(agent)
         if self.condition.pop(agent, None):
-            self.deaths.append(agent)
+            self.deaths.append((self.step, agent))
 
     @rule(agent=st.sampled_from(AGENTS))
     def back(self, agent: int) -> None:
@@ -84,7 +85,7 @@ class Life(RuleBasedStateMachine):
         """Alive are those that did not die or came back; only the living hang; each death is on the list."""
         assert self.lockstep.alive == set(self.condition)
         assert self.lockstep.hanging == self.those("hanging")
-        assert self.lockstep.lost == self.deaths
+        assert self.lockstep.lost == [agent for _, agent in sorted(self.deaths)]
 
 
 TestLife = Life.TestCase
@@ -121,6 +122,16 @@ def test_a_hanging_agent_rejoins_at_the_next_step() -> None:
     assert lockstep.waiting == {0}
     lockstep.close(0, 1)
     assert begin(lockstep, 2) == [0, 1]
+
+
+def test_those_lost_in_one_step_are_listed_by_number() -> None:
+    """In whatever order the news of them comes, which no two runs share."""
+    lockstep = LockStep(range(5))
+    for step, going in enumerate([[4], [3, 0], [2, 1]]):
+        begin(lockstep, step)
+        for agent in going:
+            lockstep.gone(agent)
+    assert lockstep.lost == [4, 0, 3, 1, 2]
 
 
 def test_a_step_without_agents_is_closed() -> None:

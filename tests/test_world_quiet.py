@@ -69,3 +69,15 @@ def test_an_agent_that_gets_no_frame_senses_nothing() -> None:
     stage.begin()
     stage.end()
     assert stage.core.environment.states()[0].sensed_s is None
+
+
+def test_an_agent_that_went_and_came_back_within_a_step_is_asked() -> None:
+    """It may be another process, which knows nothing of the act that holds."""
+    stage = Stage()
+    stage.begin()
+    for agent in range(3):
+        stage.act(agent, until=50)
+    stage.core.end()
+    stage.core.lockstep.gone(1)
+    stage.core.lockstep.back(1)
+    assert list(stage.begin()) == [1]

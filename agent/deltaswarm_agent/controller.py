@@ -23,7 +23,7 @@ from deltaswarm_wire.messages import (
     Standing,
     role_name,
 )
-from deltaswarm_wire.plugins import controller_settings, find_controller
+from deltaswarm_wire.plugins import controller_settings, described, find_controller
 from deltaswarm_wire.settings import AgentSettings
 
 Velocity = tuple[float, float]
@@ -145,14 +145,11 @@ def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Co
     context = ControllerContext(agent, control.mode, own, settings, agent_rng(settings.seed, agent, restart))
     try:
         controller: Controller = found(context)
-    except Exception as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # SystemExit too: it would end a run in one process
         raise ControllerError(f"controller {control.mode} cannot be made: {described(error)}") from error
     return controller
-
-
-def described(error: Exception) -> str:
-    """An error as one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def checked_act(decision: Any, step: int) -> Act:
@@ -163,26 +160,43 @@ def checked_act(decision: Any, step: int) -> Act:
     """
     if type(decision) is not Decision:
         raise TypeError(f"step must return a Decision (got {type(decision).__name__})")
-    (vx_mps, vy_mps), observed, payload, report, role, level, parent, root, until = decision
-    if not (abs(vx_mps) <= MAX_SPEED_MPS and abs(vy_mps) <= MAX_SPEED_MPS):
+    velocity, observed, payload, report, role, level, parent, root, until = decision
+    try:
+        vx_mps, vy_mps = velocity
+        is_allowed = abs(vx_mps) <= MAX_SPEED_MPS and abs(vy_mps) <= MAX_SPEED_MPS
+    except (TypeError, ValueError):
+        raise TypeError(f"velocity must be two numbers (got {velocity!r:.80})") from None
+    if not is_allowed:
         raise ValueError(f"velocity must be finite, at most {MAX_SPEED_MPS:g} m/s (got {vx_mps}, {vy_mps})")
     if payload is not None and type(payload) is not bytes:
         raise TypeError(f"payload must be bytes or None (got {type(payload).__name__})")
     if report is not None and type(report) is not OperatorReport:
         raise TypeError(f"report must be an OperatorReport or None (got {type(report).__name__})")
-    if observed:
+    if type(observed) is not tuple or observed:
         _check_observed(observed)
-    if not (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID):
-        raise ValueError(f"level, parent and root must be numbers of agents (got {level}, {parent}, {root})")
-    if until is None:
-        until = step + 1
-    elif not until >= step + 1:
+    standing = Standing(role_name(role, "role"), level, parent, root)
+    if not (
+        type(level) is type(parent) is type(root) is int
+        and (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID)
+    ):
+        raise ValueError(f"level, parent and root must be whole numbers (got {level!r}, {parent!r}, {root!r})")
+    until = step + 1 if until is None else _until(until, step)
+    return Act(step, float(vx_mps), float(vy_mps), tuple(observed), standing, until)
+
+
+def _until(until: Any, step: int) -> int:
+    try:
+        is_later = bool(until >= step + 1)
+    except (TypeError, ValueError):
+        raise TypeError(f"until must be a step or None (got {type(until).__name__})") from None
+    if not is_later:
         raise ValueError(f"until must be later than step {step} (got {until})")
-    standing = Standing(role_name(role, "role"), int(level), int(parent), int(root))
-    return Act(step, float(vx_mps), float(vy_mps), tuple(observed), standing, min(int(until), step + MAX_POSES))
+    return int(min(until, step + MAX_POSES))
 
 
 def _check_observed(observed: Any) -> None:
+    if not isinstance(observed, tuple | list | set | frozenset):
+        raise TypeError(f"observed must be a tuple of ids of events (got {type(observed).__name__})")
     if not all(type(event) is int and 0 <= event <= MAX_ID for event in observed):
         raise ValueError(f"observed must be ids of events (got {observed!r:.80})")
     if len(observed) > MAX_SENSED:

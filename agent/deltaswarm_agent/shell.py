@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import NamedTuple
 
-from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act, described
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import (
@@ -18,6 +18,7 @@ from deltaswarm_wire.messages import (
     encode_act,
     encode_report,
 )
+from deltaswarm_wire.plugins import described
 
 FORGET_SENDER_S = 20.0
 """A sender unheard for this long may begin its counter anew."""
@@ -94,7 +95,9 @@ class Shell:
         try:
             decision = self.controller.step(percept)
             return self._outbound(checked_act(decision, step), decision, (x_m, y_m))
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too: it would end a run in one process
             name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
@@ -107,9 +110,11 @@ class Shell:
             self._counter += 1
         told = decision.report
         if told is not None:
+            if not isinstance(told.events, tuple | list):
+                raise TypeError(f"report.events must be a tuple of events (got {type(told.events).__name__})")
             events = tuple(told.events[:MAX_REPORTED])
             report = Report(self.agent, self._sequence, act.step, act.standing.role, *pose, told.followers, events)
             report_bytes = encode_report(report)
-            decode_report(report_bytes)  # a controller may be anybody's
+            report = decode_report(report_bytes)  # a controller may be anybody's
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)

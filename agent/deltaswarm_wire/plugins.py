@@ -24,6 +24,9 @@ CONTROLLERS = {
 }
 """The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""
 
+MAX_DESCRIBED = 400
+"""Characters of a strange error's text."""
+
 CONTROLLER_GROUP = "deltaswarm.controllers"
 """The group of entry points in which an installed package names its controllers."""
 
@@ -56,13 +59,15 @@ def find_class(
     module, _, attribute = target.partition(":")
     try:
         found: Any = getattr(importlib.import_module(module), attribute)
-    except Exception as error:  # whatever a plug-in's module may raise
-        told = f"cannot be imported: {type(error).__name__}: {error}"
+    except (Exception, SystemExit) as error:  # whatever a plug-in's module may raise; a script ends by SystemExit
+        told = f"cannot be imported: {described(error)}"
+        if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
+            told += "; PYTHONPATH must name the folder that the module is in"
         raise SettingsError([Problem(path, repr(name), told)]) from None
     missing = [attribute for attribute in needed if not hasattr(found, attribute)]
     if missing:
         raise SettingsError([Problem(path, repr(name), f"is no {what}: it lacks {', '.join(missing)}")])
-    if not is_dataclass(found.Settings):
+    if not (isinstance(found.Settings, type) and is_dataclass(found.Settings)):
         raise SettingsError([Problem(path, repr(name), f"is no {what}: its Settings is no dataclass")])
     cls: type[Any] = found
     return cls
@@ -119,11 +124,41 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
     A `Settings` class may have a method `problems_with(shared)` for what its options alone cannot show.
 
     Raises:
-        SettingsError: with every mistake.
+        SettingsError: with every mistake, also those of the class itself.
     """
     found = find_controller(mode, f"{path}.mode")
-    settings: Any = checked.load(found.Settings, options, path)
-    check = getattr(settings, "problems_with", None)
-    if check and (problems := check(shared)):
-        raise SettingsError([Problem(f"{path}.{p.path}", p.found, p.allowed) for p in problems])
+    try:
+        settings: Any = checked.load(found.Settings, options, path)
+        check = getattr(settings, "problems_with", None)
+        problems = [Problem(f"{path}.{p.path}", p.found, p.allowed) for p in (check(shared) if check else None) or ()]
+        if "mode" in checked.plain(settings):
+            raise SettingsError([Problem(f"{path}.mode", repr(mode), "no option of its Settings may be called mode")])
+        if not _is_plain(checked.plain(settings)):
+            raise TypeError("a value is no bool, int, float, str, or tuple of these")
+    except SettingsError:
+        raise
+    except Exception as error:  # whatever somebody else's class may raise
+        needs = "a field has a default, and the type bool, int, float, str or tuple[one of these, ...]"
+        told = f"its Settings fail: {described(error)}; {needs}"
+        raise SettingsError([Problem(f"{path}.mode", repr(mode), told)]) from None
+    if problems:
+        raise SettingsError(problems)
     return settings
+
+
+def _is_plain(value: Any) -> bool:
+    """Whether a file of settings can hold it."""
+    if isinstance(value, dict):
+        return all(map(_is_plain, value.values()))
+    return all(map(_is_plain, value)) if isinstance(value, list) else type(value) in (bool, int, float, str)
+
+
+def described(error: BaseException) -> str:
+    """An error as one line of printable characters, whatever it holds."""
+    try:
+        text = str(error)
+    except Exception:
+        text = "(without a text)"
+    line = " ".join(f"{type(error).__name__}: {text}".split())
+    line = "".join(character if character.isprintable() else "?" for character in line[: MAX_DESCRIBED + 1])
+    return line if len(line) <= MAX_DESCRIBED else f"{line[: MAX_DESCRIBED - 3]}..."

@@ -4,6 +4,7 @@
 """
 
 import re
+from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
@@ -213,5 +214,5 @@ class Scenario:
             sensing_range_m=self.agents.sensing_range_m,
             range_m=self.radio.range_m,
             latency_s=self.radio.latency_s + self.radio.jitter_s,
-            control=self.control,
+            control=ControlSettings(self.control.mode, deepcopy(self.control.options)),  # a controller may change them
         )

@@ -123,7 +123,11 @@ def run_in_process(
     began = time.monotonic()
     for step in range(steps):
         last = step == steps - 1 or bool(stopped())
-        tally = swarm.step(step, last, sink)
+        try:
+            tally = swarm.step(step, last, sink)
+        except ControllerError as error:  # of an agent that a fault starts anew
+            outcome.messages.append(str(error))
+            break
         workload = swarm.operator.close(Clock(step, tally.time_s, last), 0)
         outcome.tallies.append(tally)
         outcome.workloads.append(workload)

@@ -261,13 +261,17 @@ def _patience(scenario: Scenario) -> list[tuple[str, str]]:
 
 @contextmanager
 def bare_main_module() -> Iterator[None]:
-    """Hide the program's own main module: else every agent would import the whole command line."""
-    main = sys.modules["__main__"]
-    sys.modules["__main__"] = types.ModuleType("__main__")
+    """Hide the program's own main module and arguments: every process started would get both.
+
+    With the module, each agent would import the whole command line; with the arguments, it would be told the run's
+    seed and scenario.
+    """
+    main, argv = sys.modules["__main__"], sys.argv
+    sys.modules["__main__"], sys.argv = types.ModuleType("__main__"), argv[:1]
     try:
         yield
     finally:
-        sys.modules["__main__"] = main
+        sys.modules["__main__"], sys.argv = main, argv
 
 
 @contextmanager

@@ -132,6 +132,8 @@ class WorldCore:
                 self._present[agent] = not there
                 self._sleep.wake(agent)
                 environment.command(agent, 0.0, 0.0)
+        while lockstep.returned:
+            self._sleep.wake(lockstep.returned.pop())  # also one that went and came back within a step
         environment.take_changed()  # of the step before, if nobody asked for its truth
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)

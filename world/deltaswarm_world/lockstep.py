@@ -30,7 +30,11 @@ class LockStep:
         self.hanging: set[int] = set()
         """Agents that missed a step's end; they get no frame until an act of theirs arrives."""
         self.lost: list[int] = []
-        """Agents whose process went unasked, in that order."""
+        """Agents whose process went unasked, by step; those of one step ascending, in whatever order they went."""
+        self._lost_before = 0
+        """How many had gone when this step began."""
+        self.returned: set[int] = set()
+        """Agents whose process appeared again, until the world takes note."""
         self.frozen: frozenset[int] = frozenset()
         """Agents that are made to stand still; they get no frame, and nobody waits for them."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
@@ -45,6 +49,7 @@ class LockStep:
     def begin(self, step: int, asked: Iterable[int]) -> None:
         """Open a step, in which these agents get a frame."""
         self.step = step
+        self._lost_before = len(self.lost)
         self.waiting = set(asked)
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent not in self.alive
@@ -82,7 +87,7 @@ class LockStep:
             self.waiting.discard(agent)
             self.hanging.discard(agent)
             if agent not in self.boards:
-                self.lost.append(agent)
+                self.lost[self._lost_before :] = sorted([*self.lost[self._lost_before :], agent])
             elif self.step >= 0:
                 self.boards[agent].absences += 1
 
@@ -96,4 +101,5 @@ class LockStep:
         """An agent's token appeared again; it takes part from the next step on."""
         if agent not in self.alive:
             self.alive.add(agent)
+            self.returned.add(agent)
             self.hanging.discard(agent)

@@ -189,11 +189,14 @@ class WorldProcess:
         return as_told and order.number in self._waker.done
 
     def _collect(self, pace: RealTimePace | None) -> None:
-        """Wait until every agent has closed the step, or its time is up; while all hang, for the first to return."""
+        """Wait until every agent has closed the step, or its time is up; where all hang, for the first to return.
+
+        Agents that sleep take part, so a step in which nobody is asked is not waited for.
+        """
         lockstep = self._core.lockstep
         timeout_s = self._config.scenario.run.step_timeout_s
         self._waker.deadline = pace.next_tick() if pace else time.monotonic() + timeout_s
-        hanging = len(lockstep.hanging) if lockstep.is_closed else 0
+        hanging = 0 if lockstep.taking_part() else len(lockstep.hanging)
         while not lockstep.is_closed or (hanging and len(lockstep.hanging) == hanging):
             if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
                 for agent in lockstep.waiting:
