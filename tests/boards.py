@@ -50,18 +50,20 @@ def run_with_board(folder: Path, board: Sequence[str], environment: Mapping[str,
             stack.callback(process.kill)
             return process
 
+        def settings_of(agent: int) -> list[str]:
+            return ["--settings", str(out / "agents" / f"{agent}.toml")]
+
         parts = [start(world)]
         assert parts[0].stdout is not None
         local, over_tls = parts[0].stdout.readline().split()
         passwords = dict(line.split(":", 1) for line in credentials.read_text().splitlines())
-        settings = ["--settings", str(out / "agent.toml")]
         near = ["--run", "field", "--low-latency", "--connect", local]
         operator = [*python, "deltaswarm_operator", "--out", str(out), *near]
         parts.append(start(operator, **{PASSWORD_VARIABLE: passwords["operator"]}))
         for agent in range(BOARD):
-            command = [*python, "deltaswarm_agent", "--id", str(agent), *settings, *near]
+            command = [*python, "deltaswarm_agent", "--id", str(agent), *settings_of(agent), *near]
             parts.append(start(command, **{PASSWORD_VARIABLE: passwords[f"agent-{agent}"]}))
-        command = [*board, "--id", str(BOARD), *settings, "--run", "field", "--connect", over_tls]
+        command = [*board, "--id", str(BOARD), *settings_of(BOARD), "--run", "field", "--connect", over_tls]
         parts.append(start([*command, *tls_arguments(keys, f"agent-{BOARD}")], **environment))
         assert [part.wait(PATIENCE_S) for part in parts] == [0] * len(parts)
     return results.read_outcome(out)

@@ -31,13 +31,14 @@ LONG = ("--set", "run.duration_s=1000000")
 @pytest.mark.parametrize("listen", ["tcp/127.0.0.1:0", "tls/127.0.0.1:0"])
 def test_boards_are_agents_of_the_run(listen: str, tmp_path: Path) -> None:
     """Over TCP by password and over TLS by certificate: the digest is that of the run in one process."""
-    with loop(tmp_path, BOARDS, "--listen", listen, *SHORT) as made:
+    same = [*SHORT, "--set", "run.ask_every_step=true"]  # as boards are
+    with loop(tmp_path, BOARDS, "--listen", listen, *same) as made:
         secrets = [f"agent-{board}.{'key' if listen.startswith('tls') else 'password'}" for board in BOARDS]
         assert [mode(made.folder / secret) for secret in secrets] == [0o600] * len(BOARDS)
         for board in BOARDS:
             made.start(board)
         summary = made.finish()
-    assert summary["digest"] == run(tmp_path / "inside", "--in-process", *SHORT)["digest"]
+    assert summary["digest"] == run(tmp_path / "inside", "--in-process", *same)["digest"]
     calm = {"late_steps": 0, "absences": 0, "absent_steps": 0}
     assert summary["boards"] == {str(board): calm for board in BOARDS}
 

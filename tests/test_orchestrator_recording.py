@@ -76,7 +76,7 @@ def check_same(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workloa
     assert found.workloads == [workload for _, _, workload in told]
     assert found.reports == {truth.step: sent for truth, sent, _ in told}
     newest = {event.event: event for truth, _, _ in told for event in truth.events}
-    assert found.events == [newest[event] for event in sorted(newest)]
+    assert found.events == sorted(newest.values(), key=lambda event: (event.arrived_s, event.event))
 
 
 @given(lives())

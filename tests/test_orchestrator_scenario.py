@@ -12,6 +12,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.settings import RECORDS, AgentSettings, Scenario
@@ -42,7 +43,8 @@ def test_built_in_scenarios_load(name: str) -> None:
 def test_the_base_scenario_is_the_papers() -> None:
     """What it sets is what an empty scenario has: the defaults are the paper's."""
     scenario = load_scenario("paper-25")
-    assert load(Scenario, {**plain(Scenario()), "name": "paper-25"}) == scenario
+    bare = {"name": "paper-25", "control": plain(PaperSettings()) | {"mode": "hybrid"}}
+    assert load(Scenario, {**plain(Scenario()), **bare}) == scenario
     assert (scenario.agents.count, scenario.run.steps, scenario.control.options["delta"]) == (25, 9000, 3)
 
 

@@ -51,7 +51,7 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
             swarm.start_operator(publish_all=False)
             swarm.start_agents(range(5))
             command = [str(python), "-m", "deltaswarm_agent", "--id", "5", "--run", "board"]
-            command += ["--connect", swarm.endpoint, "--settings", str(tmp_path / "agent.toml")]
+            command += ["--connect", swarm.endpoint, "--settings", str(tmp_path / "agents" / "5.toml")]
             environment = {**os.environ, PASSWORD_VARIABLE: swarm.password("agent-5")}
             with subprocess.Popen(command, env=environment, cwd=tmp_path) as agent:
 

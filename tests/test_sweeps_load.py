@@ -42,8 +42,8 @@ def test_the_papers_conditions_are_all_there() -> None:
     assert {scenarios[f"hybrid {delta}"].control.options["delta"] for delta in range(2, 11)} == set(range(2, 11))
     large = [one for one in scenarios.values() if one.agents.count == 100]
     assert len({(one.events.rate_hz, one.events.density.covariance_m2) for one in large}) == 4
-    assert not scenarios["no recruitment"].control.recruitment
-    assert not scenarios["no dissolution"].control.dissolution
+    assert not scenarios["no recruitment"].control.options["recruitment"]
+    assert not scenarios["no dissolution"].control.options["dissolution"]
 
 
 @pytest.mark.parametrize("axes", [{"control.delta": [2, 3]}, {"control": {"delta": [2, 3]}}], ids=["quoted", "nested"])
@@ -177,8 +177,8 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"variants": [{"control.delta": 2}, {"control.delta": 3}, {"control.delta": 0}]},
         "control.delta: 0; an integer at least 1 and at most 1000 is allowed",
     ),
-    "kind of value": ({"axes": {"control.mode": [3]}}, "control.mode: 3; one of decentralised, hierarchical, hybrid"),
-    "two keys at odds": ({"axes": {"radio.range_m": [5.0]}}, "control.d_min_m: 6; below radio.range_m (5)"),
+    "kind of value": ({"axes": {"control.mode": [3]}}, "control.mode: 3; a string is allowed"),
+    "two keys at odds": ({"axes": {"radio.range_m": [5.0]}}, "control.d_min_m: 6; below the radio's range (5 m)"),
     "no table": ({"axes": {"control.delta.x": [1]}}, "control.delta: {'x': 1}; an integer at least 1"),
     "empty key": ({"axes": {"control..delta": [1]}}, "control..delta: no key; a dotted key"),
     "repeats": ({**AXES, "repeats": 0}, "sweep.repeats: 0; an integer at least 1"),

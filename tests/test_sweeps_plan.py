@@ -138,7 +138,9 @@ def changed(settings: Any, dotted: str) -> Any:
     if rest:
         return replace(settings, **{name: changed(value, rest)})
     other: Any
-    if isinstance(value, bool):
+    if name == "mode":
+        other = "decentralised"
+    elif isinstance(value, bool):
         other = not value
     elif isinstance(value, int | float):
         other = value + 1

@@ -56,5 +56,5 @@ def test_agents_know_the_same_obstacles() -> None:
     sets = ["arena.obstacles=[{corners_m=[[1,1],[9,1],[5,9]],attenuation_db=3},{corners_m=[[20,20],[30,20],[30,30]]}]"]
     scenario = load_scenario("smoke", sets)
     assert load(Scenario, tomllib.loads(to_toml(scenario))) == scenario
-    assert scenario.for_agent().obstacles == scenario.arena.obstacles
+    assert scenario.for_agent(0).obstacles == scenario.arena.obstacles
     assert [obstacle.attenuation_db for obstacle in scenario.arena.obstacles] == [3.0, None]

@@ -35,7 +35,7 @@ def problems(**radio: Any) -> list[str]:
         ({"latency_s": -1}, "radio.latency_s: -1; a number at least 0"),
         ({"bandwidth": {"queue_bytes": -1}}, "radio.bandwidth.queue_bytes: -1; an integer at least 0"),
         (
-            {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 5}},
+            {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 4}},
             "radio.bandwidth.sender_bytes_per_s: 3; 0, or at least 5 bytes in a step or in the queue, is allowed",
         ),
         ({"reception": "dics"}, "radio.reception: 'dics'; did you mean 'disc'? one of disc, log-distance is allowed"),

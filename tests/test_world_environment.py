@@ -51,7 +51,7 @@ def test_the_same_seed_gives_the_same_events_whatever_the_swarm_does() -> None:
     made = Environment(load(Scenario, {**SMOKE, "seed": 11}))
     for step in range(250):
         made.arrive(float(step))
-    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in made.arrived] == first
+    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in made.states()] == first
 
 
 SMOKE = {

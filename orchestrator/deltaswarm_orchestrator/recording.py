@@ -117,13 +117,14 @@ class _Reader:
                 self._found.workloads.append(_row(Workload, orjson.loads(data)))
 
     def recording(self, is_whole: bool) -> Recording:
-        """All that was found. A step of which the cut left only a part of the tally is left out."""
+        """All that was found; of a damaged file, up to the first step that is missing or has only a part of its tally."""
         found = self._found
         found.complete &= is_whole
         found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
-        found.tallies = [
-            _row(Tally, {**self._net[step], **self._state[step]}) for step in sorted(self._net.keys() & self._state)
-        ]
+        steps = sorted(self._net.keys() & self._state)
+        if not found.complete:  # damage can hide a chunk as a whole
+            steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
+        found.tallies = [_row(Tally, {**self._net[step], **self._state[step]}) for step in steps]
         return found
 
 
