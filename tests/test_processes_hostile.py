@@ -53,7 +53,7 @@ class Stage:
             return self.swarm.part(WORLD).process.exitcode is not None
 
         wait_until(has_ended, "the end of the run")
-        assert not self.swarm.join(5)
+        assert not self.swarm.join(PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)
         return results.summary(results.read_outcome(self.folder), scenario) | {
             "world": results.read_outcome(self.folder).world,

@@ -41,7 +41,7 @@ def check_books(tallies: list[Tally]) -> None:
 def test_with_every_model_at_once_processes_have_the_same_digest(tmp_path: Path) -> None:
     """By real processes and twice in one; the tables, the recording and the summary hold every reception."""
     outside = run(tmp_path / "run", *settings(*OWN, *EVERYTHING, "seed=3"))
-    first, second = (run_in_process(a_scenario(*EVERYTHING, "seed=3")) for _ in range(2))
+    first, second = (run_in_process(a_scenario(*EVERYTHING, seed=3)) for _ in range(2))
     assert outside["digest"] == first.digest == second.digest
     assert outside["valid"]
     kept = read_outcome(tmp_path / "run").tallies
@@ -105,7 +105,7 @@ def test_bandwidth_counts_the_bytes_of_frames_as_encoded() -> None:
     sent = heard = 0
     for step in range(SECONDS):
         tally = swarm.step(step, last=False)
-        heard += sum(len(data) for frames in swarm.world._carried.heard for data in frames)
+        heard += sum(len(data) for frames in swarm.world._carried.heard for _, data in frames)
         assert (air._sending.passed_bytes, air._taking_in.passed_bytes) == (sent, heard)
         sent += tally.bytes_sent
     assert heard > 10_000

@@ -117,7 +117,7 @@ class _Reader:
                 self._found.workloads.append(_row(Workload, orjson.loads(data)))
 
     def recording(self, is_whole: bool) -> Recording:
-        """All that was found; of a damaged file, up to the first step that is missing or has only a part of its tally."""
+        """All that was found; of a damaged file, up to the first step that is missing or broken."""
         found = self._found
         found.complete &= is_whole
         found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
