@@ -81,3 +81,19 @@ def test_an_agent_that_went_and_came_back_within_a_step_is_asked() -> None:
     stage.core.lockstep.gone(1)
     stage.core.lockstep.back(1)
     assert list(stage.begin()) == [1]
+
+
+def test_an_agent_is_asked_once_more_when_its_event_is_gone() -> None:
+    """Else it would stand and observe nothing until its act runs out."""
+    stage = Stage(1)
+    event = stage.event(50, 50)
+    stage.core.environment.active[0].work_agent_s = 198.0
+    for _ in range(2):
+        stage.begin()
+        stage.act(0, event, until=stage.step + 50)
+        stage.end()
+    assert stage.core.environment.states()[0].completed_s == 1.0
+    assert stage.begin()[0].events == ()
+    stage.act(0, until=stage.step + 50)
+    stage.end()
+    assert stage.begin() == {}

@@ -14,6 +14,8 @@ class QuietSleep:
         self._ask_all = ask_all
         self._until = [0] * agents
         self._asked = [-1] * agents
+        self._sensed: set[int] = set()
+        """Who sensed something in the last step: that it is gone is news, too."""
         self._places: deque[list[Pose]] = deque(maxlen=MAX_POSES)
         """All agents' places in the last steps, this one last."""
 
@@ -40,12 +42,13 @@ class QuietSleep:
     ) -> list[int]:
         """Those of `agents` whose act has run out, who sense or hear something, or who are among `always`.
 
-        `sensed` and `heard` are by agent.
+        An agent that sensed something in the step before is asked once more. `sensed` and `heard` are by agent.
         """
+        before, self._sensed = self._sensed, {agent for agent in agents if sensed[agent]}
         if self._ask_all:
             return list(agents)
-        until = self._until
-        return [agent for agent in agents if until[agent] <= step or sensed[agent] or heard[agent] or agent in always]
+        until, news = self._until, before | self._sensed
+        return [agent for agent in agents if until[agent] <= step or agent in news or heard[agent] or agent in always]
 
     def move_to(self, places: Sequence[Sequence[float]]) -> None:
         """All agents' places in this step [m]."""
