@@ -80,11 +80,10 @@ def test_no_report_is_shorter_than_the_bound() -> None:
     assert len(encode_report(Report(0, 0, 0, "root", 0.0, 0.0, 0, ()))) == LEAST_REPORT_BYTES
 
 
-@pytest.mark.parametrize("uplink", [False, True])
-def test_the_operator_hears_either_the_agents_or_the_world(uplink: bool) -> None:
-    """Never both, and no agent may send as the uplink."""
+def test_the_operator_hears_the_world_and_no_agent() -> None:
+    """And no agent may send as the world."""
     keys = Keys("r")
-    rules = world_rules(keys, range(3), uplink=uplink)["rules"]
+    rules = world_rules(keys, range(3))["rules"]
     allowed = {rule["id"]: rule["key_exprs"] for rule in rules}
-    assert allowed["operator-receives"] == [keys.forwarded if uplink else keys.all_reports, keys.clock]
+    assert allowed["operator-receives"] == [keys.forwarded, keys.clock]
     assert not any(keys.forwarded in exprs for name, exprs in allowed.items() if name.endswith("-sends"))

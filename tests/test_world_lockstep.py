@@ -4,7 +4,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from deltaswarm_world.lockstep import LockStep
+from deltaswarm_world.lockstep import FORGIVEN_STEPS, LockStep, Patience
 
 AGENTS = range(5)
 agents = st.integers(0, 6)
@@ -26,6 +26,8 @@ class Life(RuleBasedStateMachine):
         self.lockstep = LockStep(AGENTS)
         self.condition = dict.fromkeys(AGENTS, "idle")
         """Of each agent that is there: idle, owing an act, or hanging."""
+        self.missed: dict[int, int] = {}
+        """The last step that an agent did not close."""
         self.deaths: list[tuple[int, int]] = []
         """Step and agent."""
         self.step = -1
@@ -46,16 +48,19 @@ class Life(RuleBasedStateMachine):
 
     @rule(agent=agents, late=st.sampled_from([0, 0, 0, 1, 5]))
     def close(self, agent: int, late: int) -> None:
-        """An act closes its agent's step once, if it is of this step; any act ends its agent's hanging."""
+        """An act closes its agent's step once, if it is of this step; that of the missed step ends a hanging."""
         closes = self.condition.get(agent) == "owing" and late == 0
         assert self.lockstep.close(agent, self.step - late) == closes
-        if closes or self.condition.get(agent) == "hanging":
+        returns = self.condition.get(agent) == "hanging" and self.step - late >= self.missed[agent]
+        assert closes or self.lockstep.answer_late(agent, self.step - late) == returns
+        if closes or returns:
             self.condition[agent] = "idle"
 
     @rule()
     def give_up(self) -> None:
         """Who still owes its act hangs."""
         assert self.lockstep.give_up() == sorted(self.those("owing"))
+        self.missed |= dict.fromkeys(self.those("owing"), self.step)
         self.condition |= dict.fromkeys(self.those("owing"), "hanging")
         assert self.lockstep.is_closed
 
@@ -118,10 +123,43 @@ def test_a_hanging_agent_rejoins_at_the_next_step() -> None:
     lockstep.close(0, 0)
     assert lockstep.give_up() == [1]
     assert begin(lockstep, 1) == [0]
+    assert not lockstep.answer_late(1, -1), "not the act of the step that it missed"
     assert not lockstep.close(1, 0)
+    assert lockstep.answer_late(1, 0)
+    assert not lockstep.answer_late(1, 0), "it owes one"
     assert lockstep.waiting == {0}
     lockstep.close(0, 1)
     assert begin(lockstep, 2) == [0, 1]
+
+
+def test_a_board_may_answer_each_knock() -> None:
+    """Frames that it got while it hung lie in its queue, and it answers one after the other."""
+    lockstep = LockStep([0, 1], [1])
+    begin(lockstep, 0)
+    lockstep.close(0, 0)
+    lockstep.give_up()
+    for step in (1, 2):
+        lockstep.probe()
+        begin(lockstep, step)
+        lockstep.close(0, step)
+        lockstep.give_up()
+    begin(lockstep, 3)
+    assert [lockstep.answer_late(1, step) for step in (0, 1, 2, 2)] == [True, True, True, False]
+    assert not lockstep.may_speak(1)
+
+
+def test_an_agent_that_is_late_again_and_again_costs_little() -> None:
+    """Nine thousand steps in which it misses each: less than a minute; and a single miss is forgotten."""
+    patience = Patience(5.0)
+    waited_s = 0.0
+    for step in range(9000):
+        waited_s += patience.left_s(0, step)
+        patience.missed(0, step)
+    assert 10.0 <= waited_s < 60.0
+    assert patience.left_s(1, 9000) == 5.0
+    once = Patience(5.0)
+    once.missed(0, 10)
+    assert [once.left_s(0, step) for step in (11, 10 + FORGIVEN_STEPS)] == [2.5, 5.0]
 
 
 def test_those_lost_in_one_step_are_listed_by_number() -> None:

@@ -12,25 +12,24 @@ durations = st.integers(0, 64).map(lambda sixteenths: sixteenths / 16)
 
 
 class Wall:
-    """A wall clock that goes only when a test or a sleep lets it, and a pace that lives by it."""
+    """A wall clock that goes only when a test lets it, and a pace that lives by it."""
 
     def __init__(self, began_s: float = 1000.0) -> None:
         self.now_s = began_s
         self.slept: list[float] = []
         self.said: list[str] = []
-        self.pace = RealTimePace(TICK_S, lambda: self.now_s, self.sleep, self.said.append)
+        self.pace = RealTimePace(TICK_S, lambda: self.now_s, self.said.append)
 
-    def sleep(self, seconds: float) -> None:
-        """Let time pass."""
-        assert seconds >= 0.0
-        self.slept.append(seconds)
-        self.now_s += seconds
+    def wait(self) -> None:
+        """Let the rest of the tick pass."""
+        self.slept.append(max(0.0, self.pace.tick_ends_s - self.now_s))
+        self.now_s += self.slept[-1]
 
     def step(self, busy_s: float = 0.0) -> float:
         """Do one step with some work in it; when it was over."""
         self.pace.next_tick()
         self.now_s += busy_s
-        self.pace.wait()
+        self.wait()
         return self.now_s
 
 
@@ -48,7 +47,7 @@ def test_the_end_of_a_step_is_known_as_it_begins() -> None:
     wall = Wall(began_s=10.0)
     assert wall.pace.next_tick() == 10.0 + TICK_S
     wall.now_s += 0.125
-    wall.pace.wait()
+    wall.wait()
     assert wall.pace.next_tick() == 10.0 + 2 * TICK_S
 
 

@@ -18,16 +18,14 @@ def user_name(role: str, number: int = 0) -> str:
     return f"agent-{number}" if role == AGENT else role
 
 
-def world_rules(
-    keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None, *, uplink: bool = False
-) -> dict[str, Any]:
+def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None) -> dict[str, Any]:
     """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
 
     With `named_over`, the protocols over which a user's name counts, its certificate's name counts too (over TLS).
 
     A client's publisher stays silent until the router tells it of a matching subscription, so the
-    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). With an uplink model
-    the operator gets no report from an agent, but those that the world hands on.
+    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). The operator gets no report
+    from an agent, but those that the world hands on.
     """
     book = _RuleBook(named_over)
     world = keys.token(WORLD)
@@ -40,7 +38,7 @@ def world_rules(
     book.allow(
         OPERATOR,
         sends=[keys.workload],
-        receives=[keys.forwarded if uplink else keys.all_reports, keys.clock],
+        receives=[keys.forwarded, keys.clock],
         heard_by=[keys.workload],
         token=keys.token(OPERATOR),
         watches=keys.all_tokens,

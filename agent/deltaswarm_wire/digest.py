@@ -9,24 +9,34 @@ import struct
 
 _head = struct.Struct("<IHBI").pack
 ACT, RADIO, REPORT = 0, 1, 2
+SIZE_BYTES = 16
 
 
 class Digest:
-    """A running hash over (step, agent, kind, bytes), which must come in step and agent order."""
+    """A hash over (step, agent, kind, bytes), which must come in step and agent order: a chain with a link per step.
 
-    def __init__(self) -> None:
-        self._hash = hashlib.blake2b(digest_size=16)
-        self._update = self._hash.update
+    `state` is all that must be kept in order to go on later; what was added since the last `end_step` is not in it.
+    """
+
+    def __init__(self, state: bytes = bytes(SIZE_BYTES)) -> None:
+        self.state = state
+        self._parts: list[bytes] = []
 
     def add(self, step: int, agent: int, kind: int, data: bytes) -> None:
         """Take in one message."""
-        self._update(_head(step, agent, kind, len(data)) + data)
+        self._parts += (_head(step, agent, kind, len(data)), data)
+
+    def end_step(self) -> None:
+        """Let the messages since the last call be one step's; a step without any leaves no trace."""
+        if self._parts:
+            self.state = hashlib.blake2b(b"".join((self.state, *self._parts)), digest_size=SIZE_BYTES).digest()
+            self._parts.clear()
 
     def hex(self) -> str:
-        """The digest of all that was added so far."""
-        return self._hash.hexdigest()
+        """The digest of all steps that have ended."""
+        return self.state.hex()
 
 
 def combine(world: str, operator: str) -> str:
     """The run's digest from the digests of its two counting parts."""
-    return hashlib.blake2b(f"{world}:{operator}".encode(), digest_size=16).hexdigest()
+    return hashlib.blake2b(f"{world}:{operator}".encode(), digest_size=SIZE_BYTES).hexdigest()

@@ -143,8 +143,6 @@ def router_pairs(
     keys: Keys,
     agents: Iterable[int],
     listen: Sequence[str] = (),
-    *,
-    uplink: bool = False,
 ) -> Pairs:
     """The router: listens on the endpoints (the link's, if none is given), knows users from a file, enforces the rules.
 
@@ -169,7 +167,7 @@ def router_pairs(
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", world_rules(keys, agents, named_over, uplink=uplink)),
+        ("access_control", world_rules(keys, agents, named_over)),
         ("low_pass_filter", [reports]),
     ]
 

@@ -15,7 +15,6 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules
 from deltaswarm_wire.arguments import (
     LOG_FORMAT,
-    add_boards_argument,
     add_link_arguments,
     add_tls_arguments,
     add_zenoh_argument,
@@ -47,12 +46,6 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
     )
-    made.add_argument(
-        "--uplink",
-        action="store_true",
-        help="for a scenario with [uplink]: hear the reports that its model lets through",
-    )
-    add_boards_argument(made)
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -135,9 +128,7 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         settings=_settings(arguments),
         step_s=_step_s(arguments),
         out=arguments.out,
-        uplink=arguments.uplink,
         publish_all=arguments.publish_all,
-        boards=tuple(arguments.boards),
     )
 
 

@@ -7,7 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
-from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, cast
@@ -15,7 +14,7 @@ from typing import Any, cast
 from deltaswarm_operator.output import FLUSH_EVERY_S, Output
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys, parse_agent_key
+from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
@@ -28,9 +27,6 @@ log = logging.getLogger("deltaswarm.operator")
 PUBLISH_EVERY_S = 0.5
 """Unless every workload is asked for, one is published this often [wall s], for those who watch."""
 
-NOBODY = -1
-"""The world's number among senders, for the log."""
-
 
 @dataclass(frozen=True)
 class OperatorConfig:
@@ -42,21 +38,15 @@ class OperatorConfig:
     step_s: float
     out: Path
     """Folder for its own table and totals."""
-    uplink: bool = False
-    """Whether reports come through the world's uplink model: by its own key, as it lets them arrive."""
     publish_all: bool = False
     """Publish the workload of every step, for a recorder, and be ready only once one listens."""
-    boards: tuple[int, ...] = ()
-    """Agents that may leave and come back; what they send while they are away is no loss."""
 
 
 class Arrival(Enum):
     """What the main thread finds in its inbox."""
 
     REPORT = "report"
-    FORWARDED = "forwarded report"
     CLOCK = "clock"
-    BOARD = "board is there"
     LISTENER = "listener"
     WORLD_GONE = "world gone"
     STOP = "stop"
@@ -84,18 +74,14 @@ class OperatorProcess:
         self._output = output
         self._publish_all = config.publish_all
         self._publish_due = 0.0
-        self._warned: set[int] = set()
+        self._has_warned = False
         self._keys = keys = Keys(config.run)
         self._token: zenoh.LivelinessToken | None = None
-        reports = (keys.forwarded, Arrival.FORWARDED) if config.uplink else (keys.all_reports, Arrival.REPORT)
         self._subscribers = [
-            session.declare_subscriber(reports[0], self._into_inbox(reports[1])),
+            session.declare_subscriber(keys.forwarded, self._into_inbox(Arrival.REPORT)),
             session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
             session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
         ]
-        for board in config.boards:
-            token, note = keys.token(AGENT, board), self._direct(partial(self._on_board, board))
-            self._subscribers.append(session.liveliness().declare_subscriber(token, note, history=True))
         self._workload = session.declare_publisher(
             keys.workload,
             encoding=zenoh.Encoding("application/msgpack;deltaswarm.Workload.v1"),
@@ -126,10 +112,6 @@ class OperatorProcess:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._inbox.put((Arrival.WORLD_GONE, None))
 
-    def _on_board(self, board: int, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put((Arrival.BOARD, board))
-
     def _on_listener(self, status: zenoh.MatchingStatus) -> None:
         if status.matching:
             self._inbox.put((Arrival.LISTENER, None))
@@ -154,32 +136,18 @@ class OperatorProcess:
                 continue
             if arrival is Arrival.REPORT:
                 self._take_report(sample)
-            elif arrival is Arrival.FORWARDED:
-                self._take_forwarded(sample)
             elif arrival is Arrival.CLOCK:
                 if self._take_clock(sample.payload.to_bytes()):
                     return End.LAST_CLOCK
-            elif arrival is Arrival.BOARD:
-                self.meter.is_back(sample)
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
             else:
                 return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
 
     def _take_report(self, sample: zenoh.Sample) -> None:
-        source = parse_agent_key(str(sample.key_expr))
-        if source is None:
-            self._warn(NOBODY, f"report on {sample.key_expr}: no agent's key")
-            return
-        agent, _ = source
-        reason = self.meter.receive(agent, sample.payload.to_bytes())
-        if reason is not None:
-            self._warn(agent, f"report on the key of agent {agent}: {reason}")
-
-    def _take_forwarded(self, sample: zenoh.Sample) -> None:
         reason = self.meter.receive_forwarded(sample.payload.to_bytes())
         if reason is not None:
-            self._warn(NOBODY, f"report that the world hands on: {reason}")
+            self._warn(f"report: {reason}")
 
     def _take_clock(self, data: bytes) -> bool:
         """Close a step; True if it was the last."""
@@ -187,7 +155,7 @@ class OperatorProcess:
             clock = decode_clock(data)
             workload = self.meter.close(clock, self._inbox.qsize())
         except (WireError, ValueError) as error:
-            self._warn(NOBODY, f"clock: {error}")
+            self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
@@ -195,10 +163,10 @@ class OperatorProcess:
             self._workload.put(encode_workload(workload))
         return clock.last
 
-    def _warn(self, sender: int, reason: str) -> None:
-        if sender not in self._warned:
-            self._warned.add(sender)
-            log.warning("dropped (further ones of this sender are only counted): %s", reason)
+    def _warn(self, reason: str) -> None:
+        if not self._has_warned:
+            self._has_warned = True
+            log.warning("dropped (further ones are only counted): %s", reason)
 
 
 def run_operator(config: OperatorConfig) -> int:

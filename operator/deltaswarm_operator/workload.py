@@ -8,7 +8,7 @@ from collections import Counter, deque
 from operator import itemgetter
 from typing import Any
 
-from deltaswarm_wire.codec import MAX_ID, MAX_STEP, WireError
+from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import REPORT, Digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
@@ -16,11 +16,8 @@ from deltaswarm_wire.settings import OperatorSettings
 
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 
-MAX_AHEAD_STEPS = 1000
-"""A report of a step further ahead than this is forged: no agent is ahead of the clock that it waits for."""
-
 FORWARDER = -1
-"""The world's number among senders, where it hands on what came through the uplink."""
+"""The world's number among senders: it hands on what agents report."""
 
 _Held = tuple[int, int, Report, bytes]
 """Agent, sequence, the report, its bytes."""
@@ -51,12 +48,7 @@ class SlidingRate:
 
 
 class WorkloadMeter:
-    """Takes reports as they arrive and closes steps as the clock says.
-
-    A report is counted in the step that it names; one that came through an uplink, in the step in which it
-    arrived. One for a step that is closed already is late: it is counted in the next step to be closed, so
-    that nothing is lost.
-    """
+    """Takes reports as they arrive and closes steps as the clock says: a report is counted in the next to be closed."""
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
         self.step = -1
@@ -67,52 +59,17 @@ class WorkloadMeter:
         self._threshold_hz = settings.threshold_hz
         self._step_s = step_s
         self._digest = Digest()
-        self._held: dict[int, list[_Held]] = {}
-        self._newest_sequence: dict[int, int] = {}
+        self._held: list[_Held] = []
+        self._newest_forwarded = -1
         self._rates = (SlidingRate(SHORT_WINDOW_S, step_s), SlidingRate(LONG_WINDOW_S, step_s))
         self._steps = 0
         self._steps_missed = 0
         self._steps_above = 0
         self._messages: Counter[int] = Counter()
         self._lost: Counter[int] = Counter()
-        self._late: Counter[int] = Counter()
         self._rejected: Counter[int] = Counter()
         self._lost_in_step = 0
         self._rejected_in_step = 0
-
-    def receive(self, agent_of_key: int, data: bytes) -> str | None:
-        """Take in one report, from the key of an agent; the reason if it is dropped."""
-        try:
-            report = decode_report(data)
-        except WireError as error:
-            return self.reject(agent_of_key, str(error))
-        return self.take(agent_of_key, report, data)
-
-    def take(self, agent_of_key: int, report: Report, data: bytes) -> str | None:
-        """The same for a report and the bytes that it was decoded from, or encoded to."""
-        agent, step = report.agent, report.step
-        if agent != agent_of_key:
-            return self.reject(agent_of_key, f"report.agent: {agent} on the key of agent {agent_of_key}")
-        if step > self.step + MAX_AHEAD_STEPS and self.step >= 0:
-            return self.reject(agent, f"report.step: {step}, when {self.step} is the newest closed step")
-        self._follow_sequence(agent, report.sequence)
-        self._hold(step, report, data)
-        return None
-
-    def take_now(self, report: Report, data: bytes) -> None:
-        """Take in a report of an agent whose steps are its own: it counts in the next one to be closed here."""
-        self._hold(self.step + 1, report, data)
-
-    def lose(self, agent: int, reports: int) -> None:
-        """So many reports of an agent are missing; below 0 if some that were thought so are not."""
-        self._lost[agent] += reports
-        self._lost_in_step += reports
-
-    def reject(self, agent: int, reason: str) -> str:
-        """Count a sample that is dropped; gives the reason back."""
-        self._rejected[agent] += 1
-        self._rejected_in_step += 1
-        return reason
 
     def receive_forwarded(self, data: bytes) -> str | None:
         """Take in one report that the world hands on, in its envelope; the reason if it is dropped."""
@@ -127,32 +84,31 @@ class WorkloadMeter:
 
         The world's own sequence tells what the fabric lost; the agents' has gaps where the uplink dropped reports.
         """
-        self._follow_sequence(FORWARDER, forwarded.sequence)
+        missing = forwarded.sequence - self._newest_forwarded - 1
+        if missing > 0:
+            self.lose(FORWARDER, missing)
+        self._newest_forwarded = forwarded.sequence
         try:
             report = decode_report(forwarded.report)
         except WireError as error:
             return self.reject(FORWARDER, str(error))
-        self._hold(forwarded.step, report, forwarded.report)
+        self.take_now(report, forwarded.report)
         return None
 
-    def _hold(self, step: int, report: Report, data: bytes) -> None:
-        """Keep a report until its step, or the next one to be closed, is closed."""
-        agent = report.agent
-        if step <= self.step:
-            self._late[agent] += 1
-            step = self.step + 1
-        self._held.setdefault(step, []).append((agent, report.sequence, report, data))
+    def take_now(self, report: Report, data: bytes) -> None:
+        """Take in a report and the bytes that it was decoded from."""
+        self._held.append((report.agent, report.sequence, report, data))
 
-    def _follow_sequence(self, agent: int, sequence: int) -> None:
-        """A gap is a loss on the way; a sequence that goes back belongs to an agent that began anew."""
-        missing = sequence - self._newest_sequence.get(agent, -1) - 1
-        if missing > 0:
-            self.lose(agent, missing)
-        self._newest_sequence[agent] = sequence
+    def lose(self, agent: int, reports: int) -> None:
+        """So many reports of an agent are missing; below 0 if some that were thought so are not."""
+        self._lost[agent] += reports
+        self._lost_in_step += reports
 
-    def is_back(self, agent: int) -> None:
-        """What an agent sent while it was away is no loss: its sequence goes on from wherever it is."""
-        self._newest_sequence[agent] = MAX_STEP
+    def reject(self, agent: int, reason: str) -> str:
+        """Count a sample that is dropped; gives the reason back."""
+        self._rejected[agent] += 1
+        self._rejected_in_step += 1
+        return reason
 
     def close(self, clock: Clock, backlog: int) -> Workload:
         """Close the clock's step; `backlog` is the number of samples that wait behind the clock.
@@ -165,10 +121,11 @@ class WorkloadMeter:
         if clock.step <= self.step:
             raise ValueError(f"step {clock.step} is closed already, {self.step} is the newest")
         missed = clock.step - self.step - 1 if self._steps else 0
-        held = self._take(clock.step)
+        held, self._held = sorted(self._held, key=_agent_and_sequence), []
         for agent, _, _, data in held:
             self._messages[agent] += 1
             self._digest.add(clock.step, agent, REPORT, data)
+        self._digest.end_step()
         self.step = clock.step
         self.reports_of_closed_step = tuple([report for _, _, report, _ in held])
         self._skip(missed)
@@ -190,14 +147,6 @@ class WorkloadMeter:
         self._lost_in_step = self._rejected_in_step = 0
         return workload
 
-    def _take(self, step: int) -> list[_Held]:
-        """What is held for a step (or for earlier ones, whose clock never came), in agent order."""
-        held = self._held.pop(step, [])
-        for earlier in [other for other in self._held if other < step]:
-            held += self._held.pop(earlier)
-        held.sort(key=_agent_and_sequence)
-        return held
-
     def _skip(self, missed: int) -> None:
         """Steps whose clock never came pass without messages."""
         self._steps += missed
@@ -216,7 +165,7 @@ class WorkloadMeter:
         """The figures of the whole run so far, as JSON has them; `per_sender` by agent."""
         messages = self._messages.total()
         simulated_s = self._steps * self._step_s
-        senders = sorted({*self._messages, *self._lost, *self._late, *self._rejected})
+        senders = sorted({*self._messages, *self._lost, *self._rejected})
         return {
             "steps": self._steps,
             "steps_missed": self._steps_missed,
@@ -225,8 +174,7 @@ class WorkloadMeter:
             "senders": len(self._messages),
             "lost": self._lost.total(),
             "rejected": self._rejected.total(),
-            "late": self._late.total(),
-            "held": sum(map(len, self._held.values())),
+            "held": len(self._held),
             "threshold_hz": self._threshold_hz,
             "time_above_s": self._steps_above * self._step_s,
             "per_sender": {
@@ -234,7 +182,6 @@ class WorkloadMeter:
                     "messages": self._messages[agent],
                     "lost": self._lost[agent],
                     "rejected": self._rejected[agent],
-                    "late": self._late[agent],
                 }
                 for agent in senders
             },

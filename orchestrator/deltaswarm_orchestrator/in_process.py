@@ -70,20 +70,16 @@ class InProcess:
                 self.failed.append(f"agent {agent}: {error}")
                 world.lockstep.gone(agent)
         self.agents_s += clock() - began
-        take_report = world.take_report if world.has_uplink else self.operator.take
-        reported = 0
         for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
             if radio is not None:
                 world.take_radio(agent, counter, radio)
                 if sink is not None:
                     sink.radio(step, agent, radio)
             if report is not None and report_bytes is not None:
-                take_report(agent, report, report_bytes)
-                reported += 1
+                world.take_report(agent, report, report_bytes)
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
             world.take_act(agent, act, act_bytes)
-        world.reports_passing = reported  # with an uplink model nobody asks
         tally = world.end()
         for forwarded in world.forwarded:
             self.operator.take_forwarded(forwarded)

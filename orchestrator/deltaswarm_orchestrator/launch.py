@@ -131,8 +131,6 @@ class Swarm:
         scenario = self._scenario
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
-        argv += ["--uplink"] if scenario.uplink.is_on else []
-        argv += self._told_of_boards()
         self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:

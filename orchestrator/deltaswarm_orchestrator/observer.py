@@ -10,7 +10,6 @@ from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.sink import Sink
-from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import RADIO, RECORDER, WORLD, Keys, parse_agent_key
 from deltaswarm_wire.messages import (
     Report,
@@ -36,13 +35,11 @@ QUEUE_SAMPLES = 20_000
 class Observer:
     """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames.
 
-    With `uplink` the reports are those that the world lets arrive; raw ones are heard for `wire` alone.
-
     Raises:
         ConnectionError: there is no way to the world.
     """
 
-    def __init__(self, run: str, link: RouterLink, sink: Sink | None, *, wire: bool, uplink: bool = False) -> None:
+    def __init__(self, run: str, link: RouterLink, sink: Sink | None, *, wire: bool) -> None:
         self.status: Status | None = None
         self.newest_workload: Workload | None = None
         self.orders: deque[ProcessOrder] = deque()
@@ -51,7 +48,6 @@ class Observer:
         self._keys = keys = Keys(run)
         self._sink = sink
         self._wire = wire
-        self._uplink = uplink
         self._queue: queue.Queue[tuple[str, bytes]] = queue.Queue(QUEUE_SAMPLES)
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
@@ -67,9 +63,9 @@ class Observer:
         )
         wanted = [keys.status, keys.workload, keys.orders]
         if sink is not None:
-            wanted += [keys.clock, keys.truth, keys.forwarded if uplink else keys.all_reports]
+            wanted += [keys.clock, keys.truth, keys.forwarded]
         if wire:
-            wanted += [keys.all_radio, keys.all_reports] if uplink else [keys.all_radio]
+            wanted += [keys.all_radio, keys.all_reports]
         # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
@@ -122,7 +118,8 @@ class Observer:
         elif key == keys.clock:
             self._close(decode_clock(data).step, decode_clock(data).last)
         elif key == keys.forwarded:
-            self._take_report(decode_forwarded(data).report)
+            forwarded = decode_forwarded(data)
+            self._reports[forwarded.step].append(decode_report(forwarded.report))
         elif key == keys.status:
             self.status = decode_status(data)
         elif key == keys.orders:
@@ -146,23 +143,11 @@ class Observer:
         if leaf == RADIO:
             self._sink.radio(self._open_step, agent, data)
             return
-        if self._wire:
-            self._sink.report_bytes(self._open_step, agent, data)
-        if not self._uplink:
-            self._take_report(data, agent)
-
-    def _take_report(self, data: bytes, agent: int | None = None) -> None:
-        """A report that reaches the operator; with an agent, that on whose key it came."""
-        try:
-            report = decode_report(data)
-        except WireError:
-            return  # the operator counts it as rejected
-        if agent is None or report.agent == agent:
-            self._reports[self._open_step].append(report)
+        self._sink.report_bytes(self._open_step, agent, data)
 
     def _close(self, step: int, last: bool) -> None:
         truth = self._truths.pop(step, None)
-        reports = sorted(self._reports.pop(self._open_step, []), key=lambda report: (report.agent, report.sequence))
+        reports = sorted(self._reports.pop(step, []), key=lambda report: (report.agent, report.sequence))
         if self._sink is not None and truth is not None:
             self._sink.step(truth, reports)
         self._open_step = step + 1

@@ -303,6 +303,10 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         for agent, count in outcome.world.get("fell_back", {}).items()
         if count >= OFTEN
     ]
+    reasons += [
+        f"agent {agent} sent {count} samples more than one radio frame, one report and one act in a step"
+        for agent, count in outcome.world.get("excess", {}).items()
+    ]
     return {
         "name": scenario.name,
         "mode": scenario.control.mode,
@@ -319,7 +323,9 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "refused_claims": outcome.world.get("refused_claims"),
         "realtime_overruns": outcome.world.get("realtime_overruns", 0),
         "rejected_by_agent": outcome.world.get("rejected", {}),
-        "operator": {name: outcome.operator.get(name) for name in ("messages", "late", "steps_missed", "per_sender")},
+        "excess_by_agent": outcome.world.get("excess", {}),
+        "late_acts_by_agent": outcome.world.get("late_acts", {}),
+        "operator": {name: outcome.operator.get(name) for name in ("messages", "steps_missed", "per_sender")},
         "complete": outcome.is_complete,
         "valid": not reasons,
         "invalid_because": reasons,

@@ -149,9 +149,7 @@ def _run_processes(
             )
             if boards:
                 reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-            with Observer(
-                name, swarm.recorder_link(), recorder, wire=scenario.record == "wire", uplink=scenario.uplink.is_on
-            ) as observer:
+            with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
                 swarm.start_operator(publish_all=recorder is not None)
                 swarm.start_agents()
                 swarm.write_pids()

@@ -70,7 +70,7 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
     """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
-    is_traced = at is not None or swarm.world.has_uplink
+    is_traced = at is not None or swarm.world.uplink is not None
     differs = None
     for step in range(at_step + 1):
         if step == at_step and is_traced:

@@ -12,7 +12,7 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import Any
 
-from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import (
@@ -60,20 +60,21 @@ class WorldCore:
         self.lockstep = LockStep(range(scenario.agents.count), boards)
         self.rejected: Counter[int] = Counter()
         """Samples dropped at the edge, per agent whose key they came on."""
+        self.excess: Counter[int] = Counter()
+        """Among them those beyond one radio frame, one report and one act in a step."""
+        self.late_acts: Counter[int] = Counter()
+        """Acts of steps that had gone on without them, per agent."""
         self.refused_claims = 0
         """Observations claimed of events that were out of sensing range."""
         self.agents_in_trees = 0
         """In the last closed step."""
         self.digest = Digest()
-        self.has_uplink = scenario.uplink.is_on
-        """Whether reports come here, and not straight to the operator."""
         self.forwarded: list[Forwarded] = []
-        """The reports that reach the operator in the step just ended, if there is an uplink model."""
-        self.reports_passing = 0
-        """Reports of this step that went straight to the operator."""
+        """The reports that reach the operator in the step just ended."""
 
         self.air = Air(scenario)
-        self.uplink = Uplink(scenario, self.air.steady_links) if self.has_uplink else None
+        self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
+        """Without one each report reaches the operator in the step in which it is sent."""
         self._reports: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
@@ -83,6 +84,7 @@ class WorldCore:
         self._listening = self.speaking = [True] * count
         """Whose radio heard in this step, and in the step before, when what is heard now was sent."""
         self._spoken: dict[int, bytes] = {}
+        self._spoke_late: set[int] = set()
         self._acts: dict[int, tuple[bytes, Act]] = {}
         self._standings: dict[int, Standing] = {}
         """What each agent that takes part says it is, by its last act."""
@@ -147,6 +149,7 @@ class WorldCore:
         before = self._standings
         self._standings = {agent: before[agent] for agent in taking_part if agent in before}
         self._spoken, self._acts = {}, {}
+        self._spoke_late.clear()
         return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
@@ -212,15 +215,16 @@ class WorldCore:
     def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
         """The same for a frame whose envelope is open."""
         self._radio_numbers.follow(agent, counter)
-        if agent in self.lockstep.hanging:
-            return None  # late: its act, which follows, ends that
-        if agent in self._spoken or agent not in self.lockstep.waiting:
-            return self.reject(agent, "radio: a second frame in one step, or one out of turn")
-        self._spoken[agent] = data
+        if agent in self._spoken or agent in self._spoke_late or not self.lockstep.may_speak(agent):
+            return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
+        if agent in self.lockstep.waiting:
+            self._spoken[agent] = data
+        else:  # as late as the act that follows
+            self._spoke_late.add(agent)
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
-        """Take one report from an agent's key, for the uplink; the reason if it is dropped."""
+        """Take one report from an agent's key; the reason if it is dropped."""
         try:
             report = decode_report(data)
         except WireError as error:
@@ -234,8 +238,8 @@ class WorldCore:
         if report.step > self._step:
             return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
         self._report_numbers.follow(agent, report.sequence)
-        if agent in self._reports:
-            return self.reject(agent, "report: a second one in one step")
+        if agent in self._reports or not self.lockstep.may_speak(agent):
+            return self.reject_excess(agent, "report: a second one in one step, or one out of turn")
         self._reports[agent] = data
         return None
 
@@ -253,7 +257,16 @@ class WorldCore:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self.lockstep.close(agent, act.step):
             self._acts[agent] = (data, act)
-        return None
+            return None
+        if self.lockstep.answer_late(agent, act.step):
+            self.late_acts[agent] += 1
+            return None
+        return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
+
+    def reject_excess(self, agent: int, reason: str) -> str:
+        """The same for a sample that is one too many in its step."""
+        self.excess[agent] += 1
+        return self.reject(agent, reason)
 
     def reject(self, agent: int, reason: str) -> str:
         """Count a sample that came on a key of this agent and is dropped; gives the reason back."""
@@ -282,29 +295,33 @@ class WorldCore:
             self._standings[agent] = act.standing
             self._sleep.hold(agent, act)
         self.environment.work(observers, self._time_s)
-        passing, self.reports_passing = self.reports_passing, 0
         for agent in late:
             self._standings.pop(agent, None)
             self._sleep.wake(agent)
-        if self.uplink is None:
-            return self._tally(len(late), passing, passing)
         sent = len(self._reports)
-        self._forward(self.uplink)
+        self._forward()
+        self.digest.end_step()
+        if self.uplink is None:
+            return self._tally(len(late), sent, sent)
         return self._tally(len(late), sent, len(self.forwarded), self.uplink.under_way, self.uplink.dropped)
 
-    def _forward(self, uplink: Uplink) -> None:
-        """Let the reports of this step into the uplink, and take what comes out of it."""
+    def _forward(self) -> None:
+        """Hand this step's reports on to the operator, in agent order, or what comes out of the uplink."""
         sent, self._reports = self._reports, {}
+        arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
+        first = self._forwarded_ever
+        self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
+        self._forwarded_ever += len(arrived)
+
+    def _carry_up(self, uplink: Uplink, sent: dict[int, bytes]) -> list[bytes]:
+        """Let reports into the uplink, and take what comes out of it."""
         for agent in sorted(sent):
             self.digest.add(self._step, agent, REPORT, sent[agent])
         lockstep = self.lockstep
         absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
         there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
         roots = {agent: standing.root for agent, standing in self._standings.items() if standing.root != NOBODY}
-        arrived = uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
-        first = self._forwarded_ever
-        self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
-        self._forwarded_ever += len(arrived)
+        return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
 
     def _tally(
         self,
@@ -337,7 +354,7 @@ class WorldCore:
             frames_duplicated=carried.duplicated,
             frames_in_flight=len(self._spoken) * others + self.air.under_way,
             rejected=rejected,
-            transport_lost=lost,
+            transport_lost=min(lost, MAX_ID),
             frames_dropped=carried.dropped,
             reports_sent=reports_sent,
             reports_arrived=reports_arrived,
@@ -363,6 +380,8 @@ class WorldCore:
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             "rejected": by_agent(self.rejected),
+            "excess": by_agent(self.excess),
+            "late_acts": by_agent(self.late_acts),
             "transport_lost": by_agent(self._radio_numbers.lost + self._report_numbers.lost),
             "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
             "refused_claims": self.refused_claims,

@@ -1,7 +1,43 @@
 """The lock-step: whose act a step still waits for, who is late, who is gone."""
 
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+
+FORGIVEN_STEPS = 2500
+"""After so many steps the patience with an agent that was late doubles again, up to where it began."""
+
+MAX_MISSES = 20
+"""More are not counted: there is next to no patience left."""
+
+
+class Patience:
+    """How long a step waits for an agent: half as long after each step that it missed.
+
+    So an agent that is late again and again costs a run of n steps at most (2 + n / FORGIVEN_STEPS) times `most_s` [s].
+    """
+
+    def __init__(self, most_s: float) -> None:
+        self.most_s = most_s
+        self._misses: Counter[int] = Counter()
+        self._forgiven_at: dict[int, int] = {}
+        """The step at which the next miss of an agent is forgiven."""
+
+    def left_s(self, agent: int, step: int) -> float:
+        """How long this step may wait for an agent [s]."""
+        return self.most_s / 2 ** self._counted(agent, step) if self._misses else self.most_s
+
+    def missed(self, agent: int, step: int) -> None:
+        """An agent did not close this step in time."""
+        if not self._counted(agent, step):
+            self._forgiven_at[agent] = step + FORGIVEN_STEPS
+        self._misses[agent] = min(self._misses[agent] + 1, MAX_MISSES)
+
+    def _counted(self, agent: int, step: int) -> int:
+        while self._misses[agent] and step >= self._forgiven_at[agent]:
+            self._misses[agent] -= 1
+            self._forgiven_at[agent] += FORGIVEN_STEPS
+        return self._misses[agent]
 
 
 @dataclass
@@ -40,6 +76,10 @@ class LockStep:
         self.boards = {agent: Attendance() for agent in sorted(boards)}
         self.probed: list[int] = []
         """Boards that hang and get the next frame all the same, unwaited for: who was started anew owes no act."""
+        self._missed: dict[int, int] = {}
+        """The step that each hanging agent missed: its act ends the hanging, or a later one."""
+        self._answers_due: Counter[int] = Counter()
+        """Frames that boards got while they hung, and may still answer."""
         self.step = -1
 
     def taking_part(self) -> list[int]:
@@ -54,12 +94,25 @@ class LockStep:
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent not in self.alive
 
+    def may_speak(self, agent: int) -> bool:
+        """Whether an agent has a frame that it has not answered with its act."""
+        return agent in self.waiting or agent in self.hanging or self._answers_due[agent] > 0
+
     def close(self, agent: int, step: int) -> bool:
-        """An act arrived; True if it closes the agent's step, False if it is late or comes twice."""
+        """An act arrived; True if it closes the agent's step."""
         if agent in self.waiting and step == self.step:
             self.waiting.discard(agent)
             return True
-        self.hanging.discard(agent)
+        return False
+
+    def answer_late(self, agent: int, step: int) -> bool:
+        """An act arrived that closes nothing; True if it was still due, as it is from an agent that hangs."""
+        if agent in self.hanging and step >= self._missed[agent]:
+            self.hanging.discard(agent)
+            return True
+        if self._answers_due[agent] and step < self.step:
+            self._answers_due[agent] -= 1
+            return True
         return False
 
     @property
@@ -71,6 +124,7 @@ class LockStep:
         """Go on without those who are waited for; they hang until they are heard again."""
         late = sorted(self.waiting)
         self.hanging |= self.waiting
+        self._missed |= dict.fromkeys(late, self.step)
         for agent in self.hanging & self.boards.keys():
             self.boards[agent].late_steps += 1
         self.waiting = set()
@@ -79,6 +133,7 @@ class LockStep:
     def probe(self) -> None:
         """Send the boards that hang a frame, with the next step."""
         self.probed = sorted(self.hanging & self.boards.keys())
+        self._answers_due.update(self.probed)
 
     def gone(self, agent: int) -> None:
         """An agent's liveliness token went."""
@@ -101,5 +156,6 @@ class LockStep:
         """An agent's token appeared again; it takes part from the next step on."""
         if agent not in self.alive:
             self.alive.add(agent)
+            self._answers_due[agent] = 0
             self.returned.add(agent)
             self.hanging.discard(agent)

@@ -4,11 +4,10 @@ import logging
 import signal
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.keys import (
     ACT,
     AGENT,
@@ -26,6 +25,7 @@ from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_on
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import encode_truth
 from deltaswarm_world.core import WorldCore
+from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.waker import Waker
@@ -71,7 +71,9 @@ class WorldProcess:
         self._core = WorldCore(config.scenario, config.boards)
         self._keys = keys = Keys(config.run)
         count = config.scenario.agents.count
-        self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(8 * count + 64))
+        self._in_hand_at_most = 8 * count + 64
+        self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(self._in_hand_at_most))
+        self._patience = Patience(config.scenario.run.step_timeout_s)
         self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(count) for leaf in (RADIO, REPORT, ACT)}
         self._waker = Waker(session, keys)
         self._frames = [self._publisher(session, keys.agent(agent, FRAME), "Frame") for agent in range(count)]
@@ -86,8 +88,6 @@ class WorldProcess:
         self._ending = False
         self._there: set[tuple[str, int]] = set()
         self._warned: set[int] = set()
-        if self._core.has_uplink:
-            log.info("reports pass the uplink model: an operator hears them with --uplink, and only so")
         self._token = session.liveliness().declare_token(keys.token(WORLD))
 
     @staticmethod
@@ -109,7 +109,7 @@ class WorldProcess:
         settings = self._config.scenario.run
         expected = {(AGENT, agent) for agent in range(self._config.scenario.agents.count)}
         expected |= {(role, 0) for role in self._config.expect}
-        self._waker.deadline = time.monotonic() + settings.start_timeout_s
+        self._waker.wake_at(time.monotonic() + settings.start_timeout_s)
         self._send_status(-1, "waiting")
         while not expected <= self._there:
             if self._waker.stop_requested:
@@ -125,7 +125,7 @@ class WorldProcess:
         output.started()
         self._send_status(0, "running")
         tick_s = settings.step_s / settings.real_time_factor
-        pace = RealTimePace(tick_s, time.monotonic, time.sleep, log.error) if settings.clock == "realtime" else None
+        pace = RealTimePace(tick_s, time.monotonic, log.error) if settings.clock == "realtime" else None
         for step in range(settings.steps):
             for order in self._core.inject(step):
                 self._give(order, pace)
@@ -172,7 +172,7 @@ class WorldProcess:
         if order.action == NOTE:
             return
         began = time.monotonic()
-        self._waker.deadline = began + self._config.scenario.run.start_timeout_s
+        self._waker.wake_at(began + self._config.scenario.run.start_timeout_s)
         self._in_hand = order
         while not self._is_done(order):
             if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
@@ -193,30 +193,55 @@ class WorldProcess:
 
         Agents that sleep take part, so a step in which nobody is asked is not waited for.
         """
-        lockstep = self._core.lockstep
-        timeout_s = self._config.scenario.run.step_timeout_s
-        self._waker.deadline = pace.next_tick() if pace else time.monotonic() + timeout_s
-        hanging = 0 if lockstep.taking_part() else len(lockstep.hanging)
-        while not lockstep.is_closed or (hanging and len(lockstep.hanging) == hanging):
-            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
-                for agent in lockstep.waiting:
-                    log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
+        lockstep, waker = self._core.lockstep, self._waker
+        began = time.monotonic()
+        everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
+        waker.wake_at(pace.next_tick() if pace else began + min(self._patience_s(), default=0.0))
+        while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
+            if not self._take(self._channel.recv()) or time.monotonic() < waker.deadline:
+                continue
+            ends_at = began + max(self._patience_s(), default=self._patience.most_s)
+            if pace or waker.stop_requested or time.monotonic() >= ends_at:
+                self._give_up()
                 break
+            waker.wake_at(ends_at)
         if pace:
-            pace.wait()
-        while (sample := self._channel.try_recv()) is not None:
-            self._take(sample)  # who was late takes part again in the next step
+            self._wait_for(pace.tick_ends_s)
+        for _ in range(self._in_hand_at_most):  # who was late takes part again in the next step
+            if (sample := self._channel.try_recv()) is None:
+                break
+            self._take(sample)
+
+    def _patience_s(self) -> Iterable[float]:
+        """How long the step may wait for each who has not closed it [s]."""
+        step = self._core.lockstep.step
+        return (self._patience.left_s(agent, step) for agent in self._core.lockstep.waiting)
+
+    def _wait_for(self, until_s: float) -> None:
+        """Take what comes until a wall time [s], or until the run is to end."""
+        self._waker.wake_at(until_s)
+        while time.monotonic() < until_s and not self._waker.stop_requested:
+            self._take(self._channel.recv())
+
+    def _give_up(self) -> None:
+        """The step goes on without those who have not closed it."""
+        lockstep = self._core.lockstep
+        for agent in sorted(lockstep.waiting):
+            self._patience.missed(agent, lockstep.step)
+            log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
 
     def _take(self, sample: zenoh.Sample) -> bool:
         """Take one sample; True if it was only a wake-up."""
         source = self._leaf_of.get(str(sample.key_expr))
         if source is None:
             self._take_tokens()
+            if time.monotonic() >= self._status_due and self._core.lockstep.step >= 0 and not self._ending:
+                self._send_status(self._core.lockstep.step, "running")  # also where a step takes long
             return True
         agent, leaf = source
         reason: str | None
         if leaf == REPORT:
-            reason = self._take_report(agent, sample)
+            reason = self._core.hear_report(agent, sample.payload.to_bytes())
         elif leaf == RADIO:
             reason = self._core.hear_radio(agent, sample.payload.to_bytes())
             if sample.attachment is not None:  # the act that closes the step rides on it
@@ -236,16 +261,6 @@ class WorldProcess:
         if was_hanging and agent not in lockstep.hanging:
             log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
         return reason
-
-    def _take_report(self, agent: int, sample: zenoh.Sample) -> str | None:
-        """A report is the uplink's; without one the operator gets it by itself. The reason if it is dropped."""
-        size_bytes = len(sample.payload)
-        if size_bytes > MAX_SAMPLE_BYTES:
-            return self._core.reject(agent, f"report: {size_bytes} bytes, at most {MAX_SAMPLE_BYTES} are allowed")
-        if self._core.has_uplink:
-            return self._core.hear_report(agent, sample.payload.to_bytes())
-        self._core.reports_passing += 1
-        return None
 
     def _take_tokens(self) -> None:
         """Take note of who came and who went.
@@ -288,7 +303,7 @@ class WorldProcess:
 
     def goodbye(self) -> None:
         """Let operator and recorder take what was sent and leave; then the world's token goes."""
-        self._waker.deadline = time.monotonic() + GOODBYE_S
+        self._waker.wake_at(time.monotonic() + GOODBYE_S)
         while any(role in (OPERATOR, RECORDER) for role, _ in self._there):
             if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
                 log.warning("not all parts left within %g s", GOODBYE_S)
@@ -334,8 +349,7 @@ def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None
     may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
     for attempt in range(PORT_TRIES):
         endpoints = [_with_port(endpoint) for endpoint in asked]
-        uplink = config.scenario.uplink.is_on
-        pairs = router_pairs(config.link, str(config.credentials), keys, agents, endpoints, uplink=uplink)
+        pairs = router_pairs(config.link, str(config.credentials), keys, agents, endpoints)
         try:
             session = zenoh.open(configured(zenoh.Config, pairs, config.link))
         except zenoh.ZError:

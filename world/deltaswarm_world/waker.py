@@ -17,6 +17,9 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.world")
 
+WAKE_EVERY_S = 0.5
+"""So often at least [wall s], so that the world can say that it is there."""
+
 STOP_WITHIN_S = 1.0
 """Who has not closed the step by then is not waited for when the run is to end."""
 
@@ -29,7 +32,7 @@ class Waker:
 
     def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self.deadline = float("inf")
-        """Wall time (monotonic) at which to wake."""
+        """Wall time (monotonic) at which to wake; set it by `wake_at`."""
         self.stop_requested = False
         self.tokens: deque[tuple[str, int, bool]] = deque()
         """(role, number, is there) in order of arrival."""
@@ -45,6 +48,12 @@ class Waker:
         self._watcher = threading.Thread(target=self._watch, daemon=True)
         self._watcher.start()
         self._await_signal()
+
+    def wake_at(self, deadline_s: float) -> None:
+        """Wake at a wall time (monotonic) [s]; soon, if a signal has come or comes before."""
+        self.deadline = deadline_s
+        if self.stop_requested:
+            self.deadline = min(deadline_s, time.monotonic() + STOP_WITHIN_S)
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = parse_token(str(sample.key_expr))
@@ -80,8 +89,12 @@ class Waker:
         self._watcher.join()
 
     def _watch(self) -> None:
+        woken_at = time.monotonic()
         while not self._closed:
-            left_s = self.deadline - time.monotonic()
-            if self._nudge.wait(min(max(left_s, 0.001), 0.1)) or left_s <= 0.0:
+            now = time.monotonic()
+            left_s = self.deadline - now
+            nudged = self._nudge.wait(min(max(left_s, 0.001), 0.1))
+            if nudged or left_s <= 0.0 or now - woken_at >= WAKE_EVERY_S:
+                woken_at = now
                 self._nudge.clear()
                 self._session.put(self._key, b"", allowed_destination=zenoh.Locality.SESSION_LOCAL)
