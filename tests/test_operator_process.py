@@ -29,6 +29,7 @@ from deltaswarm_wire.messages import (
     encode_forwarded,
     encode_report,
 )
+from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.session import (
     PASSWORD_VARIABLE,
     RouterLink,
@@ -87,9 +88,14 @@ class World:
         self.clock = fast(self.session, KEYS.clock)
         self._forwarded = fast(self.session, KEYS.forwarded)
         self._handed_on = 0
-        self._tokens: queue.Queue[zenoh.SampleKind] = queue.Queue()
+        self.taken: queue.SimpleQueue[int] = queue.SimpleQueue()
+        """Steps that the operator has confirmed."""
+        self._confirmed = self.session.declare_subscriber(
+            KEYS.all_taken, lambda sample: self.taken.put(decode_taken(sample.payload.to_bytes()))
+        )
+        self.tokens: queue.Queue[zenoh.SampleKind] = queue.Queue()
         self._watch = self.session.liveliness().declare_subscriber(
-            KEYS.token(OPERATOR), lambda sample: self._tokens.put(sample.kind), history=True
+            KEYS.token(OPERATOR), lambda sample: self.tokens.put(sample.kind), history=True
         )
         self._started: list[subprocess.Popen[bytes]] = []
 
@@ -120,16 +126,17 @@ class World:
 
     def wait_for_operator(self) -> None:
         """Until its token is there."""
-        assert self._tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.PUT
+        assert self.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.PUT
 
     def close_step(self, step: int, last: bool = False) -> None:
         """Send the clock."""
         self.clock.put(encode_clock(Clock(step, float(step), last)))
 
-    def hand_on(self, data: bytes, step: int = 0, skipped: int = 0) -> None:
-        """Hand a report on to the operator; some before it were lost."""
-        self._forwarded.put(encode_forwarded(Forwarded(self._handed_on + skipped, step, data)))
-        self._handed_on += skipped + 1
+    def hand_on(self, data: bytes, step: int = 0, skipped: int = 0, number: int | None = None) -> None:
+        """Hand a report on to the operator, by default as the next one; some before it were lost."""
+        number = self._handed_on + skipped if number is None else number
+        self._forwarded.put(encode_forwarded(Forwarded(number, step, data)))
+        self._handed_on = number + 1
 
     def rows(self) -> list[Workload]:
         """The operator's table."""
@@ -245,6 +252,48 @@ def test_what_breaks_the_protocol_is_counted_and_told_once(world: World) -> None
     assert log.count("dropped") == 1
 
 
+def test_one_that_is_killed_goes_on_where_it_was(world: World) -> None:
+    """Three times: whatever it had not confirmed it gets once more, and each report counts once."""
+    expected = WorldMeter()
+    kept: dict[int, bytes] = {}
+    for life in range(4):
+        process = world.start_operator(*(["--go-on"] if life else []))
+        world.wait_for_operator()
+        confirmed = world.taken.get(timeout=PATIENCE_S)
+        first = 150 * life
+        for step in range(first, first + 150):
+            kept[step] = encode_report(report(step % AGENTS, step, step))
+            expected.take(step, kept[step])
+        for step in range(confirmed + 1, first + 150):
+            world.hand_on(kept[step], step, number=step)
+            world.close_step(step, last=step == 599)
+        if life < 3:
+            while world.taken.get(timeout=PATIENCE_S) < first + 50:
+                pass
+            process.kill()
+            process.wait()
+            assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+            while not world.taken.empty():
+                world.taken.get()
+    assert process.wait(PATIENCE_S) == 0
+    assert [row._replace(backlog=0) for row in world.rows()] == expected.rows
+    assert world.totals() == {**world.totals(), **expected.meter.totals, "digest": expected.meter.digest_hex}
+    assert sorted(path.name for path in world.out.iterdir()) == ["operator.csv", "operator.json"]
+
+
+class WorldMeter:
+    """What an operator that nobody kills counts of one report per step."""
+
+    def __init__(self) -> None:
+        self.meter = WorkloadMeter(OperatorSettings(), 1.0)
+        self.rows: list[Workload] = []
+
+    def take(self, step: int, data: bytes) -> None:
+        """A step with this report."""
+        self.meter.take_forwarded(Forwarded(step, step, data))
+        self.rows.append(self.meter.close(Clock(step, float(step), False), 0))
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals) -> None:
     """What was in its queue is written, and marked incomplete."""
@@ -290,6 +339,7 @@ endpoint, credentials, with_token = sys.argv[1:]
 keys, link = Keys("test"), RouterLink(endpoint)
 with zenoh.open(configured(zenoh.Config, router_pairs(link, credentials, keys, []), link)) as session:
     token = session.liveliness().declare_token(keys.token(WORLD)) if with_token == "True" else None
+    taken = session.declare_subscriber(keys.all_taken, print)
     tokens = session.liveliness().declare_subscriber(keys.token(OPERATOR), zenoh.handlers.FifoChannel(8), history=True)
     workloads = session.declare_subscriber(keys.workload, zenoh.handlers.FifoChannel(8))
     print("listening", flush=True)
@@ -315,7 +365,8 @@ def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> N
         assert router.stdout is not None
         assert router.stdout.readline() == b"listening\n"
         process = world.start_operator("--publish-all")
-        assert router.stdout.readline() == b"three steps closed\n"
+        while router.stdout.readline() != b"three steps closed\n":
+            assert router.poll() is None
         router.kill()
         router.communicate()
         assert process.wait(PATIENCE_S) == 1

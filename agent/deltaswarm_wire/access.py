@@ -29,28 +29,24 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
     """
     book = _RuleBook(named_over)
     world = keys.token(WORLD)
-    subscriptions = [keys.from_agents, keys.all_reports, keys.all_radio, keys.all_acts]
     for agent in agents:
         name = user_name(AGENT, agent)
         own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT)]
         inbox = keys.agent(agent, FRAME)
-        book.allow(name, own, [inbox], heard_by=subscriptions, token=keys.token(AGENT, agent), watches=world)
+        book.allow(name, own, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
     book.allow(
         OPERATOR,
-        sends=[keys.workload],
+        sends=[keys.workload, keys.taken(OPERATOR)],
         receives=[keys.forwarded, keys.clock],
-        heard_by=[keys.workload],
+        heard_by=[keys.workload, keys.all_taken],
         token=keys.token(OPERATOR),
         watches=keys.all_tokens,
     )
     book.allow(
         RECORDER,
-        sends=[keys.done],
-        receives=[
-            *(keys.all_reports, keys.all_radio, keys.all_acts, keys.clock, keys.truth, keys.status, keys.workload),
-            *(keys.orders, keys.forwarded),
-        ],
-        heard_by=[keys.done],
+        sends=[keys.done, keys.taken(RECORDER)],
+        receives=[keys.clock, keys.truth, keys.wire, keys.status, keys.workload, keys.orders, keys.forwarded],
+        heard_by=[keys.done, keys.all_taken],
         token=keys.token(RECORDER),
         watches=keys.all_tokens,
     )

@@ -29,9 +29,11 @@ class Keys:
         self.truth = f"{self.root}/world/truth"
         self.status = f"{self.root}/world/status"
         self.orders = f"{self.root}/world/orders"
+        self.wire = f"{self.root}/world/wire"
         self.forwarded = f"{self.root}/world/report"
         self.done = f"{self.root}/recorder/done"
         self.workload = f"{self.root}/operator/workload"
+        self.all_taken = self.taken("*")
         self.from_agents = self.agent("*", "*")
         self.all_radio = self.agent("*", RADIO)
         self.all_reports = self.agent("*", REPORT)
@@ -42,6 +44,10 @@ class Keys:
     def agent(self, agent: int | str, leaf: str) -> str:
         """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, HEALTH, or `*`."""
         return f"{self.root}/agent/{agent}/{leaf}"
+
+    def taken(self, role: str) -> str:
+        """Where operator and recorder confirm which step they have."""
+        return f"{self.root}/{role}/taken"
 
     def token(self, role: str, number: int | str = 0) -> str:
         """The liveliness token of one process."""

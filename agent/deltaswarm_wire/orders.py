@@ -1,4 +1,4 @@
-"""Orders: what the world has the orchestrator do to agents' processes, and the word that it is done.
+"""Orders: what the world has the orchestrator do to agents' processes, and the words that something is done.
 
 A fault's time and victims are the world's to decide, and the processes are the orchestrator's to touch.
 Between two steps the world sends its orders, and waits for each that is more than a note.
@@ -71,3 +71,13 @@ def encode_done(order: int) -> bytes:
 def decode_done(data: bytes) -> int:
     """Check and decode. Raises WireError."""
     return integer(fields(unpack(data), ("order",), "done")["order"], 0, MAX_ID, "done.order")
+
+
+def encode_taken(step: int) -> bytes:
+    """That all up to this step, or nothing yet (-1), is on disk: a map of `v` and `step`."""
+    return pack({"v": PROTOCOL_VERSION, "step": step})
+
+
+def decode_taken(data: bytes) -> int:
+    """Check and decode. Raises WireError."""
+    return integer(fields(unpack(data), ("step",), "taken")["step"], -1, MAX_STEP, "taken.step")

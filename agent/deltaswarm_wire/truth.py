@@ -3,6 +3,7 @@
 It goes over an ordinary link, since it grows with the swarm. A map with named fields.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from deltaswarm_wire.codec import (
@@ -12,6 +13,7 @@ from deltaswarm_wire.codec import (
     MAX_ORDINARY_BYTES,
     MAX_STEP,
     PROTOCOL_VERSION,
+    WireError,
     array,
     arrays,
     fields,
@@ -20,6 +22,7 @@ from deltaswarm_wire.codec import (
     pack,
     unpack,
 )
+from deltaswarm_wire.digest import REPORT
 from deltaswarm_wire.messages import MAX_TIME_S, NOBODY, role_name
 
 DEAD = "dead"
@@ -219,3 +222,27 @@ def _tally(row: Any) -> Tally:
     counts = {name: integer(value, 0, MAX_ID, f"truth.tally.{name}") for name, value in named.items()}
     covered = None if area is None else number(area, 0.0, MAX_ABS_M**2, "truth.tally.covered_area_m2")
     return Tally(time_s=time_s, covered_area_m2=covered, **counts)
+
+
+Said = tuple[int, int, bytes]
+"""Agent, kind (see `digest`), and what it said, as it encoded it."""
+
+
+def encode_wire(step: int, said: Sequence[Said]) -> bytes:
+    """The raw radio frames and reports of a step: a map of `v`, `step` and `said`. Raises WireError."""
+    return pack({"v": PROTOCOL_VERSION, "step": step, "said": said}, MAX_ORDINARY_BYTES)
+
+
+def decode_wire(data: bytes) -> tuple[int, list[Said]]:
+    """Step, and what was said in it. Raises WireError."""
+    raw = fields(unpack(data, MAX_ORDINARY_BYTES), ("step", "said"), "wire")
+    return integer(raw["step"], 0, MAX_STEP, "wire.step"), [
+        _said(row) for row in arrays(raw["said"], 2 * MAX_BODIES, "wire.said")
+    ]
+
+
+def _said(row: Any) -> Said:
+    agent, kind, data = array(row, 3, "wire.said")
+    if type(data) is not bytes:
+        raise WireError("wire.said", "bytes are expected")
+    return integer(agent, 0, MAX_AGENT_ID, "wire.said.agent"), integer(kind, 0, REPORT, "wire.said.kind"), data

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from deltaswarm_operator.open_air import OpenAirConfig, run_open_air
+from deltaswarm_operator.output import TABLE
 from deltaswarm_operator.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules
@@ -45,6 +46,11 @@ def parser() -> argparse.ArgumentParser:
     _add_measuring(made, "length of the world's steps [s] (default: 1)")
     made.add_argument(
         "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
+    )
+    made.add_argument(
+        "--go-on",
+        action="store_true",
+        help="count on where an operator that was killed had come to, in the same folder",
     )
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
@@ -107,9 +113,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
     try:
         config = _open_air_config(arguments) if without_world else _config(arguments)
-        if (config.out / "operator.csv").exists():
+        if (config.out / TABLE).exists() and not (isinstance(config, OperatorConfig) and config.go_on):
             raise FileExistsError(
-                f"--out {config.out}: operator.csv is there already, and nothing is overwritten: name another folder"
+                f"--out {config.out}: {TABLE} is there already, and nothing is overwritten: name another folder"
             )
     except (ValueError, OSError) as error:
         print(f"deltaswarm operator: {error}", file=sys.stderr)
@@ -129,6 +135,7 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         step_s=_step_s(arguments),
         out=arguments.out,
         publish_all=arguments.publish_all,
+        go_on=arguments.go_on,
     )
 
 

@@ -1,7 +1,8 @@
-"""What the operator leaves: `operator.csv` and `operator.json`."""
+"""What the operator leaves: `operator.csv` and `operator.json`; and meanwhile `operator-state.json`, to go on from."""
 
 import csv
 import json
+import os
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,17 +12,31 @@ from typing import Any, Self
 FLUSH_EVERY_S = 1.0
 """Rows reach the file at least this often [wall s]."""
 
+TABLE, TOTALS, STATE = "operator.csv", "operator.json", "operator-state.json"
+
 
 class Output:
-    """`operator.csv`, a row per step, and at the end `operator.json`. Nothing there is overwritten."""
+    """`operator.csv`, a row per step, and at the end `operator.json`. Nothing there is overwritten.
 
-    def __init__(self, folder: Path, columns: Sequence[str]) -> None:
+    With `go_on` the table of an operator that was killed is continued behind the last row that it had confirmed.
+    """
+
+    def __init__(self, folder: Path, columns: Sequence[str], *, go_on: bool = False) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._totals_file = folder / "operator.json"
-        self._stream = (folder / "operator.csv").open("x", newline="")
-        self._table = csv.writer(self._stream)
-        self._table.writerow(columns)
+        self._folder = folder
         self._flush_due = 0.0
+        self.state: dict[str, Any] | None = None
+        """What the operator before had confirmed, to go on from."""
+        if go_on and (folder / STATE).exists():
+            saved = json.loads((folder / STATE).read_text())
+            self.state = saved["meter"]
+            os.truncate(folder / TABLE, saved["table_bytes"])
+            self._stream = (folder / TABLE).open("a", newline="")
+            self._table = csv.writer(self._stream)
+        else:
+            self._stream = (folder / TABLE).open("w" if go_on else "x", newline="")
+            self._table = csv.writer(self._stream)
+            self._table.writerow(columns)
 
     def __enter__(self) -> Self:
         return self
@@ -42,9 +57,18 @@ class Output:
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
-    def finish(self, totals: Mapping[str, Any]) -> None:
-        """Write the totals, whole or not at all."""
+    def save(self, meter: Mapping[str, Any]) -> None:
+        """Write all rows so far, and the meter's state with them: from here on an operator can go on."""
         self.flush()
-        part = self._totals_file.with_name("operator.json.part")
-        part.write_text(json.dumps(totals, indent=2, allow_nan=False) + "\n")
-        part.replace(self._totals_file)
+        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter})
+
+    def finish(self, totals: Mapping[str, Any]) -> None:
+        """Write the totals, whole or not at all; there is nothing to go on from any more."""
+        self.flush()
+        self._write(TOTALS, totals)
+        (self._folder / STATE).unlink(missing_ok=True)
+
+    def _write(self, name: str, value: Mapping[str, Any]) -> None:
+        part = self._folder / f"{name}.part"
+        part.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n")
+        part.replace(self._folder / name)

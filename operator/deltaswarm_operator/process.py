@@ -11,11 +11,12 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
-from deltaswarm_operator.output import FLUSH_EVERY_S, Output
+from deltaswarm_operator.output import Output
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
+from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
 
@@ -23,6 +24,9 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 log = logging.getLogger("deltaswarm.operator")
+
+SAVE_EVERY_S, SAVE_EVERY_STEPS = 1.0, 100
+"""So often, whichever comes first, the counts are saved, and the world need not keep older reports."""
 
 PUBLISH_EVERY_S = 0.5
 """Unless every workload is asked for, one is published this often [wall s], for those who watch."""
@@ -38,6 +42,8 @@ class OperatorConfig:
     step_s: float
     out: Path
     """Folder for its own table and totals."""
+    go_on: bool = False
+    """Go on where an operator that was killed had come to."""
     publish_all: bool = False
     """Publish the workload of every step, for a recorder, and be ready only once one listens."""
 
@@ -69,11 +75,14 @@ class OperatorProcess:
 
     def __init__(self, config: OperatorConfig, session: zenoh.Session, inbox: Inbox, output: Output) -> None:
         self.meter = WorkloadMeter(config.settings, config.step_s)
+        if output.state is not None:
+            self.meter.go_on(output.state)
+        self._saved = self.meter.step
         self._session = session
         self._inbox = inbox
         self._output = output
         self._publish_all = config.publish_all
-        self._publish_due = 0.0
+        self._publish_due = self._save_due = 0.0
         self._has_warned = False
         self._keys = keys = Keys(config.run)
         self._token: zenoh.LivelinessToken | None = None
@@ -87,12 +96,19 @@ class OperatorProcess:
             encoding=zenoh.Encoding("application/msgpack;deltaswarm.Workload.v1"),
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        self._matching = self._workload.declare_matching_listener(self._direct(self._on_listener))
-        heard = cast(zenoh.MatchingStatus, self._workload.matching_status)  # its own stub says bool
-        if heard.matching or not config.publish_all:
-            self._declare_ready()
-        else:
+        self._taken = session.declare_publisher(
+            keys.taken(OPERATOR),
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Taken.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        awaited = [self._taken, self._workload] if config.publish_all else [self._taken]
+        self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
+        """Publishers without a listener, as whom the operator is not ready."""
+        listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
+        self._matching = [publisher.declare_matching_listener(listen) for publisher in awaited]
+        if config.publish_all:
             log.info("waiting for a recorder on %s", keys.workload)
+        self._declare_ready()
 
     # In Zenoh's own thread
 
@@ -112,25 +128,25 @@ class OperatorProcess:
         if sample.kind == zenoh.SampleKind.DELETE:
             self._inbox.put((Arrival.WORLD_GONE, None))
 
-    def _on_listener(self, status: zenoh.MatchingStatus) -> None:
-        if status.matching:
-            self._inbox.put((Arrival.LISTENER, None))
-
     # In the main thread
 
     def _declare_ready(self) -> None:
-        """The token says that whatever is sent from now on is counted."""
-        if self._token is None:
+        """Once all is heard, the token says that whatever is sent from now on is counted."""
+        for key, publisher in tuple(self._unheard.items()):
+            if cast(zenoh.MatchingStatus, publisher.matching_status).matching:  # its own stub says bool
+                del self._unheard[key]
+        if self._token is None and not self._unheard:
+            self._taken.put(encode_taken(self._saved))
             self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
-            log.info("the operator is ready")
+            log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
     def run(self) -> End:
         """Take what arrives, in one order, until the end."""
         while True:
             try:
-                arrival, sample = self._inbox.get(timeout=FLUSH_EVERY_S)
+                arrival, sample = self._inbox.get(timeout=SAVE_EVERY_S)
             except queue.Empty:
-                self._output.flush()
+                self._save()
                 if not self._session.info.routers_zid():
                     return End.WORLD_GONE  # it went before it had a token
                 continue
@@ -158,10 +174,20 @@ class OperatorProcess:
             self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
+        if clock.last or clock.step >= self._saved + SAVE_EVERY_STEPS or time.monotonic() >= self._save_due:
+            self._save()
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
         return clock.last
+
+    def _save(self) -> None:
+        """Put what was counted on disk, and tell the world."""
+        self._save_due = time.monotonic() + SAVE_EVERY_S
+        if self.meter.step > self._saved:
+            self._output.save(self.meter.state())
+            self._saved = self.meter.step
+            self._taken.put(encode_taken(self._saved))
 
     def _warn(self, reason: str) -> None:
         if not self._has_warned:
@@ -188,7 +214,7 @@ def run_operator(config: OperatorConfig) -> int:
     except zenoh.ZError as error:
         log.error("cannot join the world at %s (is it up, is the password right?): %s", link.endpoint, error)
         return 1
-    with session, Output(config.out, Workload._fields) as output:
+    with session, Output(config.out, Workload._fields, go_on=config.go_on) as output:
         process = OperatorProcess(config, session, inbox, output)
         end = End.FAILED
         try:

@@ -5,6 +5,7 @@ are the same at any speed.
 """
 
 from collections import Counter, deque
+from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
@@ -36,6 +37,11 @@ class SlidingRate:
         self._step_s = step_s
         self._counts: deque[int] = deque(maxlen=self.steps)
         self._sum = 0
+
+    @property
+    def counts(self) -> list[int]:
+        """The counts of the window's steps, oldest first."""
+        return list(self._counts)
 
     def add(self, count: int) -> float:
         """Take in the count of the next step; the rate [1/s]."""
@@ -154,6 +160,35 @@ class WorkloadMeter:
         for rate in self._rates:
             for _ in range(min(missed, rate.steps)):
                 rate.add(0)
+
+    def state(self) -> dict[str, Any]:
+        """All that a meter needs to go on after the newest closed step, as JSON has it."""
+        return {
+            "step": self.step,
+            "digest": self._digest.hex(),
+            "newest_forwarded": self._newest_forwarded,
+            "rates": [rate.counts for rate in self._rates],
+            "steps": self._steps,
+            "steps_missed": self._steps_missed,
+            "steps_above": self._steps_above,
+            "messages": list(self._messages.items()),
+            "lost": list(self._lost.items()),
+            "rejected": list(self._rejected.items()),
+        }
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from what another meter's `state` said; its own settings are the same."""
+        self.step = state["step"]
+        self._digest = Digest(bytes.fromhex(state["digest"]))
+        self._newest_forwarded = state["newest_forwarded"]
+        for rate, counts in zip(self._rates, state["rates"], strict=True):
+            for count in counts:
+                rate.add(count)
+        self._steps, self._steps_missed = state["steps"], state["steps_missed"]
+        self._steps_above = state["steps_above"]
+        self._messages, self._lost, self._rejected = (
+            Counter(dict(state[name])) for name in ("messages", "lost", "rejected")
+        )
 
     @property
     def digest_hex(self) -> str:

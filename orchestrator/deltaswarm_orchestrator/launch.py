@@ -99,7 +99,14 @@ class Swarm:
         self.end()
 
     def start_world(
-        self, scenario_file: Path, *, listen: str, record: bool, for_boards: str = "", tls: Tls | None = None
+        self,
+        scenario_file: Path,
+        *,
+        listen: str,
+        record: bool = False,
+        wire: bool = False,
+        for_boards: str = "",
+        tls: Tls | None = None,
     ) -> None:
         """Start the world and wait until its router listens: here, and for boards at another endpoint, if given.
 
@@ -113,7 +120,12 @@ class Swarm:
         argv += ["--listen", for_boards] if for_boards else []
         argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
         argv += self._told_of_boards()
-        part = self._start(WORLD, 0, [*argv, *self._overrides(), *(["--truth"] if record else [])], stdout=writer)
+        part = self._start(
+            WORLD,
+            0,
+            [*argv, *self._overrides(), *(["--truth"] if record else []), *(["--wire"] if wire else [])],
+            stdout=writer,
+        )
         writer.close()
         with open(reader.fileno(), closefd=False) as lines:
             self.endpoints = lines.readline().split()

@@ -10,7 +10,8 @@ from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.sink import Sink
-from deltaswarm_wire.keys import RADIO, RECORDER, WORLD, Keys, parse_agent_key
+from deltaswarm_wire.digest import RADIO
+from deltaswarm_wire.keys import RECORDER, WORLD, Keys
 from deltaswarm_wire.messages import (
     Report,
     Status,
@@ -21,19 +22,22 @@ from deltaswarm_wire.messages import (
     decode_status,
     decode_workload,
 )
-from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done
+from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done, encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
-from deltaswarm_wire.truth import Truth, decode_truth
+from deltaswarm_wire.truth import Truth, decode_truth, decode_wire
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
-QUEUE_SAMPLES = 20_000
-"""Beyond so many samples in hand the fabric has to wait for the recorder."""
+BATCH_SAMPLES = 20_000
+"""At most so many samples are taken in one go."""
+
+CONFIRM_STEPS = 100
+"""So often the world is told what has been taken; it does not go far ahead of that, so the queue stays short."""
 
 
 class Observer:
-    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, radio frames.
+    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, what agents said.
 
     Raises:
         ConnectionError: there is no way to the world.
@@ -47,11 +51,10 @@ class Observer:
         self._last_step: int | None = None
         self._keys = keys = Keys(run)
         self._sink = sink
-        self._wire = wire
-        self._queue: queue.Queue[tuple[str, bytes]] = queue.Queue(QUEUE_SAMPLES)
+        self._queue: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
-        self._open_step = 0
+        self._open_step = self._confirmed = 0
         try:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
         except zenoh.ZError as error:
@@ -64,11 +67,15 @@ class Observer:
         wanted = [keys.status, keys.workload, keys.orders]
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.forwarded]
-        if wire:
-            wanted += [keys.all_radio, keys.all_reports]
+            wanted += [keys.wire] if wire else []
         # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
+        self._taken = self._session.declare_publisher(
+            keys.taken(RECORDER),
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Taken.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
         self._token: zenoh.LivelinessToken | None = self._session.liveliness().declare_token(keys.token(RECORDER))
 
     def _put(self, sample: zenoh.Sample) -> None:
@@ -86,7 +93,7 @@ class Observer:
         """Take what has arrived, after waiting at most `timeout_s` for the first; False if nothing came."""
         try:
             self._take(*self._queue.get(timeout=timeout_s))
-            for _ in range(QUEUE_SAMPLES):
+            for _ in range(BATCH_SAMPLES):
                 self._take(*self._queue.get_nowait())
         except queue.Empty:
             return False
@@ -119,7 +126,10 @@ class Observer:
             self._close(decode_clock(data).step, decode_clock(data).last)
         elif key == keys.forwarded:
             forwarded = decode_forwarded(data)
-            self._reports[forwarded.step].append(decode_report(forwarded.report))
+            if forwarded.step >= self._open_step:  # else for an operator that has begun anew
+                self._reports[forwarded.step].append(decode_report(forwarded.report))
+        elif key == keys.wire:
+            self._take_wire(data)
         elif key == keys.status:
             self.status = decode_status(data)
         elif key == keys.orders:
@@ -129,23 +139,24 @@ class Observer:
             if order.action != NOTE:
                 self.orders.append(order)
         elif key == keys.workload:
-            self.newest_workload = decode_workload(data)
-            if self._sink is not None:
-                self._sink.workload(self.newest_workload)
-        else:
-            self._take_from_agent(key, data)
+            self._take_workload(decode_workload(data))
 
-    def _take_from_agent(self, key: str, data: bytes) -> None:
-        source = parse_agent_key(key)
-        if source is None or self._sink is None:
-            return
-        agent, leaf = source
-        if leaf == RADIO:
-            self._sink.radio(self._open_step, agent, data)
-            return
-        self._sink.report_bytes(self._open_step, agent, data)
+    def _take_workload(self, workload: Workload) -> None:
+        if self.newest_workload is not None and workload.step <= self.newest_workload.step:
+            return  # of an operator that has begun anew
+        self.newest_workload = workload
+        if self._sink is not None:
+            self._sink.workload(workload)
+
+    def _take_wire(self, data: bytes) -> None:
+        if self._sink is not None:
+            step, said = decode_wire(data)
+            for agent, kind, sample in said:
+                (self._sink.radio if kind == RADIO else self._sink.report_bytes)(step, agent, sample)
 
     def _close(self, step: int, last: bool) -> None:
+        if step < self._open_step:
+            return  # for an operator that has begun anew
         truth = self._truths.pop(step, None)
         reports = sorted(self._reports.pop(step, []), key=lambda report: (report.agent, report.sequence))
         if self._sink is not None and truth is not None:
@@ -153,3 +164,6 @@ class Observer:
         self._open_step = step + 1
         if last:
             self._last_step = step
+        if last or step >= self._confirmed + CONFIRM_STEPS:
+            self._confirmed = step
+            self._taken.put(encode_taken(step))

@@ -144,6 +144,7 @@ def _run_processes(
                 folder / "scenario.toml",
                 listen=options.listen,
                 record=recorder is not None,
+                wire=scenario.record == "wire",
                 for_boards=boards.listen if boards else "",
                 tls=boards.tls if boards else None,
             )

@@ -71,6 +71,7 @@ def parser() -> argparse.ArgumentParser:
     )
     add_boards_argument(made)
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
+    made.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
     add_zenoh_argument(made)
     return made
 
@@ -104,6 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             out=arguments.out,
             expect=tuple(arguments.expect or (OPERATOR,)),
             publish_truth=arguments.truth,
+            publish_wire=arguments.wire,
             listen=listen,
             boards=tuple(arguments.boards),
         )

@@ -32,7 +32,7 @@ from deltaswarm_wire.messages import (
 )
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, Tally, Truth
+from deltaswarm_wire.truth import DEAD, Body, Said, Tally, Truth
 from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.environment import Environment
@@ -76,6 +76,7 @@ class WorldCore:
         self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
         """Without one each report reaches the operator in the step in which it is sent."""
         self._reports: dict[int, bytes] = {}
+        self._sent: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
@@ -308,6 +309,7 @@ class WorldCore:
     def _forward(self) -> None:
         """Hand this step's reports on to the operator, in agent order, or what comes out of the uplink."""
         sent, self._reports = self._reports, {}
+        self._sent = sent
         arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
         first = self._forwarded_ever
         self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
@@ -370,6 +372,12 @@ class WorldCore:
             bodies.append(Body(agent, x_m, y_m, *standing))
         events = tuple(self.environment.states_to_show())
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
+
+    @property
+    def said(self) -> list[Said]:
+        """The radio frames and reports of the step just ended, as they came, in agent order."""
+        frames = [(agent, RADIO, data) for agent, data in self._spoken.items()]
+        return sorted(frames + [(agent, REPORT, data) for agent, data in self._sent.items()])
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """What the world says of a run besides its rows."""

@@ -1,46 +1,32 @@
-"""The world's process: router, lock-step, clock. With `waker.py` it is all of the world that touches Zenoh."""
+"""The world's process: lock-step and clock. What touches Zenoh is in `wires.py` and `waker.py`."""
 
 import logging
 import signal
-import socket
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltaswarm_wire.keys import (
-    ACT,
-    AGENT,
-    FRAME,
-    OPERATOR,
-    RADIO,
-    RECORDER,
-    REPORT,
-    WORLD,
-    Keys,
-)
-from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded, encode_frame, encode_status
-from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder, encode_order
-from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
+from deltaswarm_wire.keys import AGENT, OPERATOR, RADIO, RECORDER, REPORT, Keys
+from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded
+from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
+from deltaswarm_wire.session import RouterLink
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import encode_truth
+from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
 from deltaswarm_world.core import WorldCore
+from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
 from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.waker import Waker
-
-use_one_worker_thread()
-import zenoh  # noqa: E402 (reads its thread settings at import)
+from deltaswarm_world.wires import Wires, open_router
 
 log = logging.getLogger("deltaswarm.world")
 
 GOODBYE_S = 3.0
-"""How long the world waits, after the last clock, for the others to have taken all and left."""
+"""How long the world waits, at the end, for the others to have left."""
 
 STATUS_EVERY_S = 0.5
-PORT_TRIES = 20
-ANY_PORT = ":0"
 STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 
@@ -57,6 +43,8 @@ class WorldConfig:
     expect: tuple[str, ...] = (OPERATOR,)
     """Roles, besides the agents, that must be there before the first step."""
     publish_truth: bool = False
+    publish_wire: bool = False
+    """Every raw radio frame and report, for a recorder."""
     listen: tuple[str, ...] = ()
     """Endpoints; without any, the link's."""
     boards: tuple[int, ...] = ()
@@ -64,40 +52,26 @@ class WorldConfig:
 
 
 class WorldProcess:
-    """One run of the world over an open router session."""
+    """One run of the world over its wires."""
 
-    def __init__(self, config: WorldConfig, session: zenoh.Session) -> None:
+    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker) -> None:
         self._config = config
+        self._settings = config.scenario.run
         self._core = WorldCore(config.scenario, config.boards)
-        self._keys = keys = Keys(config.run)
-        count = config.scenario.agents.count
-        self._in_hand_at_most = 8 * count + 64
-        self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(self._in_hand_at_most))
-        self._patience = Patience(config.scenario.run.step_timeout_s)
-        self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(count) for leaf in (RADIO, REPORT, ACT)}
-        self._waker = Waker(session, keys)
-        self._frames = [self._publisher(session, keys.agent(agent, FRAME), "Frame") for agent in range(count)]
-        self._clock = self._publisher(session, keys.clock, "Clock")
-        self._truth = self._publisher(session, keys.truth, "Truth")
-        self._forwarded = self._publisher(session, keys.forwarded, "Forwarded")
-        self._status = self._publisher(session, keys.status, "Status")
-        self._orders = self._publisher(session, keys.orders, "Order")
+        self._wires = wires
+        self._waker = waker
+        self._patience = Patience(self._settings.step_timeout_s)
+        self._handing_on = HandingOn()
+        self._pace: RealTimePace | None = None
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = self._probe_due = 0.0
-        self._ending = False
         self._there: set[tuple[str, int]] = set()
+        self._is_over = False
+        """The last clock has gone out."""
+        self._operator_left = False
+        """The operator went, and has not been given what it missed."""
         self._warned: set[int] = set()
-        self._token = session.liveliness().declare_token(keys.token(WORLD))
-
-    @staticmethod
-    def _publisher(session: zenoh.Session, key: str, message: str) -> zenoh.Publisher:
-        return session.declare_publisher(
-            key,
-            encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            allowed_destination=zenoh.Locality.REMOTE,
-        )
 
     def wait_for_all(self) -> None:
         """Wait until every expected process is there.
@@ -106,50 +80,41 @@ class WorldProcess:
             TimeoutError: naming those who are missing.
             InterruptedError: a signal came first.
         """
-        settings = self._config.scenario.run
         expected = {(AGENT, agent) for agent in range(self._config.scenario.agents.count)}
         expected |= {(role, 0) for role in self._config.expect}
-        self._waker.wake_at(time.monotonic() + settings.start_timeout_s)
         self._send_status(-1, "waiting")
-        while not expected <= self._there:
-            if self._waker.stop_requested:
-                raise InterruptedError("stopped before the first step")
-            if time.monotonic() > self._waker.deadline:
-                missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
-                raise TimeoutError(f"not there after {settings.start_timeout_s:g} s: {missing}")
-            self._take(self._channel.recv())
+        if not self._wait_until(lambda: expected <= self._there, self._settings.start_timeout_s):
+            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
+            raise TimeoutError(f"not there after {self._settings.start_timeout_s:g} s: {missing}")
 
     def run(self, output: WorldOutput) -> bool:
-        """All steps; True if none was cut off."""
-        settings = self._config.scenario.run
+        """All steps; True if none was cut off.
+
+        Raises:
+            TimeoutError: an operator that went did not come back, or somebody did not do what a fault asks for.
+            InterruptedError: a signal came while that was waited for.
+        """
+        settings = self._settings
         output.started()
         self._send_status(0, "running")
-        tick_s = settings.step_s / settings.real_time_factor
-        pace = RealTimePace(tick_s, time.monotonic, log.error) if settings.clock == "realtime" else None
+        if settings.clock == "realtime":
+            self._pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
         for step in range(settings.steps):
             for order in self._core.inject(step):
-                self._give(order, pace)
+                self._give(order)
             last = step == settings.steps - 1 or self._waker.stop_requested
             self._probe(last)
-            for agent, frame in self._core.begin(step, last):
-                self._frames[agent].put(encode_frame(frame))
-            self._collect(pace)
+            self._wires.frames(self._core.begin(step, last))
+            self._collect()
             tally = self._core.end()
-            if self._config.publish_truth:
-                self._truth.put(encode_truth(self._core.truth(tally)))
-            for forwarded in self._core.forwarded:
-                self._forwarded.put(encode_forwarded(forwarded))
-            self._clock.put(encode_clock(Clock(step, tally.time_s, last)))
+            self._close(tally, last)
             output.write(tally)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")
-            self._ending = last
-            if self._waker.tokens:
-                self._take_tokens()
             if last:
                 break
         complete = step == settings.steps - 1
-        output.finish(self._core, complete, overruns=pace.overruns if pace else 0)
+        output.finish(self._core, complete, overruns=self._pace.overruns if self._pace else 0)
         self._send_status(step, "ended")
         return complete
 
@@ -159,46 +124,43 @@ class WorldProcess:
         if last or now >= self._probe_due:
             lockstep.probe()
         if now >= self._probe_due or not lockstep.hanging:
-            self._probe_due = now + self._config.scenario.run.step_timeout_s
+            self._probe_due = now + self._settings.step_timeout_s
 
-    def _give(self, order: ProcessOrder, pace: RealTimePace | None) -> None:
+    def _give(self, order: ProcessOrder) -> None:
         """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
 
         Raises:
             TimeoutError: it was not done in time.
+            InterruptedError: a signal came first.
         """
         log.warning("%s", order.text)
-        self._orders.put(encode_order(order))
+        self._wires.order(order)
         if order.action == NOTE:
             return
-        began = time.monotonic()
-        self._waker.wake_at(began + self._config.scenario.run.start_timeout_s)
         self._in_hand = order
-        while not self._is_done(order):
-            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
-                if self._waker.stop_requested:
-                    break
-                raise TimeoutError(f"not done within {time.monotonic() - began:.0f} s: {order.text}")
+        if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
+            raise TimeoutError(f"not done within {self._settings.start_timeout_s:g} s: {order.text}")
         self._in_hand = None
-        if pace:
-            pace.pause(time.monotonic() - began)
 
     def _is_done(self, order: ProcessOrder) -> bool:
         tokens = [(AGENT, agent) in self._there for agent in order.agents]
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._waker.done
 
-    def _collect(self, pace: RealTimePace | None) -> None:
+    def _collect(self) -> None:
         """Wait until every agent has closed the step, or its time is up; where all hang, for the first to return.
 
         Agents that sleep take part, so a step in which nobody is asked is not waited for.
         """
-        lockstep, waker = self._core.lockstep, self._waker
+        lockstep, waker, pace = self._core.lockstep, self._waker, self._pace
         began = time.monotonic()
         everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
         waker.wake_at(pace.next_tick() if pace else began + min(self._patience_s(), default=0.0))
         while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
-            if not self._take(self._channel.recv()) or time.monotonic() < waker.deadline:
+            if self._wires.take(self._take):
+                continue
+            self._look_up()
+            if time.monotonic() < waker.deadline:
                 continue
             ends_at = began + max(self._patience_s(), default=self._patience.most_s)
             if pace or waker.stop_requested or time.monotonic() >= ends_at:
@@ -206,22 +168,16 @@ class WorldProcess:
                 break
             waker.wake_at(ends_at)
         if pace:
-            self._wait_for(pace.tick_ends_s)
-        for _ in range(self._in_hand_at_most):  # who was late takes part again in the next step
-            if (sample := self._channel.try_recv()) is None:
-                break
-            self._take(sample)
+            waker.wake_at(pace.tick_ends_s)
+            while time.monotonic() < pace.tick_ends_s and not waker.stop_requested:
+                if not self._wires.take(self._take):
+                    self._look_up()
+        self._wires.take_waiting(self._take)  # who was late takes part again in the next step
 
     def _patience_s(self) -> Iterable[float]:
         """How long the step may wait for each who has not closed it [s]."""
         step = self._core.lockstep.step
         return (self._patience.left_s(agent, step) for agent in self._core.lockstep.waiting)
-
-    def _wait_for(self, until_s: float) -> None:
-        """Take what comes until a wall time [s], or until the run is to end."""
-        self._waker.wake_at(until_s)
-        while time.monotonic() < until_s and not self._waker.stop_requested:
-            self._take(self._channel.recv())
 
     def _give_up(self) -> None:
         """The step goes on without those who have not closed it."""
@@ -230,89 +186,163 @@ class WorldProcess:
             self._patience.missed(agent, lockstep.step)
             log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
 
-    def _take(self, sample: zenoh.Sample) -> bool:
-        """Take one sample; True if it was only a wake-up."""
-        source = self._leaf_of.get(str(sample.key_expr))
-        if source is None:
-            self._take_tokens()
-            if time.monotonic() >= self._status_due and self._core.lockstep.step >= 0 and not self._ending:
-                self._send_status(self._core.lockstep.step, "running")  # also where a step takes long
-            return True
-        agent, leaf = source
+    def _close(self, tally: Tally, last: bool) -> None:
+        """Tell recorder and operator of the step; who is far behind, or gone for a moment, is waited for.
+
+        Raises:
+            TimeoutError, InterruptedError: as in `run`.
+        """
+        core, wires = self._core, self._wires
+        if self._config.publish_truth:
+            wires.truth(encode_truth(core.truth(tally)))
+        if self._config.publish_wire:
+            wires.wire(encode_wire(tally.step, core.said))
+        reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
+        closed = ClosedStep(tally.step, reports, encode_clock(Clock(tally.step, tally.time_s, last)))
+        self._handing_on.keep(closed)
+        self._take_tokens()
+        if self._operator_left:
+            self._welcome_operator()
+        else:
+            self._hand_on(closed)
+        self._is_over = last
+        if not last and any(tally.step - taken > AHEAD_STEPS for taken in self._waker.taken.values()):
+            self._let_catch_up(tally.step)
+
+    def _hand_on(self, closed: ClosedStep) -> None:
+        for report in closed.reports:
+            self._wires.forwarded(report)
+        self._wires.clock(closed.clock)
+
+    def _welcome_operator(self) -> None:
+        """Wait for an operator to be started in place of the one that went, and give it what it missed."""
+        step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
+        log.warning("the operator is gone in step %d; it is waited for", step)
+        if not self._wait_until(lambda: OPERATOR in self._waker.taken, patience_s):
+            raise TimeoutError(f"the operator went in step {step} and did not come back within {patience_s:g} s")
+        self._operator_left = False
+        self._handing_on.confirm(self._waker.taken[OPERATOR])
+        for closed in self._handing_on.unconfirmed():
+            self._hand_on(closed)
+        log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
+
+    def _let_catch_up(self, step: int) -> None:
+        def behind() -> list[str]:
+            return [role for role, taken in self._waker.taken.items() if step - taken > AHEAD_STEPS // 2]
+
+        if not self._wait_until(lambda: self._operator_left or not behind(), self._settings.start_timeout_s):
+            raise TimeoutError(f"no step taken within {self._settings.start_timeout_s:g} s: {', '.join(behind())}")
+
+    def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
+
+        Raises:
+            InterruptedError: a signal came, and the condition did not hold soon.
+        """
+        began = time.monotonic()
+        self._waker.wake_at(began + within_s)
+        while not condition():
+            if self._wires.take(self._take):
+                continue
+            self._look_up()
+            if not condition() and time.monotonic() >= self._waker.deadline:
+                if self._waker.stop_requested:
+                    raise InterruptedError("stopped by a signal")
+                return False
+        if self._pace:
+            self._pace.pause(time.monotonic() - began)
+        return True
+
+    def _look_up(self) -> None:
+        """What the world does each time that it is woken."""
+        self._take_tokens()
+        if time.monotonic() >= self._status_due and self._core.lockstep.step >= 0 and not self._is_over:
+            self._send_status(self._core.lockstep.step, "running")  # also where a step takes long
+
+    def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
+        """Take one sample of an agent."""
         reason: str | None
         if leaf == REPORT:
-            reason = self._core.hear_report(agent, sample.payload.to_bytes())
+            reason = self._core.hear_report(agent, data)
         elif leaf == RADIO:
-            reason = self._core.hear_radio(agent, sample.payload.to_bytes())
-            if sample.attachment is not None:  # the act that closes the step rides on it
-                reason = self._take_act(agent, sample.attachment) or reason
+            reason = self._core.hear_radio(agent, data)
+            if act is not None:  # the act that closes the step rides on it
+                reason = self._take_act(agent, act) or reason
         else:
-            reason = self._take_act(agent, sample.payload)
+            reason = self._take_act(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
-        return False
 
-    def _take_act(self, agent: int, data: zenoh.ZBytes) -> str | None:
+    def _take_act(self, agent: int, data: bytes) -> str | None:
         """Let an act close its agent's step, or end the agent's hanging. The reason if it is dropped."""
         lockstep = self._core.lockstep
         was_hanging = agent in lockstep.hanging
-        reason = self._core.hear_act(agent, data.to_bytes())
+        reason = self._core.hear_act(agent, data)
         if was_hanging and agent not in lockstep.hanging:
             log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
         return reason
 
     def _take_tokens(self) -> None:
-        """Take note of who came and who went.
-
-        Raises:
-            ConnectionError: the operator went.
-        """
-        lockstep = self._core.lockstep
-        while self._waker.tokens:
-            role, number, there = self._waker.tokens.popleft()
+        """Take note of who came and who went, and of what the operator has on disk."""
+        lockstep, waker = self._core.lockstep, self._waker
+        if OPERATOR in waker.taken and not self._operator_left:
+            self._handing_on.confirm(waker.taken[OPERATOR])
+        while waker.tokens:
+            role, number, there = waker.tokens.popleft()
             (self._there.add if there else self._there.discard)((role, number))
-            if role == AGENT and self._in_hand is not None and number in self._in_hand.agents:
-                continue
-            if role == AGENT and number < self._config.scenario.agents.count:
-                (lockstep.back if there else lockstep.gone)(number)
-                if there and number in lockstep.boards:
-                    self._core.board_is_back(number)
-                if lockstep.step >= 0 and not self._ending:
-                    log.warning("agent %d %s in step %d", number, "is back" if there else "is gone", lockstep.step)
-            elif role == OPERATOR and not there and lockstep.step >= 0 and not self._ending:
-                raise ConnectionError(f"the operator is gone in step {lockstep.step}")
+            if role in (OPERATOR, RECORDER):
+                if not there:
+                    waker.taken.pop(role, None)
+                    self._operator_left |= role == OPERATOR and lockstep.step >= 0
+            elif role == AGENT and number < self._config.scenario.agents.count:
+                self._take_token(number, there)
+
+    def _take_token(self, agent: int, there: bool) -> None:
+        """An agent came or went."""
+        lockstep = self._core.lockstep
+        if self._in_hand is not None and agent in self._in_hand.agents:
+            return
+        (lockstep.back if there else lockstep.gone)(agent)
+        if there and agent in lockstep.boards:
+            self._core.board_is_back(agent)
+        if lockstep.step >= 0 and not self._is_over:
+            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
 
     def _send_status(self, step: int, phase: str) -> None:
         self._status_due = time.monotonic() + STATUS_EVERY_S
         core = self._core
-        settings = self._config.scenario.run
-        self._status.put(
-            encode_status(
-                Status(
-                    max(step, 0),
-                    settings.steps,
-                    max(step, 0) * settings.step_s,
-                    len(core.lockstep.alive),
-                    core.agents_in_trees,
-                    core.environment.mean_waiting_s(),
-                    phase,
-                )
+        self._wires.status(
+            Status(
+                max(step, 0),
+                self._settings.steps,
+                max(step, 0) * self._settings.step_s,
+                len(core.lockstep.alive),
+                core.agents_in_trees,
+                core.environment.mean_waiting_s(),
+                phase,
             )
         )
 
     def goodbye(self) -> None:
-        """Let operator and recorder take what was sent and leave; then the world's token goes."""
-        self._waker.wake_at(time.monotonic() + GOODBYE_S)
-        while any(role in (OPERATOR, RECORDER) for role, _ in self._there):
-            if self._take(self._channel.recv()) and time.monotonic() >= self._waker.deadline:
-                log.warning("not all parts left within %g s", GOODBYE_S)
-                break
-        self._token.undeclare()
+        """Let operator and recorder take what was sent and leave; then the world's token goes.
 
-    def close(self) -> None:
-        """End the threads of its own."""
-        self._waker.close()
+        Raises:
+            TimeoutError, InterruptedError: the operator does not take it, or went and did not come back.
+        """
+        last = self._core.lockstep.step
+
+        def has_all() -> bool:
+            return self._handing_on.confirmed >= last
+
+        while (OPERATOR, 0) in self._there and not has_all():
+            if not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
+                raise TimeoutError(f"the operator has not taken step {last}")
+            if self._operator_left and not has_all():
+                self._welcome_operator()
+        if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
+            log.warning("not all parts left within %g s", GOODBYE_S)
+        self._wires.leave()
 
 
 def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
@@ -324,48 +354,23 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda number, _: early.append(number))
-    zenoh.init_log_from_env_or("error")
-    keys = Keys(config.run)
-    with WorldOutput(config.out) as output, _open_router(config, keys, announce) as session:
-        world = WorldProcess(config, session)
+    keys, agents = Keys(config.run), range(config.scenario.agents.count)
+    asked = config.listen or (config.link.endpoint,)
+    with (
+        WorldOutput(config.out) as output,
+        open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
+    ):
+        waker = Waker(session, keys)
         if early:  # the signal came before anything waited for it
             signal.raise_signal(early[0])
         try:
+            world = WorldProcess(config, Wires(session, keys, len(agents)), waker)
             world.wait_for_all()
             complete = world.run(output)
             world.goodbye()
-        except (TimeoutError, ConnectionError, InterruptedError) as error:
+        except (TimeoutError, InterruptedError) as error:
             log.error("the run ends: %s", error)
             complete = False
         finally:
-            world.close()
+            waker.close()
     return 0 if complete else 1
-
-
-def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None]) -> zenoh.Session:
-    """Listen where asked; port 0 is any free one."""
-    agents = range(config.scenario.agents.count)
-    asked = config.listen or (config.link.endpoint,)
-    may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
-    for attempt in range(PORT_TRIES):
-        endpoints = [_with_port(endpoint) for endpoint in asked]
-        pairs = router_pairs(config.link, str(config.credentials), keys, agents, endpoints)
-        try:
-            session = zenoh.open(configured(zenoh.Config, pairs, config.link))
-        except zenoh.ZError:
-            if not may_retry or attempt == PORT_TRIES - 1:
-                raise
-        else:
-            announce(" ".join(endpoints))
-            return session
-    raise AssertionError("unreachable")
-
-
-def _with_port(endpoint: str) -> str:
-    return f"{endpoint.removesuffix(ANY_PORT)}:{_free_port()}" if endpoint.endswith(ANY_PORT) else endpoint
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

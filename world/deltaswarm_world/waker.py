@@ -1,4 +1,4 @@
-"""What wakes the world's process out of its wait for samples. With `process.py` it is all that touches Zenoh."""
+"""What wakes the world's process out of its wait for samples. With `wires.py` it is all that touches Zenoh."""
 
 import logging
 import signal
@@ -9,7 +9,7 @@ from collections import deque
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import Keys, parse_token
-from deltaswarm_wire.orders import decode_done
+from deltaswarm_wire.orders import decode_done, decode_taken
 from deltaswarm_wire.session import use_one_worker_thread
 
 use_one_worker_thread()
@@ -38,12 +38,17 @@ class Waker:
         """(role, number, is there) in order of arrival."""
         self.done: deque[int] = deque()
         """Numbers of the orders that the orchestrator has carried out."""
+        self.taken: dict[str, int] = {}
+        """By role, the newest step that operator and recorder have confirmed."""
         self._session = session
         self._key = keys.agent(0, "wake")
         self._nudge = threading.Event()
         on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
-        self._done = session.declare_subscriber(keys.done, zenoh.handlers.Callback(self._on_done, indirect=False))
+        self._words = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(note, indirect=False))
+            for key, note in ((keys.done, self._on_done), (keys.all_taken, self._on_taken))
+        ]
         self._closed = False
         self._watcher = threading.Thread(target=self._watch, daemon=True)
         self._watcher.start()
@@ -64,6 +69,13 @@ class Waker:
     def _on_done(self, sample: zenoh.Sample) -> None:
         try:
             self.done.append(decode_done(sample.payload.to_bytes()))
+        except WireError as error:
+            log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+        self._nudge.set()
+
+    def _on_taken(self, sample: zenoh.Sample) -> None:
+        try:
+            self.taken[str(sample.key_expr).split("/")[-2]] = decode_taken(sample.payload.to_bytes())
         except WireError as error:
             log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
         self._nudge.set()

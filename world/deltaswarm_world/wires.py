@@ -1,0 +1,127 @@
+"""The world's ends of the fabric: the router, what it sends, what agents send. `waker.py` has the rest of Zenoh."""
+
+import socket
+from collections.abc import Callable, Iterable, Sequence
+from typing import Protocol
+
+from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.messages import Frame, Status, encode_frame, encode_status
+from deltaswarm_wire.orders import ProcessOrder, encode_order
+from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+PORT_TRIES = 20
+ANY_PORT = ":0"
+
+
+class Taker(Protocol):
+    """Who takes what an agent says: its bytes, and those of an act that ride on them."""
+
+    def __call__(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
+        """Take one sample."""
+
+
+class Wires:
+    """Publishers, and the queue of what agents sent, over an open router session."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, agents: int) -> None:
+        self.room = 8 * agents + 64
+        """So many samples fit into the queue; a full one makes those who send wait."""
+        self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(self.room))
+        self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(agents) for leaf in (RADIO, REPORT, ACT)}
+
+        def publisher(key: str, message: str) -> zenoh.Publisher:
+            return session.declare_publisher(
+                key,
+                encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                allowed_destination=zenoh.Locality.REMOTE,
+            )
+
+        self._frames = [publisher(keys.agent(agent, FRAME), "Frame") for agent in range(agents)]
+        self._status = publisher(keys.status, "Status")
+        self._orders = publisher(keys.orders, "Order")
+        self.clock = publisher(keys.clock, "Clock").put
+        self.truth = publisher(keys.truth, "Truth").put
+        self.wire = publisher(keys.wire, "Wire").put
+        self.forwarded = publisher(keys.forwarded, "Forwarded").put
+        """Each takes an encoded message."""
+        self._token = session.liveliness().declare_token(keys.token(WORLD))
+
+    def frames(self, frames: Iterable[tuple[int, Frame]]) -> None:
+        """Send each of these agents its frame."""
+        for agent, frame in frames:
+            self._frames[agent].put(encode_frame(frame))
+
+    def order(self, order: ProcessOrder) -> None:
+        """Have the orchestrator do something to processes."""
+        self._orders.put(encode_order(order))
+
+    def status(self, status: Status) -> None:
+        """Tell those who watch."""
+        self._status.put(encode_status(status))
+
+    def take(self, taker: Taker) -> bool:
+        """Wait for one sample and hand it over; False if it was only a wake-up."""
+        return self._hand_over(self._channel.recv(), taker)
+
+    def take_waiting(self, taker: Taker) -> None:
+        """Hand over what has come, but no more than the queue holds at once."""
+        for _ in range(self.room):
+            if (sample := self._channel.try_recv()) is None:
+                break
+            self._hand_over(sample, taker)
+
+    def _hand_over(self, sample: zenoh.Sample, taker: Taker) -> bool:
+        source = self._leaf_of.get(str(sample.key_expr))
+        if source is None:
+            return False
+        act = sample.attachment
+        taker(*source, sample.payload.to_bytes(), None if act is None else act.to_bytes())
+        return True
+
+    def leave(self) -> None:
+        """The world's token goes: the others may end."""
+        self._token.undeclare()
+
+
+def open_router(
+    link: RouterLink,
+    credentials: str,
+    keys: Keys,
+    agents: Sequence[int],
+    asked: Sequence[str],
+    announce: Callable[[str], None],
+) -> zenoh.Session:
+    """Listen where asked; port 0 is any free one. `announce` is told the endpoints, with spaces between them.
+
+    Raises:
+        zenoh.ZError: it cannot listen there.
+    """
+    zenoh.init_log_from_env_or("error")
+    may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
+    for attempt in range(PORT_TRIES):
+        endpoints = [_with_port(endpoint) for endpoint in asked]
+        try:
+            session = zenoh.open(
+                configured(zenoh.Config, router_pairs(link, credentials, keys, agents, endpoints), link)
+            )
+        except zenoh.ZError:
+            if not may_retry or attempt == PORT_TRIES - 1:
+                raise
+        else:
+            announce(" ".join(endpoints))
+            return session
+    raise AssertionError("unreachable")
+
+
+def _with_port(endpoint: str) -> str:
+    return f"{endpoint.removesuffix(ANY_PORT)}:{_free_port()}" if endpoint.endswith(ANY_PORT) else endpoint
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
