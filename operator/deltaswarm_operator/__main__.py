@@ -28,6 +28,7 @@ from deltaswarm_wire.arguments import (
     tls_of,
 )
 from deltaswarm_wire.endpoints import protocol_of
+from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
@@ -123,8 +124,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_open_air(config) if isinstance(config, OpenAirConfig) else run_operator(config)
     except Exception as error:
-        logging.getLogger("deltaswarm.operator").exception("the operator fails: %s", error)
-        return 1
+        code = exit_code_of(error)
+        logging.getLogger("deltaswarm.operator").error("the operator fails: %s", error, exc_info=code == FAILED)
+        return code
 
 
 def _config(arguments: argparse.Namespace) -> OperatorConfig:

@@ -95,13 +95,13 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
                 swarm.start_agents()
-                while swarm.part(WORLD).process.exitcode is None:
+                while swarm.part(WORLD).exit_code is None:
                     observer.work(0.02)
                     phase = observer.status.phase if observer.status else "waiting"
                     if phase != "waiting" and not startup_s:
                         startup_s = time.monotonic() - began
                     if observer.has_all and not pss_mb:
-                        pss_mb = max(_pss_mb(p.process.pid) for p in swarm.parts if p.role == AGENT)
+                        pss_mb = max(_pss_mb(p.pid) for p in swarm.parts if p.role == AGENT)
                     observer.leave_when_done()
         summary = results.summary(results.read_outcome(folder), scenario)
         if not summary["valid"]:
@@ -109,7 +109,7 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
         return summary["steps_per_s"], startup_s, pss_mb
 
 
-def _pss_mb(pid: int | None) -> float:
+def _pss_mb(pid: int) -> float:
     """Proportional set size: memory, with what is shared counted by its share [MB]."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()

@@ -2,6 +2,7 @@
 
 import gc
 import importlib
+import logging
 import os
 import signal
 import sys
@@ -40,6 +41,7 @@ def main(
     gc.set_threshold(GC_THRESHOLD)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
     _redirect(log_file, stdout)
+    logging.raiseExceptions = False  # a full disk takes no log, and is told of by the exit code
     os.environ.update(environment)
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     sys.exit(importlib.import_module(module).main(argv))

@@ -17,6 +17,7 @@ from rich.console import Console
 from deltaswarm_orchestrator import cli_boards, cli_limits, cli_reports, cli_sweeps
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
 from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
+from deltaswarm_orchestrator.stopping import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import listens_on, override
 from deltaswarm_wire.checked import SettingsError
@@ -127,9 +128,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; its exit code."""
     argv = list(sys.argv[1:] if argv is None else argv)
     if argv and argv[0] in PARTS:
+        raise_on_signals()
         module = importlib.import_module(f"deltaswarm_{argv[0]}.__main__")
         return int(module.main(argv[1:]))
     arguments = parser().parse_args(argv)
+    if arguments.command != "run":  # which has its own way with signals
+        raise_on_signals()
     command: Callable[[argparse.Namespace], int] = {
         "run": _run,
         "sweep": cli_sweeps.sweep,
@@ -192,6 +196,9 @@ def _run(arguments: argparse.Namespace) -> int:
         complain(message)
     if arguments.json:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
+    elif not result.summary["steps"]:
+        complain(f"{result.exit_reason}: no step was made; see {result.folder}")
+        return FAILED
     else:
         Console().print(result_table(result.summary))
         print(result.folder)

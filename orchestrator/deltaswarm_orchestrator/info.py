@@ -85,6 +85,7 @@ def text(found: dict[str, Any]) -> str:
         f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",
         f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
     ]
+    lines += [f"  {line}" for why in manifest.get("why", []) for line in why.splitlines()]
     for fault in summary.get("faults", []):
         whom = ", ".join(map(str, fault["agents"])) or "nobody"
         lines.append(f"  fault at {fault['at_s']:g} s: {fault['kind']}: {whom}")

@@ -7,17 +7,19 @@ import shutil
 import signal
 import sys
 import tempfile
+import threading
 import time
 import types
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
-from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 from typing import Self
 
 from deltaswarm_orchestrator import child
+from deltaswarm_orchestrator.part import UNKNOWN, Part, wait_for
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
@@ -34,34 +36,14 @@ PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGE
 
 END_WITHIN_S = 5.0
 FROZEN_LEASE_MS = 24 * 3600 * 1000
-LOG_TAIL_LINES = 12
 
 
 class LaunchError(Exception):
     """A part that must be there did not come up, or ended too early."""
 
 
-class Part:
-    """One started process."""
-
-    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
-        self.role = role
-        self.number = number
-        self.process = process
-        self.log_file = log_file
-        self.name = f"{role} {number}" if role == AGENT else role
-        self.is_stopped = False
-        """By SIGSTOP, as a fault of the scenario."""
-        self.ends_as_planned = False
-        """By kill -9, as a fault of the scenario."""
-
-    def log_tail(self) -> str:
-        """The last lines of its log, for an error message."""
-        try:
-            lines = self.log_file.read_text(errors="replace").splitlines()
-        except OSError:
-            return "(no log)"
-        return "\n".join(f"    {line}" for line in lines[-LOG_TAIL_LINES:])
+class StoppedError(Exception):
+    """Somebody asked for the end before the run had begun."""
 
 
 class Swarm:
@@ -74,6 +56,7 @@ class Swarm:
         folder: Path,
         zenoh: Sequence[tuple[str, str]] = (),
         boards: Sequence[int] = (),
+        stopped: Callable[[], object] = lambda: None,
     ) -> None:
         self.parts: list[Part] = []
         self.endpoint = ""
@@ -81,6 +64,7 @@ class Swarm:
         self.endpoints: list[str] = []
         """All on which the router listens."""
         self._boards = boards
+        self._stopped = stopped
         self._scenario = scenario
         self._run = run
         self._folder = folder
@@ -95,8 +79,8 @@ class Swarm:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self.end()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.end(at_once=kind is KeyboardInterrupt)
 
     def start_world(
         self,
@@ -111,7 +95,8 @@ class Swarm:
         """Start the world and wait until its router listens: here, and for boards at another endpoint, if given.
 
         Raises:
-            LaunchError: it ended instead; with the last lines of its log.
+            LaunchError: it ended instead, with the last lines of its log; or it does not get that far in time.
+            StoppedError: somebody asked for the end.
         """
         credentials = self._secrets_folder / "credentials"
         reader, writer = multiprocessing.Pipe(duplex=False)
@@ -127,22 +112,37 @@ class Swarm:
             stdout=writer,
         )
         writer.close()
-        with open(reader.fileno(), closefd=False) as lines:
-            self.endpoints = lines.readline().split()
-        reader.close()
+        with reader:
+            self.endpoints = self._line_of(part, reader).split()
         if not self.endpoints:
-            part.process.join(END_WITHIN_S)
+            wait_for([part], END_WITHIN_S)
             raise LaunchError(f"the world did not come up:\n{part.log_tail()}")
         self.endpoint = self.endpoints[0]
         pairs = (line.partition(":") for line in credentials.read_text().splitlines())
         self._passwords = {user: password for user, _, password in pairs}
         self._forget_secrets()  # the router has read them, and a killed orchestrator could not
 
-    def start_operator(self, *, publish_all: bool) -> None:
-        """Start the operator."""
+    def _line_of(self, part: Part, reader: Connection) -> str:
+        """The first line that a part prints; what there is of it once the part has ended."""
+        text = b""
+        deadline = time.monotonic() + self._scenario.run.start_timeout_s
+        while not text.endswith(b"\n"):
+            if self._stopped():
+                raise StoppedError
+            if time.monotonic() > deadline:
+                raise LaunchError(f"{part.name}: not there after {self._scenario.run.start_timeout_s:g} s")
+            if wait([reader], 0.1):
+                if not (more := os.read(reader.fileno(), 4096)):
+                    break
+                text += more
+        return text.decode()
+
+    def start_operator(self, *, publish_all: bool, go_on: bool = False) -> None:
+        """Start the operator; `go_on` where one that was killed had come to."""
         scenario = self._scenario
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
+        argv += ["--go-on"] if go_on else []
         self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
@@ -183,12 +183,26 @@ class Swarm:
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
-        with bare_main_module(), safe_path():
+        with bare_main_module(), safe_path(), self._impatience():
             self._context.set_forkserver_preload([*PRELOADED, *self._shipped_controller()])
-            process.start()
+            try:
+                process.start()
+            except (OSError, EOFError, ValueError) as error:  # its fork server was killed
+                raise LaunchError(f"{role} {number} cannot be started: the fork server ended ({error!r})") from None
         part = Part(role, number, process, log_file)
         self.parts.append(part)
         return part
+
+    @contextmanager
+    def _impatience(self) -> Iterator[None]:
+        """A fork server that has been stopped answers to nobody, and is waited for without end."""
+        timer = threading.Timer(self._scenario.run.start_timeout_s, kill_fork_server)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
 
     def _shipped_controller(self) -> list[str]:
         """The module of the scenario's controller, if it is one of ours: a stranger's is loaded by its agents alone."""
@@ -197,7 +211,7 @@ class Swarm:
 
     def write_pids(self) -> None:
         """`logs/pids.json`: who is who, for those who want to look at a process or to kill it."""
-        pids = {part.name: part.process.pid for part in self.parts}
+        pids = {part.name: part.pid for part in self.parts}
         (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
 
     def carry_out(self, order: ProcessOrder) -> None:
@@ -210,51 +224,47 @@ class Swarm:
             self.write_pids()
         elif order.action == KILL:
             for part in parts:
-                part.ends_as_planned |= part.process.is_alive()
-                part.process.kill()
-            for part in parts:
-                part.process.join()
+                part.ends_as_planned |= part.exit_code is None
+                part.send(signal.SIGKILL)
+            wait_for(parts, END_WITHIN_S)
         else:
             for part in parts:
                 part.is_stopped = order.action == STOP
-                if part.process.is_alive():
-                    os.kill(part.process.pid or 0, signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
+                part.send(signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
 
     def ended(self) -> list[Part]:
         """The parts whose process has ended."""
-        return [part for part in self.parts if part.process.exitcode is not None]
+        return [part for part in self.parts if part.exit_code is not None]
 
     def part(self, role: str) -> Part:
-        """The one part of a role (world, operator)."""
-        return next(part for part in self.parts if part.role == role)
+        """The newest part of a role (world, operator)."""
+        return next(part for part in reversed(self.parts) if part.role == role)
 
     def stop_world(self) -> None:
         """Ask the world to end the run with the step that is under way."""
-        for part in self.parts:
-            if part.role == WORLD and part.process.is_alive():
-                part.process.terminate()
+        self.part(WORLD).send(signal.SIGTERM)
 
     def join(self, within_s: float) -> list[Part]:
         """Wait until all have ended; those which have not."""
-        deadline = time.monotonic() + within_s
-        while running := [part for part in self.parts if part.process.exitcode is None]:
-            left_s = deadline - time.monotonic()
-            if left_s <= 0 or not wait([part.process.sentinel for part in running], left_s):
-                return running
-        return []
+        return wait_for(self.parts, within_s)
 
-    def end(self) -> None:
-        """End whatever still runs: a request first, then by force."""
+    def end(self, *, at_once: bool = False) -> None:
+        """End whatever still runs: a request first, then by force; `at_once`, by force alone."""
         for part in self.parts:
             if part.is_stopped:
                 part.ends_as_planned = True
-                part.process.kill()  # it would not hear the request
+                part.send(signal.SIGKILL)  # it would not hear the request
+        if not at_once:
+            for part in self.join(0):
+                part.send(signal.SIGTERM)
+            self.join(END_WITHIN_S / 2)
         for part in self.join(0):
-            part.process.terminate()
-        for part in self.join(END_WITHIN_S / 2):
-            part.process.kill()
+            part.send(signal.SIGKILL)
+        self.join(END_WITHIN_S)
+        if any(part.exit_code == UNKNOWN for part in self.parts):
+            kill_fork_server()  # it tells nothing any more: else it, or who waits for it, would stay
         for part in self.parts:
-            part.process.join()
+            part.close()
         self._kept_end.close()
         self._lifeline.close()
         self._forget_secrets()
@@ -267,6 +277,13 @@ def _patience(scenario: Scenario) -> list[tuple[str, str]]:
     """An agent that a fault freezes says nothing for long, in wall time too, and is not to be cut off for it."""
     frozen = any(fault.kind == FREEZE for fault in scenario.fault)
     return [("transport/link/tx/lease", str(FROZEN_LEASE_MS))] if frozen else []
+
+
+def kill_fork_server() -> None:
+    """Whatever state it is in; the next process that is started gets a new one."""
+    if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
 
 
 @contextmanager

@@ -4,6 +4,7 @@ The one file of the orchestrator that touches Zenoh.
 """
 
 import queue
+import time
 from collections import defaultdict, deque
 from logging import WARNING
 from types import TracebackType
@@ -45,6 +46,8 @@ class Observer:
 
     def __init__(self, run: str, link: RouterLink, sink: Sink | None, *, wire: bool) -> None:
         self.status: Status | None = None
+        self.heard_at = time.monotonic()
+        """When the world last said how it is (monotonic wall time [s])."""
         self.newest_workload: Workload | None = None
         self.orders: deque[ProcessOrder] = deque()
         """What the world wants done to processes, and waits for; `confirm` each."""
@@ -100,6 +103,16 @@ class Observer:
         return True
 
     @property
+    def newest_step(self) -> int:
+        """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
+        return -1 if self.newest_workload is None else self.newest_workload.step
+
+    @property
+    def records(self) -> bool:
+        """Whether all that happens is taken, for a recording."""
+        return self._sink is not None
+
+    @property
     def has_all(self) -> bool:
         """Whether the run has ended, as far as can be heard, and nothing more is to come."""
         if self._sink is None:
@@ -132,6 +145,7 @@ class Observer:
             self._take_wire(data)
         elif key == keys.status:
             self.status = decode_status(data)
+            self.heard_at = time.monotonic()
         elif key == keys.orders:
             order = decode_order(data)
             if self._sink is not None:

@@ -7,6 +7,7 @@ of the run and the connection.
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -25,6 +26,7 @@ from deltaswarm_orchestrator.foxglove import (
     Json,
     layout,
 )
+from deltaswarm_orchestrator.room import RoomError, room_for
 from deltaswarm_orchestrator.scene import Scene, log_time_ns, stamp
 from deltaswarm_wire.messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
@@ -169,11 +171,13 @@ class Recorder:
     def _end(self, manifest: dict[str, str] | None) -> None:
         if self._file.is_closed:
             return
-        for event in self._open_events.values():  # once more, for the work done since
-            self._write("/swarm/event", _event(event))
+        with suppress(RoomError) if manifest is None else nullcontext():
+            for event in self._open_events.values():  # once more, for the work done since
+                self._write("/swarm/event", _event(event))
         for file in (self._file, self._wire):
             if file:
-                file.close(manifest)
+                with suppress(RoomError) if manifest is None else nullcontext():
+                    file.close(manifest)
 
 
 class _File:
@@ -211,15 +215,17 @@ class _File:
 
     def _add(self, channel: int, step: int, time_s: float, data: bytes) -> None:
         now_ns = log_time_ns(time_s)
-        self._writer.add_message(channel, now_ns, data, now_ns, step)
+        with room_for(self._part):
+            self._writer.add_message(channel, now_ns, data, now_ns, step)
 
     def flush(self) -> None:
-        self._writer.flush()
+        with room_for(self._part):
+            self._writer.flush()
 
     def close(self, manifest: dict[str, str] | None) -> None:
         """Finish the file; with a manifest it is whole and gets its name."""
         self.is_closed = True
-        with self._stream:
+        with room_for(self._part), self._stream:
             if manifest is not None:
                 self._writer.flush()  # the manifest follows what it is about
                 self._writer.add_metadata(MANIFEST, manifest)

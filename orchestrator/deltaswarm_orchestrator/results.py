@@ -23,7 +23,10 @@ from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
 
-UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json")
+EVENTS_SO_FAR = "world-events.csv"
+"""A row for each change of an event, where the world has not come to write `events.csv`."""
+
+UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
 
@@ -176,8 +179,11 @@ def read_outcome(folder: Path) -> Outcome:
     else:
         tallies = [_row(Tally, row) for row in _table(folder / "world.csv")]
         workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
-    events = [_row(EventState, row) for row in _table(folder / "events.csv")]
-    return Outcome(tallies, events, workloads, _json(folder / "world.json"), _json(folder / "operator.json"))
+    table = folder / "events.csv" if (folder / "events.csv").exists() else folder / EVENTS_SO_FAR
+    events = {row["event"]: _row(EventState, row) for row in _table(table)}  # the newest row of each
+    return Outcome(
+        tallies, list(events.values()), workloads, _json(folder / "world.json"), _json(folder / "operator.json")
+    )
 
 
 def _json(file: Path) -> dict[str, Any]:

@@ -1,29 +1,25 @@
 """One run from scenario to summary, by real processes or in one process."""
 
 import secrets
-import signal
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
-from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator import results, room
 from deltaswarm_orchestrator.boards import Boards, commands
 from deltaswarm_orchestrator.in_process import run_in_process
-from deltaswarm_orchestrator.launch import END_WITHIN_S, LaunchError, Part, Swarm
+from deltaswarm_orchestrator.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.progress import Reporter
 from deltaswarm_orchestrator.recorder import Recorder
 from deltaswarm_orchestrator.results import Outcome, RunFolder
+from deltaswarm_orchestrator.room import RoomError
+from deltaswarm_orchestrator.stopping import Stop, stoppable
+from deltaswarm_orchestrator.watch import Watch
 from deltaswarm_wire import checked
-from deltaswarm_wire.keys import OPERATOR, WORLD
 from deltaswarm_wire.settings import Scenario
-
-POLL_S = 0.1
-STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 @dataclass(frozen=True)
@@ -47,17 +43,7 @@ class RunResult:
     summary: dict[str, Any]
     exit_reason: str
     messages: tuple[str, ...]
-    """What the user should know: parts that were lost, with the last lines of their logs."""
-
-
-class _Stop:
-    """Notes that somebody asked for the end."""
-
-    def __init__(self) -> None:
-        self.by: str | None = None
-
-    def __call__(self, number: int, frame: FrameType | None) -> None:
-        self.by = signal.Signals(number).name
+    """What the user should know: what was lost, and the last lines of the logs."""
 
 
 def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
@@ -66,40 +52,87 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     Raises:
         FolderError: the folder is there and `force` was not given.
         SettingsError: the scenario cannot be run with these boards.
+        KeyboardInterrupt: somebody asked a second time for the end; nothing of the run is left running.
     """
-    if options.boards:
-        options.boards.prepare(scenario)
-    folder = RunFolder(options.out, force=options.force)
-    with folder.held():
-        return _run_into(folder, scenario, options, reporter)
+    with stoppable() as stop:
+        if options.boards:
+            options.boards.prepare(scenario)
+        folder = RunFolder(options.out, force=options.force)
+        with folder.held():
+            return _run_into(folder, scenario, options, reporter, stop)
 
 
-def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
+@dataclass
+class _Story:
+    """What becomes of a run."""
+
+    outcome: Outcome | None = None
+    why: list[str] = field(default_factory=list)
+    """Why it ended too early, or what was lost on the way; each a line."""
+    logs: list[str] = field(default_factory=list)
+    operator_restarts: int = 0
+
+
+def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, reporter: Reporter, stop: Stop) -> RunResult:
     """Do one run and fill its folder."""
-    engine = "in-process" if options.in_process else "processes"
-    manifest = results.new_manifest(scenario, engine, scenario.record)
+    manifest = results.new_manifest(scenario, "in-process" if options.in_process else "processes", scenario.record)
     folder.begin(scenario, manifest)
-    messages: list[str] = []
-    with _recorder(folder.path, scenario) as recorder, _stoppable() as stop:
-        if options.in_process:
-            outcome, reason = run_in_process(scenario, recorder, reporter, lambda: stop.by), "finished"
-            messages += outcome.messages
-        else:
-            outcome, reason = _run_processes(scenario, options, folder.path, recorder, reporter, stop, messages)
-        if stop.by:
-            reason = f"stopped by {stop.by}"
-        summary = results.summary(outcome, scenario)
-        manifest |= {
-            "exit_reason": reason if outcome.is_complete or reason != "finished" else "failed",
-            "digest": summary["digest"],
-            "complete": summary["complete"],
-        }
-        if recorder is not None:
-            recorder.close(manifest)
-    results.write_tables(folder.path, outcome)
+    if warning := room.shortage(folder.path, scenario):
+        reporter.say(f"warning: {warning}")
+    story = _Story()
+    summary: dict[str, Any] = {}
+    try:
+        room.keep_reserve(folder.path)
+        with _recorder(folder.path, scenario) as recorder:
+            try:
+                _do(scenario, options, folder.path, recorder, reporter, stop, story)
+            finally:
+                room.give_up_reserve(folder.path)
+                summary = _conclude(folder.path, scenario, manifest, stop, story)
+            if recorder is not None:
+                recorder.close(manifest)
+        results.write_tables(folder.path, story.outcome or Outcome())
+    except RoomError as error:
+        story.why.append(str(error))
+        room.give_up_reserve(folder.path)
+        summary = _conclude(folder.path, scenario, manifest, stop, story) | {"valid": False}
+        summary["invalid_because"].append(str(error))
     results.write_json(folder.path / "summary.json", summary)
     folder.write_manifest(manifest)
-    return RunResult(folder.finish(), summary, str(manifest["exit_reason"]), tuple(messages))
+    return RunResult(folder.finish(), summary, str(manifest["exit_reason"]), tuple(story.why + story.logs))
+
+
+def _do(
+    scenario: Scenario,
+    options: RunOptions,
+    folder: Path,
+    recorder: Recorder | None,
+    reporter: Reporter,
+    stop: Stop,
+    story: _Story,
+) -> None:
+    """All steps, by real processes or in one."""
+    if options.in_process:
+        story.outcome = run_in_process(scenario, recorder, reporter, lambda: stop.by)
+        story.why += story.outcome.messages
+        return
+    try:
+        _run_processes(scenario, options, folder, recorder, reporter, stop, story)
+    except (LaunchError, ConnectionError) as error:
+        story.why.append(str(error))
+    except StoppedError:
+        pass
+
+
+def _conclude(folder: Path, scenario: Scenario, manifest: dict[str, Any], stop: Stop, story: _Story) -> dict[str, Any]:
+    """The summary; the manifest gets what agrees with it."""
+    if story.outcome is None:
+        story.outcome = results.read_outcome(folder)
+    summary = results.summary(story.outcome, scenario)
+    reason = "finished" if summary["complete"] else f"stopped by {stop.by}" if stop.by else "failed"
+    ending = {"exit_reason": reason, "why": story.why, "operator_restarts": story.operator_restarts}
+    manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
+    return {**summary, **ending}
 
 
 @contextmanager
@@ -112,104 +145,45 @@ def _recorder(folder: Path, scenario: Scenario) -> Iterator[Recorder | None]:
         yield recorder
 
 
-@contextmanager
-def _stoppable() -> Iterator[_Stop]:
-    """Ctrl-C, SIGTERM and a closed terminal ask for an orderly end; a second one is not waited for."""
-    stop = _Stop()
-    before = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
-
-
 def _run_processes(
     scenario: Scenario,
     options: RunOptions,
     folder: Path,
     recorder: Recorder | None,
     reporter: Reporter,
-    stop: _Stop,
-    messages: list[str],
-) -> tuple[Outcome, str]:
-    """Launch, watch, end; the outcome and the exit reason."""
+    stop: Stop,
+    story: _Story,
+) -> None:
+    """Launch, watch, end.
+
+    Raises:
+        LaunchError, ConnectionError: a part did not come up.
+        StoppedError: somebody asked for the end before all were there.
+        RoomError: the recording could not be written.
+    """
     boards = options.boards
     # A board's file holds for the next run too; the router, with its own port, is one run's alone.
     name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
-    reason = "finished"
-    with Swarm(scenario, name, folder, options.zenoh, boards.agents if boards else ()) as swarm:
-        try:
-            swarm.start_world(
-                folder / "scenario.toml",
-                listen=options.listen,
-                record=recorder is not None,
-                wire=scenario.record == "wire",
-                for_boards=boards.listen if boards else "",
-                tls=boards.tls if boards else None,
-            )
-            if boards:
-                reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-            with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
+    who = boards.agents if boards else ()
+    with Swarm(scenario, name, folder, options.zenoh, who, lambda: stop.by) as swarm:
+        swarm.start_world(
+            folder / "scenario.toml",
+            listen=options.listen,
+            record=recorder is not None,
+            wire=scenario.record == "wire",
+            for_boards=boards.listen if boards else "",
+            tls=boards.tls if boards else None,
+        )
+        if boards:
+            reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
+        with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
+            watch = Watch(swarm, observer, reporter, stop, scenario.run.step_timeout_s)
+            try:
                 swarm.start_operator(publish_all=recorder is not None)
                 swarm.start_agents()
                 swarm.write_pids()
-                reason = _watch(swarm, observer, reporter, stop, messages)
-        except (LaunchError, ConnectionError) as error:
-            messages.append(str(error))
-            reason = "failed"
-    return results.read_outcome(folder), reason
-
-
-def _watch(swarm: Swarm, observer: Observer, reporter: Reporter, stop: _Stop, messages: list[str]) -> str:
-    """Until the world has ended: take what is heard, show it, notice who is gone."""
-    noted: set[Part] = set()
-    stopping = False
-    deadline = float("inf")
-    while True:
-        observer.work(POLL_S)
-        if observer.status is not None:
-            workload = observer.newest_workload
-            reporter.update(observer.status, workload.rate_60s_hz if workload else None)
-        if stop.by and not stopping:
-            stopping = True
-            deadline = time.monotonic() + END_WITHIN_S / 2
-            swarm.stop_world()
-        while observer.orders:
-            order = observer.orders.popleft()
-            swarm.carry_out(order)
-            observer.confirm(order)
-        observer.leave_when_done()
-        failed = _failed(swarm, noted)
-        if not stopping:
-            messages += map(_obituary, failed)
-        if failed and not _has_begun(observer):
-            swarm.stop_world()  # it would wait for them in vain
-        if any(part.role == OPERATOR for part in failed):
-            deadline = min(deadline, time.monotonic() + END_WITHIN_S / 2)
-        if swarm.part(WORLD).process.exitcode is not None or time.monotonic() > deadline:
-            break
-    while observer.work(0.0):
-        pass
-    if not stopping:  # a world that failed just now is why others did
-        messages[:0] = map(_obituary, _failed(swarm, noted))
-    unfinished = swarm.part(WORLD).process.exitcode != 0 or swarm.part(OPERATOR).process.exitcode not in (0, None)
-    return "failed" if unfinished else "finished"
-
-
-def _has_begun(observer: Observer) -> bool:
-    """Whether the first step is under way."""
-    return observer.status is not None and observer.status.phase != "waiting"
-
-
-def _failed(swarm: Swarm, noted: set[Part]) -> list[Part]:
-    """Who has ended since, and not as planned."""
-    ended = [part for part in swarm.ended() if part not in noted]
-    noted.update(ended)
-    return [part for part in ended if part.process.exitcode != 0 and not part.ends_as_planned]
-
-
-def _obituary(part: Part) -> str:
-    code = part.process.exitcode or 0
-    how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with exit code {code}"
-    return f"{part.name} {how}; the last lines of its log:\n{part.log_tail()}"
+                watch.to_the_end()
+            finally:
+                story.why += watch.why
+                story.logs += [f"the last lines of the log of {name}:\n{tail}" for name, tail in watch.logs.items()]
+                story.operator_restarts = watch.operator_restarts

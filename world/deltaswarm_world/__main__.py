@@ -22,6 +22,7 @@ from deltaswarm_wire.arguments import (
     tls_of,
 )
 from deltaswarm_wire.endpoints import protocol_of
+from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
@@ -115,8 +116,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         return run_world(config, lambda endpoint: print(endpoint, flush=True))
     except Exception as error:
-        logging.getLogger("deltaswarm.world").exception("the world fails: %s", error)
-        return 1
+        code = exit_code_of(error)
+        logging.getLogger("deltaswarm.world").error("the world fails: %s", error, exc_info=code == FAILED)
+        return code
 
 
 def write_agent_settings(folder: Path, scenario: Scenario) -> None:

@@ -137,7 +137,7 @@ class WorldCore:
                 environment.command(agent, 0.0, 0.0)
         while lockstep.returned:
             self._sleep.wake(lockstep.returned.pop())  # also one that went and came back within a step
-        environment.take_changed()  # of the step before, if nobody asked for its truth
+        environment.changed.clear()
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)

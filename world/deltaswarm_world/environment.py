@@ -57,6 +57,7 @@ class Environment:
         self.arrived: list[EventRecord] = []
         self.active: list[EventRecord] = []
         self.changed: list[EventRecord] = []
+        """The events that arrived, were first sensed or completed in this step."""
         self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
@@ -152,18 +153,13 @@ class Environment:
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
-    def take_changed(self) -> list[EventRecord]:
-        """The events that arrived, were first sensed or completed since the last call."""
-        changed, self.changed = self.changed, []
-        return changed
-
     def states(self) -> list[EventState]:
         """All events so far, in order of arrival; those of one step by id."""
         return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
 
     def states_to_show(self) -> list[EventState]:
-        """Those that are not complete, or have changed since this was asked."""
-        shown = {event.event: event for event in (*self.active, *self.take_changed())}
+        """Those that are not complete, or have changed in this step."""
+        shown = {event.event: event for event in (*self.active, *self.changed)}
         return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
 
     def mean_waiting_s(self) -> float:

@@ -3,14 +3,19 @@
 import csv
 import json
 import time
+from collections.abc import Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Self
 
 from deltaswarm_wire.truth import EventState, Tally
 from deltaswarm_world.core import WorldCore
+from deltaswarm_world.environment import EventRecord
 
 FLUSH_EVERY_S = 1.0
+
+EVENTS_SO_FAR = "world-events.csv"
+"""A row for each change of an event, as it happens; the newest counts. At the end `events.csv` takes its place."""
 
 
 class WorldOutput:
@@ -19,9 +24,10 @@ class WorldOutput:
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._folder = folder
-        self._file = (folder / "world.csv").open("w", newline="")
-        self._rows = csv.writer(self._file)
+        self._files = [(folder / name).open("w", newline="") for name in ("world.csv", EVENTS_SO_FAR)]
+        self._rows, self._events = (csv.writer(file) for file in self._files)
         self._rows.writerow(Tally._fields)
+        self._events.writerow(EventState._fields)
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
         self._started = time.monotonic()
 
@@ -31,15 +37,21 @@ class WorldOutput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
+        for file in self._files:
+            file.close()
 
-    def write(self, tally: Tally) -> None:
-        """One closed step."""
+    def write(self, tally: Tally, changed: Iterable[EventRecord]) -> None:
+        """One closed step, and the events that arrived, were first sensed or completed in it."""
         self._rows.writerow(tally)
+        self._events.writerows(event.state() for event in changed)
         now = time.monotonic()
         if now >= self._flush_due:
             self._flush_due = now + FLUSH_EVERY_S
-            self._file.flush()
+            self._flush()
+
+    def _flush(self) -> None:
+        for file in self._files:
+            file.flush()
 
     def started(self) -> None:
         """The first step begins: the run's wall time counts from here."""
@@ -47,12 +59,13 @@ class WorldOutput:
 
     def finish(self, core: WorldCore, complete: bool, overruns: int) -> None:
         """Events and totals; `world.json` appears last and whole."""
-        self._file.flush()
+        self._flush()
         wall_s = time.monotonic() - self._started
         with (self._folder / "events.csv").open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
             rows.writerows(core.environment.states())
+        (self._folder / EVENTS_SO_FAR).unlink()
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"
         part.write_text(json.dumps(totals, indent=2) + "\n")

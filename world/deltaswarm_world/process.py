@@ -108,7 +108,7 @@ class WorldProcess:
             self._collect()
             tally = self._core.end()
             self._close(tally, last)
-            output.write(tally)
+            output.write(tally, self._core.environment.changed)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")
             if last:
@@ -360,11 +360,11 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
         WorldOutput(config.out) as output,
         open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
     ):
-        waker = Waker(session, keys)
+        waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
         if early:  # the signal came before anything waited for it
             signal.raise_signal(early[0])
         try:
-            world = WorldProcess(config, Wires(session, keys, len(agents)), waker)
+            world = WorldProcess(config, wires, waker)
             world.wait_for_all()
             complete = world.run(output)
             world.goodbye()
@@ -372,5 +372,6 @@ def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
             log.error("the run ends: %s", error)
             complete = False
         finally:
+            wires.close()
             waker.close()
     return 0 if complete else 1

@@ -86,6 +86,10 @@ class Wires:
         """The world's token goes: the others may end."""
         self._token.undeclare()
 
+    def close(self) -> None:
+        """Hear no more of agents: one that sends without end would fill the queue, and keep the router from ending."""
+        self._channel.undeclare()
+
 
 def open_router(
     link: RouterLink,

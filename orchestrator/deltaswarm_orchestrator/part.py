@@ -1,0 +1,114 @@
+"""One started process, watched by itself and not only through the fork server, which may be stopped or killed."""
+
+import os
+import select
+import signal
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from multiprocessing.context import ForkServerProcess
+from pathlib import Path
+
+from deltaswarm_wire.exits import NO_ROOM
+from deltaswarm_wire.keys import AGENT
+
+LOG_TAIL_LINES = 12
+UNKNOWN = 255
+"""The exit code of a process whose fork server is gone; also what nobody can know of it."""
+
+POLL_S, SHORT_POLL_S = 0.2, 0.01
+EXIT_CODE_WITHIN_S = 1.0
+"""The fork server tells how a process ended within so long, or not at all."""
+
+
+class Part:
+    """One started process."""
+
+    def __init__(self, role: str, number: int, process: ForkServerProcess, log_file: Path) -> None:
+        self.role = role
+        self.number = number
+        self.log_file = log_file
+        self.name = f"{role} {number}" if role == AGENT else role
+        self.is_stopped = False
+        """By SIGSTOP, as a fault of the scenario."""
+        self.ends_as_planned = False
+        """By kill -9, as a fault of the scenario."""
+        self.pid = process.pid or 0
+        self._process = process
+        self._pidfd = _open(self.pid)
+        self._ended_at: float | None = None
+
+    @property
+    def exit_code(self) -> int | None:
+        """None while the process is there; below 0 the signal that ended it."""
+        if self._pidfd is not None and not _is_over(self._pidfd):
+            return None
+        self._ended_at = self._ended_at or time.monotonic()
+        code = self._process.exitcode
+        if code is None and time.monotonic() < self._ended_at + EXIT_CODE_WITHIN_S:
+            return None
+        return UNKNOWN if code is None else code
+
+    def send(self, number: signal.Signals) -> None:
+        """A signal, unless the process has ended."""
+        if self._pidfd is not None:
+            with suppress(ProcessLookupError):
+                signal.pidfd_send_signal(self._pidfd, number)
+
+    def close(self) -> None:
+        """It has ended, and nobody will ask for it any more."""
+        if self._pidfd is not None:
+            os.close(self._pidfd)
+            self._pidfd = None
+
+    def obituary(self, step: int | None) -> str:
+        """How it ended, in one line."""
+        code = self.exit_code or 0
+        when = "" if step is None else f" at step {step}"
+        if code == NO_ROOM:
+            return f"{self.name} could not write into {self.log_file.parents[1]}: {_room(self.log_file.parents[1])}"
+        if code < 0:
+            return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
+        how = "ended, nobody knows how" if code == UNKNOWN else f"ended with exit code {code}"
+        return f"{self.name} {how}{when}"
+
+    def log_tail(self) -> str:
+        """The last lines of its log, for an error message."""
+        try:
+            lines = self.log_file.read_text(errors="replace").splitlines()
+        except OSError:
+            return "(no log)"
+        return "\n".join(f"    {line}" for line in lines[-LOG_TAIL_LINES:])
+
+
+def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
+    """Wait until all have ended; those which have not."""
+    deadline = time.monotonic() + within_s
+    while running := [part for part in parts if part.exit_code is None]:
+        left_s = deadline - time.monotonic()
+        if left_s <= 0:
+            return running
+        there = [part for part in running if part._ended_at is None]
+        poll = select.poll()
+        for part in there:
+            poll.register(part._pidfd or -1, select.POLLIN)
+        poll.poll(1000 * min(left_s, POLL_S if len(there) == len(running) else SHORT_POLL_S))
+    return []
+
+
+def _open(pid: int) -> int | None:
+    try:
+        return os.pidfd_open(pid)
+    except ProcessLookupError:
+        return None
+
+
+def _is_over(pidfd: int) -> bool:
+    poll = select.poll()
+    poll.register(pidfd, select.POLLIN)
+    return bool(poll.poll(0))
+
+
+def _room(folder: Path) -> str:
+    free = os.statvfs(folder)
+    return f"{free.f_bavail * free.f_frsize:,} bytes are free there"

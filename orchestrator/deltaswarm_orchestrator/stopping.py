@@ -1,0 +1,53 @@
+"""Signals that ask for the end, from the first moment on. Imports next to nothing: it is there before all else."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+
+STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+class Stop:
+    """Notes that somebody asked for the end; a handler of signals."""
+
+    def __init__(self) -> None:
+        self.by: str | None = None
+
+    def __call__(self, number: int, frame: FrameType | None) -> None:
+        """Note the first signal; raise KeyboardInterrupt at the second: who asks twice is not made to wait."""
+        if self.by is not None:
+            raise KeyboardInterrupt
+        self.by = signal.Signals(number).name
+
+
+@contextmanager
+def stoppable() -> Iterator[Stop]:
+    """Ctrl-C, SIGTERM and a closed terminal ask for an orderly end; a second one is not waited for."""
+    stop = Stop()
+    before = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def end_at_once_on_signals() -> None:
+    """For as long as there is nothing to end in order: one line, and exit code 1."""
+
+    def end(number: int, frame: FrameType | None) -> None:
+        os.write(2, f"deltaswarm: stopped by {signal.Signals(number).name}\n".encode())
+        os._exit(1)
+
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, end)
+
+
+def raise_on_signals() -> None:
+    """As Python does by itself: Ctrl-C raises KeyboardInterrupt, the others end the process."""
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)

@@ -1,0 +1,113 @@
+"""A controller that does as the paper's until a step in which one agent turns: `tests.hostile.attacker:Attacker`."""
+
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import ClassVar
+
+from deltaswarm_agent.controller import ControllerContext, Decision, Percept
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.process import AgentConfig
+from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
+from deltaswarm_wire.messages import Act, Report, Standing, encode_act, encode_report
+from deltaswarm_wire.session import client_pairs, configured
+
+WHO, AT_STEP = 3, 60
+SILENCE = "silence"
+"""The attack that is none: the agent merely stops, and all others are compared with it."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The attack, of `FLOODS` or `SILENCE`, and from how many sessions at once."""
+
+    attack: str = SILENCE
+    sessions: int = 1
+
+
+class Attacker:
+    """The paper's controller in hybrid mode; agent `WHO` turns in step `AT_STEP` and comes back no more."""
+
+    Settings: ClassVar[type[Settings]] = Settings
+
+    def __init__(self, context: ControllerContext) -> None:
+        self._attack = context.settings
+        self._agent = context.agent
+        self._paper = PaperController(replace(context, mode="hybrid", settings=PaperSettings()))
+
+    def step(self, percept: Percept) -> Decision:
+        """Decide, or attack."""
+        if self._agent == WHO and percept.step >= AT_STEP:
+            attack(self._attack.attack, self._attack.sessions, percept.step)
+        return self._paper.step(percept)
+
+
+def own_config() -> AgentConfig:
+    """What the process was told: all that is in its memory is the attacker's."""
+    frame = sys._getframe()
+    while frame.f_back is not None:
+        frame = frame.f_back
+        if isinstance(config := frame.f_locals.get("config"), AgentConfig):
+            return config
+    raise LookupError("this is no agent's process")
+
+
+def reports(step: int) -> Iterator[bytes]:
+    """Valid ones of the step in which it turned."""
+    for number in count():
+        yield encode_report(Report(WHO, number, step, "root", 1.0, 1.0, 0, ()))
+
+
+def reports_to_come(step: int) -> Iterator[bytes]:
+    """Of the next 900 steps, and again."""
+    for number in count():
+        yield encode_report(Report(WHO, number, step + 1 + number % 900, "root", 1.0, 1.0, 0, ()))
+
+
+def frames(step: int) -> Iterator[bytes]:
+    """Radio frames whose envelope is well."""
+    for number in count():
+        yield encode_sample(Sample(number % 2**32, b"noise" * 20))
+
+
+def acts(step: int) -> Iterator[bytes]:
+    """Of a step that is closed."""
+    data = encode_act(Act(step - 1, 1.0, 0.0, (), Standing(), step))
+    while True:
+        yield data
+
+
+FLOODS: dict[str, tuple[str, Callable[[int], Iterator[bytes]]]] = {
+    "reports": (REPORT, reports),
+    "reports of steps to come": (REPORT, reports_to_come),
+    "radio frames": (RADIO, frames),
+    "acts": (ACT, acts),
+}
+
+
+def attack(name: str, sessions: int, step: int) -> None:
+    """Never returns."""
+    if name != SILENCE:
+        config = own_config()
+        for _ in range(sessions):
+            threading.Thread(target=flood, args=(config, *FLOODS[name], step), daemon=True).start()
+    while True:
+        time.sleep(60)
+
+
+def flood(config: AgentConfig, leaf: str, samples: Callable[[int], Iterator[bytes]], step: int) -> None:
+    """Put on the agent's own key as fast as it goes, in a session of its own."""
+    import zenoh
+
+    session = zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link))
+    key = Keys(config.run).agent(config.agent, leaf)
+    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+    while not publisher.matching_status.matching:
+        time.sleep(0.001)
+    for data in samples(step):
+        publisher.put(data)

@@ -1,0 +1,65 @@
+"""A real run with an attacker in it, and what there is to compare with another one."""
+
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.launch import Swarm
+from deltaswarm_orchestrator.observer import Observer
+from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_wire.keys import OPERATOR, WORLD
+from tests.hostile.attacker import SILENCE
+from tests.swarms import PATIENCE_S
+
+
+class Ended(NamedTuple):
+    """What is left of a run: summary, the world's totals, wall time [s] and the largest memory [MB] by part."""
+
+    summary: dict[str, Any]
+    world: dict[str, Any]
+    wall_s: float
+    peak_mb: dict[str, float]
+
+
+def play(folder: Path, scenario_name: str, steps: int, attack: str = SILENCE, sessions: int = 1) -> Ended:
+    """A whole run with this attack."""
+    settings = [
+        "control.mode=tests.hostile.attacker:Attacker",
+        f"control.attack={attack}",
+        f"control.sessions={sessions}",
+        f"run.duration_s={steps}",
+        "run.step_timeout_s=5",
+        "record=off",
+    ]
+    return _run(folder, scenario_name, settings)
+
+
+def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
+    scenario = load_scenario(scenario_name, settings)
+    folder.mkdir(parents=True)
+    (folder / "scenario.toml").write_text(to_toml(scenario))
+    began = time.monotonic()
+    peak_mb: dict[str, float] = {}
+    with Swarm(scenario, "hostile", folder) as swarm:
+        swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0")
+        with Observer("hostile", swarm.recorder_link(), None, wire=False) as observer:
+            swarm.start_operator(publish_all=False)
+            swarm.start_agents()
+            while swarm.part(WORLD).exit_code is None:
+                assert time.monotonic() < began + PATIENCE_S, "the run does not end"
+                observer.work(0.05)
+                observer.leave_when_done()
+                for role in (WORLD, OPERATOR):
+                    peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
+    outcome = results.read_outcome(folder)
+    return Ended(results.summary(outcome, scenario), outcome.world, time.monotonic() - began, peak_mb)
+
+
+def _memory_mb(pid: int) -> float:
+    try:
+        lines = Path(f"/proc/{pid}/status").read_text().splitlines()
+    except OSError:
+        return 0.0
+    return next((int(line.split()[1]) / 1024 for line in lines if line.startswith("VmRSS:")), 0.0)
