@@ -31,7 +31,7 @@ def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypa
 
     check(crew.world, "take_radio", lambda data: decode_sample(data).counter)
     check(crew.world, "take_act", decode_act)
-    check(crew.operator, "take", decode_report)
+    check(crew.world, "take_report", decode_report)
     asked = sum(tally.agents_asked for tally in play(crew, 200))
     assert handed["take_act"] == asked
     assert min(handed["take_radio"], handed["take"]) > 100

@@ -14,8 +14,10 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.launch import Swarm
+from deltaswarm_orchestrator.in_process import run_in_process
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.results import read_outcome
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
 from tests.swarms import COMMAND, PATIENCE_S, is_running, running, wait_until
@@ -108,22 +110,64 @@ def test_when_all_agents_hang_the_world_waits_for_them(tmp_path: Path) -> None:
         assert (summary["agents_lost"], summary["transport_lost"]) == ([], 0)
 
 
-@pytest.mark.parametrize("part", ["world", "operator"])
-def test_without_world_or_operator_everything_ends(tmp_path: Path, part: str) -> None:
-    """With a clear error and exit code 1; what was written is readable and marked incomplete."""
+def test_without_its_world_everything_ends(tmp_path: Path) -> None:
+    """With a clear error and exit code 1; what was written is readable, marked incomplete, and says why."""
     with running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_for_steps(150)
         pids = swarm.pids
-        swarm.signal(part, signal.SIGKILL)
+        swarm.signal("world", signal.SIGKILL)
         code, _, errors = swarm.finish()
         all_gone(pids)
         assert code == 1
-        assert f"{part} was killed by SIGKILL" in errors
+        assert "world was killed by SIGKILL at step" in errors
         assert not swarm.summary()["complete"]
         assert swarm.summary()["steps"] > 0
         assert swarm.manifest()["exit_reason"] == "failed"
+        assert swarm.manifest()["why"] == swarm.summary()["why"]
+        assert "world was killed by SIGKILL at step" in swarm.manifest()["why"][0]
         assert read_recording(swarm.out / "recording.mcap").tallies
+        assert (swarm.out / "events.csv").read_text().count("\n") > 1
+
+
+@pytest.mark.parametrize("uplink", [[], ["--set", "uplink.loss=0.2", "--set", "uplink.latency_s=3"]])
+def test_an_operator_that_is_killed_is_started_again(uplink: list[str], tmp_path: Path) -> None:
+    """Again and again: no report is lost or counted twice, no row is missing, and the run is the same."""
+    settings = ["--set", "run.duration_s=1200", *uplink]
+    with running(tmp_path / "run", *settings) as swarm:
+        killed: set[int] = set()
+        for _ in range(4):
+            operator = wait_until(lambda: {swarm.pids.get("operator", 0)} - killed - {0}, "a new operator").pop()
+            swarm.wait_for_steps(20)
+            killed.add(operator)
+            os.kill(operator, signal.SIGKILL)
+        code, _, errors = swarm.finish()
+        assert code == 0, errors
+        assert swarm.manifest()["operator_restarts"] == 4
+        assert ["operator was killed by SIGKILL" in line for line in swarm.manifest()["why"]] == [True] * 4
+        kept = read_outcome(swarm.out)
+        recorded = read_recording(swarm.out / "recording.mcap")
+        digest = swarm.summary()["digest"]
+    overrides = [text for text in settings if text != "--set"]
+    undisturbed = run_in_process(load_scenario("smoke", overrides))
+    assert digest == undisturbed.digest
+    for workloads in (kept.workloads, recorded.workloads):
+        assert [w._replace(backlog=0) for w in workloads] == [w._replace(backlog=0) for w in undisturbed.workloads]
+    assert [len(reports) for reports in recorded.reports.values()] == [w.messages for w in undisturbed.workloads]
+
+
+def test_an_operator_that_dies_each_time_ends_the_run(tmp_path: Path) -> None:
+    """It cannot save what it counts: after some tries everything ends, exit code 1, and the run says why."""
+    with running(tmp_path / "run", *LONG) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        (swarm.part / "operator-state.json.part").mkdir()
+        pids = swarm.pids
+        code, _, _ = swarm.finish()
+        all_gone(pids)
+        assert code == 1
+        assert swarm.manifest()["exit_reason"] == "failed"
+        assert any("operator ended with exit code 1" in line for line in swarm.manifest()["why"])
 
 
 def info(folder: Path) -> dict[str, Any]:
@@ -196,10 +240,10 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
         with Observer("incomplete", swarm.recorder_link(), None, wire=False):
             swarm.start_operator(publish_all=False)
             swarm.start_agents([0, 1, 2, 4])
-            wait_until(lambda: swarm.part(WORLD).process.exitcode is not None, "the world's end")
-        assert swarm.part(WORLD).process.exitcode == 1
+            wait_until(lambda: swarm.part(WORLD).exit_code is not None, "the world's end")
+        assert swarm.part(WORLD).exit_code == 1
         assert "not there after 2 s: agent 3, agent 5" in swarm.part(WORLD).log_tail()
-        pids = {part.name: part.process.pid or 0 for part in swarm.parts}
+        pids = {part.name: part.pid for part in swarm.parts}
     all_gone(pids)
 
 

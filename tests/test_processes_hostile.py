@@ -50,7 +50,7 @@ class Stage:
         def has_ended() -> bool:
             self.observer.work(0.01)
             self.observer.leave_when_done()
-            return self.swarm.part(WORLD).process.exitcode is not None
+            return self.swarm.part(WORLD).exit_code is not None
 
         wait_until(has_ended, "the end of the run")
         assert not self.swarm.join(PATIENCE_S)

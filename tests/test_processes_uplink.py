@@ -1,6 +1,5 @@
 """Whole runs with an uplink model: by processes as in one, exact books, and nothing changed where it is off."""
 
-import signal
 from pathlib import Path
 
 import pytest
@@ -57,18 +56,6 @@ def test_processes_and_one_process_have_the_same_uplink(tmp_path: Path, record: 
     assert outside["operator"]["messages"] == reports["arrived"] == sum(w.messages for w in kept.workloads)
     assert reports["sent"] == reports["arrived"] + sum(dropped.values()) + reports["in_flight"]
     assert min(dropped[reason] for reason in ("outage", "loss", "burst")) > 0
-
-
-@pytest.mark.processes
-def test_an_operator_that_dies_ends_a_run_with_an_uplink(tmp_path: Path) -> None:
-    """As it does without."""
-    sets = [text for one in (*UPLINK, "run.duration_s=100000") for text in ("--set", one)]
-    with running(tmp_path / "run", *sets) as swarm:
-        swarm.wait_for_steps(20)
-        swarm.signal("operator", signal.SIGKILL)
-        code, _, errors = swarm.finish()
-    assert code == 1
-    assert "operator was killed by SIGKILL" in errors
 
 
 @pytest.mark.parametrize("model", UPLINK, ids=lambda model: model.partition("=")[0])

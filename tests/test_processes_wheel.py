@@ -58,7 +58,7 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
                 def has_ended() -> bool:
                     observer.work(0.01)
                     observer.leave_when_done()
-                    return swarm.part(WORLD).process.exitcode is not None
+                    return swarm.part(WORLD).exit_code is not None
 
                 wait_until(has_ended, "the end of the run")
                 assert agent.wait(PATIENCE_S) == 0

@@ -179,10 +179,15 @@ def read_outcome(folder: Path) -> Outcome:
     else:
         tallies = [_row(Tally, row) for row in _table(folder / "world.csv")]
         workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
-    table = folder / "events.csv" if (folder / "events.csv").exists() else folder / EVENTS_SO_FAR
-    events = {row["event"]: _row(EventState, row) for row in _table(table)}  # the newest row of each
+    events = _table(folder / "events.csv")
+    if not events:
+        events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
     return Outcome(
-        tallies, list(events.values()), workloads, _json(folder / "world.json"), _json(folder / "operator.json")
+        tallies,
+        [_row(EventState, row) for row in events],
+        workloads,
+        _json(folder / "world.json"),
+        _json(folder / "operator.json"),
     )
 
 
