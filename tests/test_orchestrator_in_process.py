@@ -34,7 +34,7 @@ def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypa
     check(crew.world, "take_report", decode_report)
     asked = sum(tally.agents_asked for tally in play(crew, 200))
     assert handed["take_act"] == asked
-    assert min(handed["take_radio"], handed["take"]) > 100
+    assert min(handed["take_radio"], handed["take_report"]) > 100
     assert not crew.world.rejected
 
 

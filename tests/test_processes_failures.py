@@ -13,8 +13,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.launch import Swarm
 from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.launch import Swarm
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.results import read_outcome

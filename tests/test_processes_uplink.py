@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.results import read_outcome
 from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import UPLINK_REASONS, Tally
-from tests.swarms import run, running
+from tests.swarms import run
 
 OWN = ("agents.count=8", "run.duration_s=200", "events.rate_hz=0.3", "control.delta=2")
 BASE = ("uplink.base_m=[5, 5]", "uplink.range_m=20.0")
