@@ -174,6 +174,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         print(to_toml(scenario), end="")
         return OK
+    if not arguments.in_process and not _can_start_parts():
+        return FAILED
     from deltaswarm_orchestrator.progress import Display, result_table
     from deltaswarm_orchestrator.results import FolderError
     from deltaswarm_orchestrator.run import RunOptions, run
@@ -202,6 +204,15 @@ def _run(arguments: argparse.Namespace) -> int:
     return OK if result.summary["valid"] else FAILED
 
 
+def _can_start_parts() -> bool:
+    """Whether the parts of a run could reach each other; says so if not."""
+    from deltaswarm_orchestrator.doctor import loopback_problem
+
+    if problem := loopback_problem():
+        complain(f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`")
+    return problem is None
+
+
 def _scenario_of(arguments: argparse.Namespace) -> Scenario:
     overrides = list(arguments.set)
     if arguments.record is not None:
@@ -219,6 +230,8 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
+    if not (arguments.scale or arguments.radio or _can_start_parts()):
+        return FAILED
     try:
         found, text = _benched(arguments)
     except ValueError as error:

@@ -13,11 +13,11 @@ import tomli_w
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
-    LOG_FORMAT,
     add_boards_argument,
     add_tls_arguments,
     add_zenoh_argument,
     listens_on,
+    log_to_standard_error,
     run_name,
     tls_of,
 )
@@ -81,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     The endpoints on which it listens are its first line of standard output.
     """
     arguments = parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    log_to_standard_error()
     try:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
@@ -112,6 +112,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return run_world(config, lambda endpoint: print(endpoint, flush=True))
+    except ConnectionError as error:
+        logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
+        return 1
     except Exception as error:
         logging.getLogger("deltaswarm.world").exception("the world fails: %s", error)
         return 1

@@ -338,9 +338,9 @@ def _open_router(config: WorldConfig, keys: Keys, announce: Callable[[str], None
         pairs = router_pairs(config.link, str(config.credentials), keys, agents, endpoints, uplink=uplink)
         try:
             session = zenoh.open(configured(zenoh.Config, pairs, config.link))
-        except zenoh.ZError:
+        except zenoh.ZError as error:
             if not may_retry or attempt == PORT_TRIES - 1:
-                raise
+                raise ConnectionError(f"the router cannot be opened: {error}") from None
         else:
             announce(" ".join(endpoints))
             return session
