@@ -1,5 +1,6 @@
 """What real processes leave on their machine, and what they say of one on which they cannot run."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -87,7 +88,7 @@ def test_a_part_that_gets_no_session_says_so_in_one_line(tmp_path: Path, part: s
     scenario = load_scenario("smoke")
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     (tmp_path / "agent.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(0))))
-    environment = {"DELTASWARM_PASSWORD": "x"}
+    environment = {**os.environ, "DELTASWARM_PASSWORD": "x"}
     done = subprocess.run(
         [*COMMAND, *part.split()],
         capture_output=True,

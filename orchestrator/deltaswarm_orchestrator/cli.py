@@ -177,8 +177,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if not arguments.in_process and not _can_start_parts():
         return FAILED
     from deltaswarm_orchestrator.progress import Display, result_table
-    from deltaswarm_orchestrator.results import FolderError
     from deltaswarm_orchestrator.run import RunOptions, run
+    from deltaswarm_orchestrator.run_folder import FolderError, FolderTakenError
 
     out = arguments.out or _default_folder(scenario)
     boards = cli_boards.boards_of(arguments, out)
@@ -189,7 +189,7 @@ def _run(arguments: argparse.Namespace) -> int:
             result = run(scenario, options, display)
     except FolderError as error:
         complain(str(error))
-        return USAGE
+        return FAILED if isinstance(error, FolderTakenError) else USAGE
     for message in result.messages:
         complain(message)
     if arguments.json:

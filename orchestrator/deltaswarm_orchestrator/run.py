@@ -17,7 +17,8 @@ from deltaswarm_orchestrator.launch import END_WITHIN_S, LaunchError, Part, Swar
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.progress import Reporter
 from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.results import Outcome, RunFolder
+from deltaswarm_orchestrator.results import Outcome
+from deltaswarm_orchestrator.run_folder import RunFolder
 from deltaswarm_wire import checked
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from deltaswarm_wire.settings import Scenario
@@ -64,13 +65,13 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """Do one run and write its folder.
 
     Raises:
-        FolderError: the folder is there and `force` was not given.
+        FolderError: the folder cannot be had.
+        FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
     """
     if options.boards:
         options.boards.prepare(scenario)
-    folder = RunFolder(options.out, force=options.force)
-    with folder.held():
+    with RunFolder(options.out, force=options.force) as folder:
         return _run_into(folder, scenario, options, reporter)
 
 
