@@ -7,7 +7,7 @@ import socket
 import pytest
 import zenoh
 
-from deltaswarm_wire.arguments import LogFormatter
+from deltaswarm_wire.logs import LogFormatter
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 
 SHARED_MEMORY = "transport/shared_memory/enabled"

@@ -10,9 +10,10 @@ from pathlib import Path
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import add_link_arguments, link_of, log_to_standard_error, program
+from deltaswarm_wire.arguments import add_link_arguments, link_of, program
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import AgentSettings
 

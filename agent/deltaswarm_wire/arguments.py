@@ -1,7 +1,6 @@
 """The command-line arguments that every part shares: which run, which router, which credentials."""
 
 import argparse
-import logging
 import os
 import stat
 import sys
@@ -12,25 +11,7 @@ from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls, without_sources
-
-
-class LogFormatter(logging.Formatter):
-    """Every part's log lines, tracebacks included, without the places in Zenoh's sources that its errors name."""
-
-    def __init__(self) -> None:
-        super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
-
-    def format(self, record: logging.LogRecord) -> str:
-        """One record as text."""
-        return without_sources(super().format(record))
-
-
-def log_to_standard_error() -> None:
-    """Set up a part's log, from INFO on."""
-    handler = logging.StreamHandler()
-    handler.setFormatter(LogFormatter())
-    logging.basicConfig(level=logging.INFO, handlers=[handler])
+from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
 
 
 def program(part: str) -> str:

@@ -22,13 +22,13 @@ from deltaswarm_wire.arguments import (
     connects_to,
     link_of,
     listens_on,
-    log_to_standard_error,
     password_in,
     run_name,
     tls_of,
 )
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import OPERATOR, Keys
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 

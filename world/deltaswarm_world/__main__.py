@@ -17,12 +17,12 @@ from deltaswarm_wire.arguments import (
     add_tls_arguments,
     add_zenoh_argument,
     listens_on,
-    log_to_standard_error,
     run_name,
     tls_of,
 )
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES

@@ -17,10 +17,11 @@ from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettin
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
-from deltaswarm_wire.arguments import log_to_standard_error, program
+from deltaswarm_wire.arguments import program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.logs import log_to_standard_error
 
 MAX_ACCELERATE = 10_000.0
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from deltaswarm_agent.board.settings import LogSettings
-from deltaswarm_wire.arguments import LogFormatter
+from deltaswarm_wire.logs import LogFormatter
 
 log = logging.getLogger("deltaswarm.board")
 
