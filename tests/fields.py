@@ -193,6 +193,7 @@ def listening(*endpoints: str) -> Iterator[Listener]:
         ("listen/endpoints", "[]"),
         ("scouting/multicast/enabled", "false"),
         ("scouting/gossip/enabled", "false"),
+        ("transport/shared_memory/enabled", "false"),
     ):
         config.insert_json5(key, value)
     with zenoh.open(config) as session:

@@ -95,6 +95,7 @@ def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -
     port = free_port()
     table = board_table(0, EVENT_AT, {"mode": "client", "connect": [endpoint(port)]}, tmp_path)
     config = zenoh.Config()
+    config.insert_json5("transport/shared_memory/enabled", "false")
     config.insert_json5("mode", '"router"')
     config.insert_json5("listen/endpoints", f'["{endpoint(port)}"]')
     config.insert_json5("scouting/multicast/enabled", "false")

@@ -15,18 +15,15 @@ from deltaswarm_orchestrator.progress import Quiet
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.results import (
     OPERATOR_COLUMNS,
-    FolderError,
     Outcome,
-    RunFolder,
     figures,
-    new_manifest,
     read_outcome,
     summary,
     write_json,
     write_tables,
 )
 from deltaswarm_orchestrator.run import RunOptions, run
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.messages import Workload
@@ -287,61 +284,7 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
     assert same(read_outcome(tmp_path), outcome)
 
 
-# The folder
-
-
-def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
-    """Until then it is beside it as `.part`."""
-    target = tmp_path / "run"
-    folder = RunFolder(target, force=False)
-    scenario = load_scenario("smoke")
-    folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
-    assert [path.name for path in tmp_path.iterdir()] == ["run.part"]
-    assert folder.finish() == target
-    assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    assert (target / "scenario.toml").read_text() == to_toml(scenario)
-    assert json.loads((target / "manifest.json").read_text())["seed"] == 1
-
-
-@pytest.mark.parametrize("there", ["run", "run.part"])
-def test_nothing_is_overwritten_without_force(tmp_path: Path, there: str) -> None:
-    """Neither a run nor what an interrupted one left."""
-    (tmp_path / there).mkdir()
-    for name in ("manifest.json", "scenario.toml"):
-        (tmp_path / there / name).touch()
-    with pytest.raises(FolderError, match="--force replaces it"):
-        RunFolder(tmp_path / "run", force=False)
-    assert (tmp_path / there / "manifest.json").exists()
-    RunFolder(tmp_path / "run", force=True).finish()
-    assert not list((tmp_path / "run").iterdir())
-
-
-@pytest.mark.parametrize("force", [False, True])
-def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
-    """Not by force either: both would write into one folder, and the first to end would name a mixture its own."""
-    folder = RunFolder(tmp_path / "run", force=False)
-    scenario = load_scenario("smoke")
-    with folder.held():
-        folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
-        with pytest.raises(FolderError, match="by a run under way"):
-            RunFolder(tmp_path / "run", force=force)
-        assert (folder.path / "manifest.json").exists()
-    RunFolder(tmp_path / "run", force=True)
-
-
-def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """No folder with anything else in it, no sweep, no file, and not the folder one is in, nor the one above."""
-    (tmp_path / "work").mkdir()
-    (tmp_path / "work" / "thesis").touch()
-    monkeypatch.chdir(tmp_path / "work")
-    (tmp_path / "sweep" / "runs").mkdir(parents=True)
-    for name in ("manifest.json", "sweep.toml"):
-        (tmp_path / "sweep" / name).touch()
-    for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path(".."), tmp_path / "sweep"):
-        with pytest.raises(FolderError, match="does not replace it"):
-            RunFolder(target, force=True)
-    assert (tmp_path / "work" / "thesis").exists()
-    assert (tmp_path / "sweep" / "runs").exists()
+# A recording
 
 
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:

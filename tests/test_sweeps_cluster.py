@@ -174,6 +174,25 @@ def test_only_the_same_code_does_a_run() -> None:
     )
 
 
+@pytest.mark.processes
+def test_a_result_of_other_code_that_a_scheduler_still_has_is_not_taken(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two versions may share a scheduler, and ask it for the same run."""
+    cluster.add_worker()
+    tasks = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
+    with monkeypatch.context() as other:
+        other.setattr(provenance, "code_digest", lambda: "0" * 16)
+        theirs = DaskEngine(cluster.address, 1).run(tasks)
+        assert next(theirs).result is None
+    try:
+        (ours,) = DaskEngine(cluster.address, 1).run(tasks)  # while the scheduler keeps what they got
+    finally:
+        theirs.close()
+    assert ours.reason == ""
+    assert ours.result is not None
+
+
 def clients() -> int:
     """How many of Dask's clients are not closed, in use or not."""
     return sum(isinstance(one, distributed.Client) and one.status != "closed" for one in gc.get_objects())

@@ -156,27 +156,43 @@ def test_when_all_fail_there_are_tables_all_the_same(tmp_path: Path) -> None:
         lambda data: data[: len(data) // 2],
         lambda data: b"[]",
         lambda data: b"\xff" * 10,
-        lambda data: b'{"summary": {}, "series": {}, "cost": {}}',
-        lambda data: b'{"summary": {"digest": "a"}, "series": {}}',
+        lambda data: data.replace(b'"transport_lost":0', b'"transport_lost":1'),
+        lambda data: orjson.dumps({name: part for name, part in orjson.loads(data).items() if name != "checksum"}),
     ],
-    ids=["empty", "cut off", "a list", "no text", "no digest", "no cost"],
+    ids=["empty", "cut off", "a list", "no text", "a digit", "no checksum"],
 )
-def test_a_file_that_holds_no_result_is_no_finished_run(
-    tmp_path: Path, means: str, spoil: Callable[[bytes], bytes]
-) -> None:
-    """It is said, and the run is done again."""
+def test_a_damaged_file_is_no_finished_run(tmp_path: Path, means: str, spoil: Callable[[bytes], bytes]) -> None:
+    """Were it one digit that changed: it is said, and the run is done again."""
     sweep = planned(repeats=1, prove=1)
     first = conducted(sweep, tmp_path / "out", Here())
     folder = SweepFolder(tmp_path / "out")
     (proven,) = sweep.sample(sweep.jobs())
     file = folder.file(proven, means)
-    file.write_bytes(spoil(file.read_bytes()))
+    table, whole = (tmp_path / "out" / "table.csv").read_bytes(), file.read_bytes()
+    file.write_bytes(spoil(whole))
+    assert file.read_bytes() != whole
     engine = Here()
     result = conducted(sweep, tmp_path / "out", engine)
-    assert result.spoilt == [str(file)]
+    assert (result.damaged, result.left_out) == ([str(file)], [])
+    assert (tmp_path / "out" / "table.csv").read_bytes() == table
     assert engine.given == [f"{proven.name} {means}"]
     assert result.is_well
     assert result.manifest["digest"] == first.manifest["digest"]
+
+
+def test_a_damaged_file_of_a_run_that_is_not_asked_for_is_named(tmp_path: Path, capsys: Printed) -> None:
+    """The tables are without it, and the run is not done unasked."""
+    sweep = load_sweep("smoke", ["run.duration_s=60"], {"repeats": 1, "prove": 0})
+    conducted(sweep, tmp_path / "out", Here())
+    folder = SweepFolder(tmp_path / "out")
+    first, *others = sweep.jobs()
+    folder.file(first, IN_PROCESS).write_bytes(b"{}")
+    result = conducted(sweep, tmp_path / "out", Here(), only=[job.variant.label for job in others])
+    assert (result.damaged, result.left_out) == ([], [str(folder.file(first, IN_PROCESS))])
+    assert len(result.table) == len(others)
+    command = ["sweep", "smoke", "--set", "run.duration_s=60", "--repeats", "1", "--prove", "0"]
+    assert main([*command, "--out", str(tmp_path / "out")]) == 0
+    assert f"deltaswarm: {folder.file(first, IN_PROCESS)} was damaged" in capsys.readouterr().err
 
 
 def test_only_some_variants_can_be_asked_for(tmp_path: Path) -> None:
@@ -197,10 +213,11 @@ def test_only_some_variants_can_be_asked_for(tmp_path: Path) -> None:
 def forge(folder: Path, sweep: Sweep, means: str) -> str:
     """Another digest in the file of the run that real processes did too; its name."""
     (proven,) = sweep.sample(sweep.jobs())
-    file = SweepFolder(folder).file(proven, means)
-    result = orjson.loads(file.read_bytes())
+    kept = SweepFolder(folder)
+    result = kept.result(proven, means)
+    assert result is not None
     result["summary"]["digest"] = "0" * 32
-    file.write_bytes(orjson.dumps(result))
+    kept.save(proven, means, result)
     return proven.name
 
 

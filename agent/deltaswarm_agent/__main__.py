@@ -10,9 +10,10 @@ from pathlib import Path
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import LOG_FORMAT, add_link_arguments, link_of, program
+from deltaswarm_wire.arguments import add_link_arguments, link_of, program
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugins import controller_settings
 from deltaswarm_wire.settings import AgentSettings
 
@@ -45,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
         return board_main(argv[1:])
     arguments = parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    log_to_standard_error()
     try:
         if not 0 <= arguments.id <= MAX_AGENT_ID:
             raise ValueError(f"--id {arguments.id}: 0 to {MAX_AGENT_ID} is allowed")

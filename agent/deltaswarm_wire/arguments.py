@@ -13,8 +13,6 @@ from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
 
-LOG_FORMAT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
-
 
 def program(part: str) -> str:
     """What a part was called as: by a script of its own, or as `deltaswarm PART`."""

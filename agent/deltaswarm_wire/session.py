@@ -5,6 +5,7 @@ The world's session is the router; who may do what there is in `access.py`.
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
@@ -35,6 +36,12 @@ MAX_AIR_BYTES = 1024 * 1024
 """So does a board in open air: a sample is put together in its memory before anybody looks at it."""
 
 Pairs = list[tuple[str, Any]]
+
+NO_SHARED_MEMORY: Pairs = [("transport/shared_memory/enabled", False)]
+"""Zenoh's segments in /dev/shm stay behind when a session ends, and no sample here is large enough to gain by them."""
+
+_RUST_SOURCE = re.compile(r"\s+at \S+\.rs:\d+\.?")
+
 R = TypeVar("R")
 
 
@@ -89,12 +96,14 @@ C = TypeVar("C", bound=ZenohConfig)
 def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
     """A Zenoh configuration: the user's file, where the environment names one, then ours, then overrides.
 
+    Ours always include `NO_SHARED_MEMORY`.
+
     Raises:
         ValueError: the file or an override that Zenoh refuses.
     """
     path = os.environ.get(CONFIG_VARIABLE)
     made = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
-    for key, value in pairs:
+    for key, value in [*NO_SHARED_MEMORY, *pairs]:
         made.insert_json5(key, json.dumps(value))
     for key, text in link.overrides:
         _accepted(f"--zenoh {key}={text}", made.insert_json5, key, text)
@@ -106,7 +115,12 @@ def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
     try:
         return call(*arguments)
     except Exception as error:
-        raise ValueError(f"{what}: Zenoh refuses it: {error}") from None
+        raise ValueError(f"{what}: Zenoh refuses it: {without_sources(str(error))}") from None
+
+
+def without_sources(text: str) -> str:
+    """A text with the places in Zenoh's own sources left out that its errors name; they help no user."""
+    return _RUST_SOURCE.sub("", text)
 
 
 def client_pairs(link: RouterLink) -> Pairs:

@@ -15,7 +15,6 @@ from deltaswarm_operator.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules
 from deltaswarm_wire.arguments import (
-    LOG_FORMAT,
     add_link_arguments,
     add_tls_arguments,
     add_zenoh_argument,
@@ -30,6 +29,7 @@ from deltaswarm_wire.arguments import (
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
 from deltaswarm_wire.settings import OperatorSettings, RunSettings
 
@@ -109,7 +109,7 @@ def open_air_parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the operator; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
     argv = sys.argv[1:] if argv is None else argv
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    log_to_standard_error()
     without_world = NO_WORLD in argv
     arguments = (open_air_parser() if without_world else parser()).parse_args(argv)
     try:

@@ -178,9 +178,11 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         print(to_toml(scenario), end="")
         return OK
+    if not arguments.in_process and not _can_start_parts():
+        return FAILED
     from deltaswarm_orchestrator.progress import Display, result_table
-    from deltaswarm_orchestrator.results import FolderError
     from deltaswarm_orchestrator.run import RunOptions, run
+    from deltaswarm_orchestrator.run_folder import FolderError, FolderTakenError
 
     out = arguments.out or _default_folder(scenario)
     boards = cli_boards.boards_of(arguments, out)
@@ -191,7 +193,7 @@ def _run(arguments: argparse.Namespace) -> int:
             result = run(scenario, options, display)
     except FolderError as error:
         complain(str(error))
-        return USAGE
+        return FAILED if isinstance(error, FolderTakenError) else USAGE
     for message in result.messages:
         complain(message)
     if arguments.json:
@@ -207,6 +209,15 @@ def _run(arguments: argparse.Namespace) -> int:
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return OK if result.summary["valid"] else FAILED
+
+
+def _can_start_parts() -> bool:
+    """Whether the parts of a run could reach each other; says so if not."""
+    from deltaswarm_orchestrator.doctor import loopback_problem
+
+    if problem := loopback_problem():
+        complain(f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`")
+    return problem is None
 
 
 def _scenario_of(arguments: argparse.Namespace) -> Scenario:
@@ -226,6 +237,8 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _bench(arguments: argparse.Namespace) -> int:
+    if not (arguments.scale or arguments.radio or _can_start_parts()):
+        return FAILED
     try:
         found, text = _benched(arguments)
     except ValueError as error:

@@ -95,8 +95,10 @@ def conduct_for(
     except (SweepFolderError, EngineError, OSError) as error:  # OSError: a full disk beneath a table
         complain(str(error))
         return None
-    for file in result.spoilt:
-        complain(f"{file} held no result: cut off or edited; its run is done again")
+    for file in result.damaged:
+        complain(f"{file} was damaged: cut off, or changed after it was written; its run was done again")
+    for file in result.left_out:
+        complain(f"{file} is damaged: cut off, or changed after it was written; the tables leave it out: delete it")
     if len(result.manifest["code"]) > 1:
         versions = len(result.manifest["code"])
         complain(f"{folder} has runs by {versions} versions of the code; another --out would have one")

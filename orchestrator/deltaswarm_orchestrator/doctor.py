@@ -29,6 +29,7 @@ NEEDED = {
 """By hand and not from this package's metadata, which takes a package to be read; a test holds them together."""
 
 DESCRIPTORS_WANTED = 1024
+CONNECT_WITHIN_S = 5.0
 
 
 @dataclass(frozen=True)
@@ -74,12 +75,22 @@ def _descriptors() -> Finding:
     return Finding("file descriptors", str(soft), soft >= DESCRIPTORS_WANTED, advice)
 
 
-def _loopback() -> Finding:
+def loopback_problem() -> str | None:
+    """Why 127.0.0.1 cannot be bound and connected to; None if it can. All parts of a run meet there."""
     try:
-        with socket.create_server(("127.0.0.1", 0)) as server, socket.create_connection(server.getsockname()):
-            return Finding("loopback", "127.0.0.1 listens and connects", True)
+        with (
+            socket.create_server(("127.0.0.1", 0)) as server,
+            socket.create_connection(server.getsockname(), CONNECT_WITHIN_S),
+        ):
+            return None
     except OSError as error:
-        return Finding("loopback", str(error), False, "ip link set lo up (as root)")
+        return error.strerror or str(error)
+
+
+def _loopback() -> Finding:
+    problem = loopback_problem()
+    found = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
+    return Finding("loopback", found, problem is None, "ip link set lo up (as root)")
 
 
 def _start_method() -> Finding:

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.results import Outcome
+from deltaswarm_orchestrator.run_folder import is_under_way
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
@@ -46,7 +47,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
     if manifest["exit_reason"] != results.RUNNING:
         return f"incomplete ({manifest['exit_reason']})"
     died = "incomplete (killed, or its machine stopped)"
-    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[results.is_under_way(folder)]
+    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_under_way(folder)]
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:

@@ -24,7 +24,7 @@ from deltaswarm_wire.messages import (
     decode_workload,
 )
 from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done, encode_taken
-from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread, without_sources
 from deltaswarm_wire.truth import Truth, decode_truth, decode_wire
 
 use_one_worker_thread()
@@ -61,7 +61,8 @@ class Observer:
         try:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
         except zenoh.ZError as error:
-            raise ConnectionError(f"the world at {link.endpoint} does not let the recorder in: {error}") from None
+            reason = without_sources(str(error))
+            raise ConnectionError(f"the recorder cannot join the world at {link.endpoint}: {reason}") from None
         self._done = self._session.declare_publisher(
             keys.done,
             encoding=zenoh.Encoding("application/msgpack;deltaswarm.Done.v1"),

@@ -1,13 +1,9 @@
 """The run folder: what a run's parts left, merged into tables and one summary."""
 
 import csv
-import fcntl
 import json
-import os
-import shutil
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -15,7 +11,6 @@ from typing import Any, TypeVar
 import numpy as np
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.scenario import to_toml
 from deltaswarm_wire import digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Workload
@@ -31,7 +26,7 @@ OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if nam
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
 
 RUNNING = "running"
-"""The exit reason of a run that has not ended, and for ever of one that was killed: see `is_under_way`."""
+"""The exit reason of a run that has not ended, and for ever of one that was killed: see `run_folder.is_under_way`."""
 
 MAX_NAMED = 5
 """So many agents are named in a reason."""
@@ -64,86 +59,6 @@ class Outcome:
         """The run's digest; None while a part of it is missing."""
         world, operator = self.world.get("digest"), self.operator.get("digest")
         return digest.combine(world, operator) if world and operator else None
-
-
-class FolderError(Exception):
-    """The run folder cannot be made, is being written, or is there already and `--force` was not given."""
-
-
-class RunFolder:
-    """A run's folder: written beside as `<name>.part`, renamed when whole."""
-
-    def __init__(self, target: Path, *, force: bool) -> None:
-        if target.exists() and not force:
-            raise FolderError(f"{target} exists; --force replaces it")
-        if target.exists() and not _is_replaceable(target):
-            raise FolderError(f"{target} exists and is no run folder; --force does not replace it")
-        self.target = target
-        self.path = target.with_name(target.name + ".part")
-        self._force = force
-        if self.path.exists():
-            if under_way := is_under_way(self.path):
-                raise FolderError(f"{self.path} is written by a run under way: end that one, or use another folder")
-            if not force:
-                what = "an interrupted run" if under_way is False else "an interrupted run, or one under way"
-                raise FolderError(f"{self.path} exists: {what}; --force replaces it")
-        shutil.rmtree(self.path, ignore_errors=True)
-        try:
-            self.path.mkdir(parents=True)
-        except OSError as error:
-            raise FolderError(f"{self.path} cannot be made: {error.strerror}") from None
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Meanwhile `is_under_way` says so; and not any more once this process has ended, however it did."""
-        handle = os.open(self.path, os.O_RDONLY)
-        try:
-            with suppress(OSError):  # a file system that locks no folder
-                fcntl.flock(handle, fcntl.LOCK_EX)
-            yield
-        finally:
-            os.close(handle)
-
-    def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
-        """Write what is known before the first step."""
-        (self.path / "scenario.toml").write_text(to_toml(scenario))
-        self.write_manifest(manifest)
-
-    def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write `manifest.json` whole."""
-        write_json(self.path / "manifest.json", manifest)
-
-    def finish(self) -> Path:
-        """Give the folder its name."""
-        if self._force:
-            shutil.rmtree(self.target, ignore_errors=True)
-        self.path.rename(self.target)
-        return self.target
-
-
-def is_under_way(folder: Path) -> bool | None:
-    """Whether somebody holds a run folder; None where the file system cannot tell.
-
-    By a lock and not by a process's number, which another process may have by now.
-    """
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
-    except OSError:
-        return None
-    finally:
-        os.close(handle)
-    return False
-
-
-def _is_replaceable(target: Path) -> bool:
-    """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
-    if target.name in ("", "..") or not target.is_dir():
-        return False
-    is_run = all((target / name).exists() for name in ("manifest.json", "scenario.toml"))  # a sweep has the first too
-    return is_run or not any(target.iterdir())
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:

@@ -14,8 +14,9 @@ from deltaswarm_orchestrator.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.progress import Reporter
 from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.results import Outcome, RunFolder
+from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_orchestrator.room import RoomError
+from deltaswarm_orchestrator.run_folder import RunFolder
 from deltaswarm_orchestrator.stopping import Stop, stoppable
 from deltaswarm_orchestrator.watch import Watch
 from deltaswarm_wire import checked
@@ -50,15 +51,15 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """Do one run and write its folder.
 
     Raises:
-        FolderError: the folder is there and `force` was not given.
+        FolderError: the folder cannot be had.
+        FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
         KeyboardInterrupt: somebody asked a second time for the end; nothing of the run is left running.
     """
     with stoppable() as stop:
         if options.boards:
             options.boards.prepare(scenario)
-        folder = RunFolder(options.out, force=options.force)
-        with folder.held():
+        with RunFolder(options.out, force=options.force) as folder:
             return _run_into(folder, scenario, options, reporter, stop)
 
 

@@ -13,7 +13,6 @@ import tomli_w
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
-    LOG_FORMAT,
     add_boards_argument,
     add_tls_arguments,
     add_zenoh_argument,
@@ -24,6 +23,7 @@ from deltaswarm_wire.arguments import (
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
@@ -83,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     The endpoints on which it listens are its first line of standard output.
     """
     arguments = parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    log_to_standard_error()
     try:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
@@ -115,6 +115,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     try:
         return run_world(config, lambda endpoint: print(endpoint, flush=True))
+    except ConnectionError as error:
+        logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
+        return 1
     except Exception as error:
         code = exit_code_of(error)
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error, exc_info=code == FAILED)

@@ -102,7 +102,7 @@ def open_router(
     """Listen where asked; port 0 is any free one. `announce` is told the endpoints, with spaces between them.
 
     Raises:
-        zenoh.ZError: it cannot listen there.
+        ConnectionError: it cannot listen there.
     """
     zenoh.init_log_from_env_or("error")
     may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)
@@ -112,9 +112,9 @@ def open_router(
             session = zenoh.open(
                 configured(zenoh.Config, router_pairs(link, credentials, keys, agents, endpoints), link)
             )
-        except zenoh.ZError:
+        except zenoh.ZError as error:
             if not may_retry or attempt == PORT_TRIES - 1:
-                raise
+                raise ConnectionError(f"the router cannot be opened: {error}") from None
         else:
             announce(" ".join(endpoints))
             return session

@@ -17,10 +17,11 @@ from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettin
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
-from deltaswarm_wire.arguments import LOG_FORMAT, program
+from deltaswarm_wire.arguments import program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.logs import log_to_standard_error
 
 MAX_ACCELERATE = 10_000.0
 
@@ -38,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a board; its exit code is 0 after being told to stop, 2 for a bad file or arguments, else 1."""
     arguments = parser().parse_args(argv)
-    logging.basicConfig(level=logging.INFO, format=LOG_FORMAT)
+    log_to_standard_error()
     try:
         settings = read_settings(arguments.file)
         run = BoardRun(settings, arguments.accelerate, arguments.steps)

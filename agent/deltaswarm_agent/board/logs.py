@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from deltaswarm_agent.board.settings import LogSettings
-from deltaswarm_wire.arguments import LOG_FORMAT
+from deltaswarm_wire.logs import LogFormatter
 
 log = logging.getLogger("deltaswarm.board")
 
@@ -42,7 +42,7 @@ def log_to(settings: LogSettings, agent: int) -> None:
         log.error("nothing is logged to %s: %s", folder, error)
         return
     _to_standard_error(logging.ERROR)
-    files.setFormatter(logging.Formatter(LOG_FORMAT))
+    files.setFormatter(LogFormatter())
     root.addHandler(files)
 
 

@@ -50,7 +50,7 @@ class DaskEngine:
                 complain(f"the Dask scheduler at {self._scheduler} has no workers yet; waiting for them")
             code = provenance.code_digest()
             futures = {
-                client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(task)): task
+                client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
                 for task in tasks
             }
             waiting = as_completed(list(futures))
@@ -80,8 +80,9 @@ class DaskEngine:
         raise EngineError(f"no Dask scheduler could be reached at {self._scheduler or 'this machine'}: {problem}")
 
 
-def _key(task: Task) -> str:
-    return f"deltaswarm-{task.job.key}-{task.means}"
+def _key(code: str, task: Task) -> str:
+    """Same key, same result: a scheduler gives all its clients one that it has."""
+    return f"deltaswarm-{code}-{task.job.key}-{task.means}"
 
 
 def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:

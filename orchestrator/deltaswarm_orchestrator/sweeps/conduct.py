@@ -37,8 +37,10 @@ class SweepResult:
     """Runs without a result, with the reason."""
     differing: list[str] = field(default_factory=list)
     """Runs whose digest is another one by real processes than in one process."""
-    spoilt: list[str] = field(default_factory=list)
-    """Files that were there but held no result; their runs were done again."""
+    damaged: list[str] = field(default_factory=list)
+    """Files of runs that were cut off or changed; these runs were done again."""
+    left_out: list[str] = field(default_factory=list)
+    """Such files of runs that were not asked for this time: the tables are without them."""
     interrupted: bool = False
 
     @property
@@ -70,9 +72,12 @@ def conduct(
         wanted = [(job, means) for job in jobs]
         wanted += [(job, PROCESSES) for job in sweep.sample(jobs) if means == IN_PROCESS]
         # Variants may be the same under two labels: the run is done once, and stands in both rows.
-        wanted = list({folder.file(job, by): (job, by) for job, by in reversed(wanted)}.values())[::-1]
+        files = {folder.file(job, by): (job, by) for job, by in reversed(wanted)}
+        wanted = list(files.values())[::-1]
         tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
-        spoilt = [str(folder.file(job, by)) for job, by in wanted if folder.is_spoilt(job, by)]
+        damaged = [str(folder.file(job, by)) for job, by in wanted if folder.is_damaged(job, by)]
+        others = {folder.file(job, by): (job, by) for job in sweep.jobs() for by in (IN_PROCESS, PROCESSES)}
+        left_out = [str(file) for file, run in others.items() if file not in files and folder.is_damaged(*run)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest)
@@ -110,7 +115,9 @@ def conduct(
             tables.write_table(path / "series", series)
         folder.write_manifest(manifest)
     finished = sum(folder.has(job, means) for job in jobs)
-    return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, spoilt, interrupted)
+    return SweepResult(
+        path, len(jobs), finished, manifest, table, series, failed, differing, damaged, left_out, interrupted
+    )
 
 
 def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bool) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """A sweep's folder: a file for each finished run, so that whatever ends a sweep, it goes on where it was."""
 
-import fcntl
+import hashlib
 import json
 import os
 import shutil
@@ -11,13 +11,12 @@ from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
 
-LOCK = ".lock"
-
-RESULT = {"summary": dict, "series": dict, "cost": dict}
-"""What every result has, by which a file is known that somebody cut or edited."""
+CHECKSUM = "checksum"
+"""Of all else in a result's file, by which one is known that was cut off, edited or damaged."""
 
 
 class SweepFolderError(Exception):
@@ -42,8 +41,8 @@ class SweepFolder:
         with ExitStack() as stack:
             try:
                 self._take(name, stack)
-            except BlockingIOError:
-                raise SweepFolderError(f"{self.path} is in use by another sweep") from None
+            except HeldError as error:
+                raise SweepFolderError(f"{self.path} is in use by another sweep{error}") from None
             except OSError as error:
                 raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
             yield
@@ -53,9 +52,7 @@ class SweepFolder:
         if self.path.exists() and not self._is_ours():
             raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
         self.path.mkdir(parents=True, exist_ok=True)
-        lock = os.open(self.path / LOCK, os.O_RDWR | os.O_CREAT, 0o644)
-        stack.callback(os.close, lock)
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        stack.callback(FolderLock(self.path).release)
         found = self.manifest()
         if found is not None and found.get("name") != name:
             raise SweepFolderError(f"{self.path} holds the sweep {found.get('name')!r}, not {name!r}")
@@ -67,9 +64,9 @@ class SweepFolder:
     def _is_ours(self) -> bool:
         """Whether the folder is a sweep's or empty. A sweep makes its lock first: it may be killed before it has more.
 
-        A single run has a manifest too, but says nothing of what is swept.
+        A single run has both too while it is written, but also a scenario, and says nothing of what is swept.
         """
-        if not self.path.is_dir():
+        if not self.path.is_dir() or (self.path / "scenario.toml").exists():
             return False
         return (self.path / LOCK).exists() or "swept" in (self.manifest() or ()) or not any(self.path.iterdir())
 
@@ -81,8 +78,8 @@ class SweepFolder:
         """Whether a run is finished."""
         return self.result(job, means) is not None
 
-    def is_spoilt(self, job: Job, means: str = IN_PROCESS) -> bool:
-        """Whether there is a file for a run that holds no result."""
+    def is_damaged(self, job: Job, means: str = IN_PROCESS) -> bool:
+        """Whether the file of a run is damaged."""
         return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
@@ -92,18 +89,18 @@ class SweepFolder:
             SweepFolderError: it cannot be written.
         """
         try:
-            write_whole(self.file(job, means), orjson.dumps(result))
+            write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(result), **result}))
         except OSError as error:
             raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}") from None
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
-        """A finished run; None if it is not, or if its file is spoilt."""
+        """A finished run; None if it is not, or if its file is damaged."""
         try:
             found = orjson.loads(self.file(job, means).read_bytes())
         except (OSError, ValueError):
             return None
-        is_whole = isinstance(found, dict) and all(isinstance(found.get(name), RESULT[name]) for name in RESULT)
-        return found if is_whole and isinstance(found["summary"].get("digest"), str) else None
+        is_whole = isinstance(found, dict) and found.pop(CHECKSUM, None) == _checksum(found)
+        return found if is_whole else None
 
     def manifest(self) -> dict[str, Any] | None:
         """What the folder says of itself; None before the first sweep in it.
@@ -125,6 +122,10 @@ class SweepFolder:
         """Write `manifest.json` whole."""
         # Not by orjson, which knows no integer beyond 64 bits.
         write_whole(self.path / "manifest.json", json.dumps(manifest, indent=2).encode())
+
+
+def _checksum(result: Result) -> str:
+    return hashlib.blake2b(orjson.dumps(result), digest_size=16).hexdigest()
 
 
 def write_whole(file: Path, data: bytes) -> None:
