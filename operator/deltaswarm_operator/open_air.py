@@ -54,6 +54,10 @@ MAX_WAITING = 10_000
 """So many samples may wait: bounds the memory that strangers can take, and how long an end takes."""
 
 
+WAKES_EVERY_S = 1.0
+"""However long a step is: a signal that comes just before the main thread waits is acted on when it wakes."""
+
+
 class Inbox:
     """What has arrived, in order, for the main thread; filled by Zenoh's threads and by signals."""
 
@@ -114,7 +118,7 @@ class OpenAirOperator:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
             try:
-                arrival, sample = self._inbox.get(self.meter.wait_s(self._now_s()))
+                arrival, sample = self._inbox.get(min(WAKES_EVERY_S, self.meter.wait_s(self._now_s())))
             except queue.Empty:
                 continue
             if arrival is Arrival.STOP:
