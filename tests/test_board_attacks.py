@@ -15,6 +15,7 @@ from deltaswarm_agent.__main__ import main
 from deltaswarm_agent.board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
 from deltaswarm_orchestrator import certificates
+from tests.boards import tls_arguments
 
 AIR = {"listen": ["tcp/127.0.0.1:0"], "connect": ["tcp/127.0.0.1:1"]}
 WHOLE: dict[str, Any] = {
@@ -126,7 +127,7 @@ def test_events_are_read_from_a_file_of_reasonable_size(
     """No device, nobody's pipe, nothing that fills the memory."""
     os.mkfifo(tmp_path / "fifo")
     with (tmp_path / "large").open("wb") as large:
-        large.truncate(1 << 40)
+        large.truncate(1 << 32)
     file = tmp_path / "3.toml"
     file.write_text(tomli_w.dumps(WHOLE | {"air": AIR, "body": {"options": {"events": endless}}}))
     code, said = check(file, capsys)
@@ -170,24 +171,12 @@ def test_a_secret_that_others_may_read_is_refused_everywhere(
         assert f"has mode {mode:04o}" in said
         assert "chmod 600" in said
     common = ["--run", "field", "--out", str(tmp_path / "out")]
-    own = [str(tmp_path / name) for name in ("ca.pem", "operator.pem", "operator.key")]
     for arguments in (
-        [*common, "--connect", "tcp/127.0.0.1:1", "--password-file", str(secret)],
-        [*common, "--no-world", "--listen", "tcp/127.0.0.1:0", "--credentials", str(secret)],
-        [
-            *common,
-            "--no-world",
-            "--listen",
-            "tls/127.0.0.1:0",
-            "--ca",
-            own[0],
-            "--certificate",
-            own[1],
-            "--key",
-            own[2],
-        ],
+        ["--connect", "tcp/127.0.0.1:1", "--password-file", str(secret)],
+        ["--no-world", "--listen", "tcp/127.0.0.1:0", "--credentials", str(secret)],
+        ["--no-world", "--listen", "tls/127.0.0.1:0", *tls_arguments(tmp_path, "operator")],
     ):
-        assert operator_main(arguments) == 2
+        assert operator_main([*common, *arguments]) == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1
         assert f"has mode {mode:04o}; 0600 is needed: chmod 600 " in said

@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.certificates import Authority
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import RADIO, REPORT, Keys
-from deltaswarm_wire.messages import Event, Report, encode_report
+from deltaswarm_wire.messages import MAX_REPORTED, Event, Report, encode_report
 from tests.boards import tls_arguments
 from tests.cable import cable
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
@@ -84,7 +84,7 @@ def test_a_neighbour_that_floods_its_key_stops_no_board(tmp_path: Path) -> None:
 def test_an_operator_that_is_flooded_counts_the_others(tmp_path: Path) -> None:
     """Of the one that floods much is refused or rejected, and named once; nobody else is, and memory stays bounded."""
     port = free_port()
-    events = tuple(Event(number, 1.0, 2.0) for number in range(900))
+    events = tuple(Event(number, 1.0, 2.0) for number in range(MAX_REPORTED))
     reports = [
         (encode_report(Report(7, sequence, 0, "root", 1.0, 2.0, 3, events)), pack(1e9 + sequence))
         for sequence in range(50)
