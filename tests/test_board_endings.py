@@ -16,7 +16,7 @@ from tests.swarms import PATIENCE_S, wait_until
 pytestmark = pytest.mark.processes
 
 BODIES = """
-import sys, threading, time
+import signal, sys, threading, time
 from dataclasses import dataclass
 from deltaswarm_agent.body import Sensed
 
@@ -45,6 +45,11 @@ class HangsAsItIsMade(Well):
 
 class HangsAsItSenses(Well):
     def sense(self, time_s):
+        hang()
+
+class HangsWhereNoSignalComes(Well):
+    def sense(self, time_s):
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})  # it wakes another thread, and this one sleeps on
         hang()
 
 class HangsAsItCloses(Well):
@@ -84,11 +89,12 @@ def start(
 
 def test_a_body_that_hangs_does_not_keep_the_process(tmp_path: Path) -> None:
     """In whatever it hangs: it is left behind, with word of where, and exit code 1."""
-    kinds = ("HangsAsItIsMade", "HangsAsItSenses", "HangsAsItCloses", "HangsAfterwards")
-    where = ("__init__", "sense", "close", "hang")
+    kinds = ("HangsAsItIsMade", "HangsAsItSenses", "HangsWhereNoSignalComes", "HangsAsItCloses", "HangsAfterwards")
+    where = ("__init__", "sense", "sense", "close", "hang")
+    begun = ("hangs", "hangs", "hangs", "first step", "first step")
     with boards(tmp_path) as running:
         start(running, kinds)
-        for agent, text in enumerate(("hangs", "hangs", "first step", "first step")):
+        for agent, text in enumerate(begun):
             wait_until(lambda agent=agent, text=text: text in running.said(agent), f"{kinds[agent]}: {text}")
         for process in running.processes.values():
             process.terminate()

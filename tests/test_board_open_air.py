@@ -50,6 +50,7 @@ def test_boards_that_start_apart_form_a_tree_and_report(tmp_path: Path) -> None:
     tables[0]["log"] = {"folder": str(tmp_path / "logs"), "record": "mcap"}
     with boards(tmp_path) as running, listening(*endpoints) as listener:
         first = running.start(tables[0], *FAST)
+        listener.wait_for(lambda: listener.path(0) == (0,), "a root, before another can be one")
         listener.wait_for_frames(0, 5)
         frames, used_s = listener.frames[0], busy_s(first.pid)
         listener.wait_for_frames(0, 60)
@@ -135,6 +136,7 @@ def test_a_board_that_is_alone_or_frozen_comes_back(tmp_path: Path) -> None:
     with boards(tmp_path) as running, listening(*endpoints) as listener:
         for table in tables:
             running.start(table, *FAST)
+            listener.wait_for(lambda: listener.path(0) == (0,), "a root, before another can be one")
         wait_for_tree(listener)
         running.processes[1].send_signal(signal.SIGSTOP)
         listener.wait_for(lambda: listener.table(0) == {2}, "the frozen one's absence")

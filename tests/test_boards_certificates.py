@@ -2,6 +2,7 @@
 
 import datetime
 import ipaddress
+import shutil
 from pathlib import Path
 
 import pytest
@@ -31,7 +32,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_each_part_has_a_certificate_and_a_key(folder: Path) -> None:
-    """The keys are their owner's alone."""
+    """The keys are their owner's alone, and so is the folder."""
+    assert folder.stat().st_mode & 0o777 == 0o700
     assert {path.name for path in folder.iterdir()} == {f"{name}.{end}" for name in NAMES for end in ("pem", "key")}
     assert {path.stat().st_mode & 0o777 for path in folder.glob("*.key")} == {0o600}
 
@@ -61,7 +63,7 @@ def test_more_agents_are_added_and_nothing_is_made_anew(
 ) -> None:
     """By the same authority."""
     for path in folder.iterdir():
-        (tmp_path / path.name).write_bytes(path.read_bytes())
+        shutil.copy2(path, tmp_path)
     before = {path: path.read_bytes() for path in tmp_path.iterdir()}
     assert main(["certificates", "--out", str(tmp_path), "--agents", "7-8"]) == 0
     assert capsys.readouterr().out.split() == [str(tmp_path / "agent-8.pem"), str(tmp_path / "agent-8.key")]
@@ -75,6 +77,24 @@ def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: 
     (tmp_path / "ca.key").write_bytes((tmp_path / "world.key").read_bytes())
     assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
     assert "ca.key is not the key of ca.pem" in capsys.readouterr().err
+
+
+def test_an_authority_whose_key_others_may_read_signs_nothing(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With its mode, and what to do."""
+    certificates.make(tmp_path, [], [], 1)
+    (tmp_path / "ca.key").chmod(0o644)
+    assert main(["certificates", "--out", str(tmp_path), "--agents", "1"]) == 2
+    assert f"ca.key has mode 0644; 0600 is needed: chmod 600 {tmp_path}" in capsys.readouterr().err
+
+
+def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Beside the list of files, which a script may read."""
+    assert main(["certificates", "--out", str(folder), "--agents", "7"]) == 0
+    printed = capsys.readouterr()
+    assert str(folder / "ca.key") in printed.err
+    assert str(folder / "ca.key") not in printed.out
 
 
 def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothing(

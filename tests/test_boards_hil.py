@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from deltaswarm_orchestrator.boards import Boards
+from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.boards import Boards, authority_folder, commands
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError
@@ -196,3 +197,33 @@ def test_faults_that_need_all_processes_are_refused(tmp_path: Path) -> None:
     scenario = load_scenario("smoke", ['fault=[{kind="kill", at_s=10, agents=[1]}]'])
     with pytest.raises(SettingsError, match="not all processes are in hand"):
         Boards((4,), "tcp/127.0.0.1:0", tmp_path).prepare(scenario)
+
+
+def secrets_in(folder: Path) -> set[str]:
+    return {file.name for file in folder.glob("*.key")}
+
+
+def test_the_authoritys_key_is_not_among_what_boards_are_given(tmp_path: Path) -> None:
+    """Nor is the world's, which stands beside it in a folder for its owner alone; the next run signs with the same."""
+    scenario = load_scenario("smoke", [])
+    made = Boards(BOARDS, "tls/127.0.0.1:0", tmp_path / "boards")
+    made.prepare(scenario)
+    kept = authority_folder(made.folder)
+    assert made.folder not in (kept, *kept.parents)
+    assert secrets_in(made.folder) == {"agent-4.key", "agent-5.key"}
+    assert {"ca.key", "world.key"} <= secrets_in(kept)
+    assert (mode(kept), mode(kept / "ca.key"), mode(made.folder / "agent-4.key")) == (0o700, 0o600, 0o600)
+    assert str(kept / "ca.key") in commands([made.folder / "4.toml"])
+    before = {file.name: file.read_bytes() for file in made.folder.iterdir()}
+    Boards((4,), "tls/127.0.0.1:0", made.folder).prepare(scenario)
+    assert {file.name: file.read_bytes() for file in made.folder.iterdir()} == before
+
+
+def test_an_authority_among_what_boards_are_given_is_moved_away(tmp_path: Path) -> None:
+    """One that `deltaswarm certificates` made there; what boards have from it is good as before."""
+    certificates.make(tmp_path / "boards", [4], [], 30)
+    before = (tmp_path / "boards" / "agent-4.pem").read_bytes()
+    made = Boards(BOARDS, "tls/127.0.0.1:0", tmp_path / "boards")
+    made.prepare(load_scenario("smoke", []))
+    assert secrets_in(made.folder) == {"agent-4.key", "agent-5.key"}
+    assert (made.folder / "agent-4.pem").read_bytes() == before

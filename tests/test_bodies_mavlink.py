@@ -71,6 +71,11 @@ class Flight:
         """How fast it is."""
         return math.hypot(*self.track[-1][3:5]) if self.track else math.nan
 
+    def hears_what_was_sent(self) -> None:
+        """Wait until nothing that was sent before now is still on its way; it hears all there is before each row."""
+        rows = len(self.track) + 2
+        wait_until(lambda: len(self.track) >= rows, "two further rows of the vehicle")
+
     def end(self) -> None:
         """Land, and wait."""
         assert self.process.stdin is not None
@@ -160,6 +165,7 @@ def test_a_copter_takes_off_undisturbed_and_only_then_obeys_the_agent() -> None:
     with a_body() as (body, flight):
         flight.tell("land")
         wait_until(lambda: "not in the air" in body.sense(0.0).fault, "a fault")
+        flight.hears_what_was_sent()
         flight.tell("takeoff")
         go(body, 1.0, 0.0, lambda: not body.sense(0.0).fault, "the end of the take-off")
         go(body, 1.0, 0.0, lambda: flight.speed_mps > 0.9, "speed")

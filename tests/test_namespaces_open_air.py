@@ -112,6 +112,7 @@ def field(folder: Path, delay_s: float = 0.0, loss: float = 0.0) -> Iterator[Fie
             table: Mapping[str, Any] = board_table(agent, STARTS[agent], links, folder)
             told = {**table, "agent": {**TASK, "control": control}}
             running.start(told, "--accelerate", str(FACTOR), inside=net.inside(agent))
+            made.listener.wait_for(lambda: made.listener.path(ROOT) == (ROOT,), "a root, before another can be one")
         yield made
 
 

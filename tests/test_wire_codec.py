@@ -2,6 +2,9 @@
 
 import contextlib
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -30,6 +33,32 @@ def test_a_sample_of_the_largest_size_passes_and_one_byte_more_does_not() -> Non
     assert codec.unpack(data) == largest
     assert str(MAX_SAMPLE_BYTES) in str(refused(codec.pack, largest + b"x"))
     assert refused(codec.unpack, data + b"x").field == "sample"
+
+
+IN_TWO_THREADS = """
+import sys, threading
+from deltaswarm_wire.codec import pack, unpack
+sys.setswitchinterval(1e-6)
+wrong = []
+def encode(value):
+    try:
+        wrong.extend(value for _ in range(1500) if unpack(pack(value)) != value)
+    except Exception as error:
+        wrong.append(error)
+threads = [threading.Thread(target=encode, args=[[number] * 40]) for number in (1, 70_000)]
+for thread in threads: thread.start()
+for thread in threads: thread.join()
+print(sys.modules["msgpack"].Packer.__module__, len(wrong), wrong[:1])
+"""
+
+
+@pytest.mark.parametrize("pure", ["", "1"], ids=["compiled", "pure Python"])
+def test_two_threads_may_encode(pure: str) -> None:
+    """As on a board, one of whose threads watches the other; also where msgpack is not compiled, as on armv7."""
+    environment = {**os.environ, "MSGPACK_PUREPYTHON": pure}
+    command = [sys.executable, "-c", IN_TWO_THREADS]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["msgpack.fallback" if pure else "msgpack._cmsgpack", "0", "[]"]
 
 
 def test_a_wider_limit_is_given_by_the_caller() -> None:

@@ -5,7 +5,7 @@ that names the field, what was found and what is allowed.
 """
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from typing import Any
 
 import msgpack
@@ -36,8 +36,11 @@ class WireError(ValueError):
         self.field = field
 
 
-_packer = msgpack.Packer()
-"""One for all, since to make it costs more than to pack; so only one thread of a process may encode."""
+_IS_PURE_PYTHON = msgpack.Packer.__module__ == "msgpack.fallback"
+
+_pack: Callable[[object], bytes] = msgpack.packb if _IS_PURE_PYTHON else msgpack.Packer().pack
+"""For any thread. The compiled packer, which costs as much to make as to use, is shared: it works under Python's lock.
+A pure-Python one would mix what two threads encode at the same time, so there each sample has its own."""
 
 
 def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
@@ -46,7 +49,7 @@ def pack(value: object, limit_bytes: int = MAX_SAMPLE_BYTES) -> bytes:
     Raises:
         WireError: the encoded sample is too large.
     """
-    data: bytes = _packer.pack(value)
+    data = _pack(value)
     if len(data) > limit_bytes:
         raise WireError("sample", f"{len(data)} bytes to send, at most {limit_bytes} are allowed")
     return data

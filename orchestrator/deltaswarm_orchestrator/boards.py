@@ -2,6 +2,7 @@
 
 import ipaddress
 import os
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,14 +23,18 @@ CERTIFICATE_DAYS = 365
 
 @dataclass(frozen=True)
 class Boards:
-    """Agents of a run that are started elsewhere: their numbers, where they reach the world, and their folder."""
+    """Agents of a run that are started elsewhere: their numbers, where they reach the world, and their folder.
+
+    The folder is for what is copied to boards. What signs their certificates, and what the world shows, is kept apart
+    in a folder beside it (`authority_folder`).
+    """
 
     agents: tuple[int, ...]
     listen: str
     folder: Path
 
     def prepare(self, scenario: Scenario) -> None:
-        """Make the folder, and certificates where the world is reached over TLS and they are missing.
+        """Make the folder and, where the world is reached over TLS, certificates that are missing.
 
         Raises:
             SettingsError: there is no such agent, no address to reach the world at, a fault that needs the process;
@@ -53,18 +58,32 @@ class Boards:
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._is_over_tls:
-                from deltaswarm_orchestrator import certificates  # others need no cryptography
-
-                for ending in ("pem", "key"):  # the world's is for this address, whatever it was
-                    (self.folder / f"{WORLD}.{ending}").unlink(missing_ok=True)
-                certificates.make(self.folder, self.agents, [self._host], CERTIFICATE_DAYS)
+                self._make_certificates()
         except (OSError, ValueError) as error:
             raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
+
+    def _make_certificates(self) -> None:
+        from deltaswarm_orchestrator import certificates  # others need no cryptography
+
+        authority = authority_folder(self.folder)
+        authority.mkdir(mode=0o700, exist_ok=True)
+        authority.chmod(0o700)
+        if (self.folder / "ca.key").exists():  # made by hand in the folder of the boards
+            for file in (*self.folder.glob("*.pem"), *self.folder.glob("*.key")):
+                file.replace(authority / file.name)
+        for ending in ("pem", "key"):  # the world's is for this address, whatever it was
+            (authority / f"{WORLD}.{ending}").unlink(missing_ok=True)
+        certificates.make(authority, self.agents, [self._host], CERTIFICATE_DAYS)
+        for name in ("ca.pem", *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
+            shutil.copyfile(authority / name, self.folder / name)
+        for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
+            _write_secret(self.folder / name, (authority / name).read_text())
 
     @property
     def tls(self) -> Tls | None:
         """The world's certificate, over TLS."""
-        files = [str(self.folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
+        folder = authority_folder(self.folder)
+        files = [str(folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
         return Tls(*files) if self._is_over_tls else None
 
     @property
@@ -95,6 +114,16 @@ class Boards:
         return file
 
 
+def authority_folder(boards: Path) -> Path:
+    """Where the keys stay that no board is given: beside the boards' folder, so that copying that takes none of them.
+
+    Raises:
+        ValueError: the boards' folder is the root of the file system.
+    """
+    folder = boards.resolve()
+    return folder.with_name(f"{folder.name}.authority")
+
+
 def _is_any(host: str) -> bool:
     try:
         return ipaddress.ip_address(host).is_unspecified
@@ -113,4 +142,6 @@ def commands(files: Sequence[Path]) -> str:
     """How to start the boards, for people."""
     lines = [f"    deltaswarm-agent board {file.name}" for file in files]
     where = files[0].parent
+    if (authority := authority_folder(where)).exists():
+        lines.append(f"the authority's private key stays on this machine: {authority / 'ca.key'}")
     return "\n".join([f"waits for {len(files)} boards; on each, with its files of {where} beside it:", *lines])

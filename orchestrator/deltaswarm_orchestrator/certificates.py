@@ -16,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.arguments import secret_problem
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 
 CA = "ca"
@@ -61,10 +62,12 @@ class Authority:
         """The authority of a folder that `make` filled before.
 
         Raises:
-            ValueError: its files hold no certificate and key that fit each other.
+            ValueError: its files hold no certificate and key that fit each other, or others may read the key.
             OSError: they cannot be read.
         """
         certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
+        if problem := secret_problem(folder / "ca.key"):
+            raise ValueError(f"{folder / 'ca.key'} {problem}")
         try:
             key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
         except TypeError as error:
@@ -95,14 +98,14 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
     """Fill the folder: `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; the new files.
 
     A folder with an authority is added to: what is there stays, but that a certificate which has ended, or is the
-    world's or the operator's and lacks one of the hosts, is made anew. Keys have mode 0600.
+    world's or the operator's and lacks one of the hosts, is made anew. Keys have mode 0600, a new folder 0700.
 
     Raises:
         ValueError: a host that is no name or address, or an authority whose files do not fit or that has ended.
         OSError: the folder cannot be written.
     """
     server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
-    folder.mkdir(parents=True, exist_ok=True)
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     made: list[str] = []
     if (folder / "ca.pem").exists():
         authority = Authority.load(folder)

@@ -1,6 +1,7 @@
 """What the command line has for agents on boards: `bundle`, `certificates`, and `run --boards`."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,6 +95,11 @@ def certificates(arguments: argparse.Namespace) -> int:
         complain(str(error))
         return USAGE
     print("\n".join(map(str, files)) if files else f"{arguments.out}: all of them are there")
+    print(
+        f"{arguments.out / 'ca.key'} signs for everybody: it stays on this machine. "
+        "A board gets ca.pem, its own .pem and its own .key",
+        file=sys.stderr,
+    )
     return OK
 
 

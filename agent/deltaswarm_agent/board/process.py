@@ -9,7 +9,6 @@ import signal
 from dataclasses import dataclass
 from pathlib import Path
 from random import Random
-from types import FrameType
 from typing import TYPE_CHECKING, Protocol
 
 from deltaswarm_agent.board.driver import Driver
@@ -18,6 +17,7 @@ from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.open_air import OpenAir
 from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.board.settings import BoardSettings
+from deltaswarm_agent.board.signals import Stop, stop_on_signals
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import make_controller
@@ -34,9 +34,6 @@ log = logging.getLogger("deltaswarm.board")
 
 ENDS_WITHIN_S = 3.0
 """A body that hangs is left behind so long after a signal (systemd kills after 5 s)."""
-
-Stop = queue.SimpleQueue[int]
-"""Signals that have come; one may be put from within a signal's handler."""
 
 
 class Recorder(Protocol):
@@ -86,7 +83,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     """
     settings = run.settings
     log_to(settings.log, settings.id)
-    stop = _stop_on_signals()
+    stop = stop_on_signals(_end_in_time)
     notifier = Notifier.from_environment()
     body_class = find_body(settings.body.kind)
     options = options_of(body_class, settings.body.options)
@@ -210,19 +207,6 @@ def _has_come(stop: Stop, wait_s: float) -> bool:
         return False
     log.info("stopped by %s", signal.Signals(number).name)
     return True
-
-
-def _stop_on_signals() -> Stop:
-    stop: Stop = queue.SimpleQueue()
-
-    def note(number: int, frame: FrameType | None) -> None:
-        _end_in_time()
-        stop.put(number)
-
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, note)
-    return stop
 
 
 def _end_in_time() -> None:

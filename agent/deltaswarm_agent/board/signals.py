@@ -1,0 +1,42 @@
+"""Signals that end a board. They are taken in a thread of their own, since the main thread may hang in a body."""
+
+import queue
+import signal
+import socket
+import threading
+from collections.abc import Callable
+
+Stop = queue.SimpleQueue[int]
+"""Signals that have come."""
+
+ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
+
+
+def stop_on_signals(on_first: Callable[[], None]) -> Stop:
+    """Put each signal that ends a process into the queue, unless it is ignored; call `on_first` at the first one.
+
+    Call this in the main thread. Python runs a signal's handler in the main thread alone, and not before that thread
+    comes back to Python: too late where it hangs, or where the signal comes just before it blocks. What Python's own
+    handler does at once, in whichever thread the signal reaches, is to write the number to the wake-up descriptor.
+    """
+    stop: Stop = queue.SimpleQueue()
+    woken, waker = socket.socketpair()
+    waker.setblocking(False)
+
+    def take() -> None:
+        is_first = True
+        while waker.fileno() >= 0:  # which also keeps the descriptor open
+            for number in woken.recv(64):
+                if number not in ENDING:
+                    continue  # of a handler that a body has set
+                if is_first:
+                    on_first()
+                is_first = False
+                stop.put(number)
+
+    threading.Thread(target=take, name="signals", daemon=True).start()
+    signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+    for number in ENDING:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda number, frame: None)
+    return stop
