@@ -30,7 +30,7 @@ def play(folder: Path, scenario_name: str, steps: int, attack: str = SILENCE, se
         f"control.attack={attack}",
         f"control.sessions={sessions}",
         f"run.duration_s={steps}",
-        "run.step_timeout_s=5",
+        "run.step_timeout_s=3",
         "record=off",
     ]
     return _run(folder, scenario_name, settings)

@@ -278,6 +278,8 @@ class WorldCore:
     def end(self) -> Tally:
         """Close the step: commands, work, completion, tally, digest."""
         late = self.lockstep.give_up()
+        for agent in late:  # a frame counts with the act that closes its step
+            self._spoken.pop(agent, None)
         observers: Counter[int] = Counter()
         for agent in sorted(self._acts):
             data, act = self._acts[agent]

@@ -1,0 +1,34 @@
+"""A flood costs the flooder alone: the others do byte for byte what they do beside an agent that fell silent."""
+
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_wire.keys import OPERATOR, WORLD
+from tests.hostile.attacker import FLOODS, SILENCE, WHO
+from tests.hostile.stage import Ended, play
+
+pytestmark = pytest.mark.processes
+
+STEPS = 250
+MOST_MB = 150.0
+
+
+@pytest.fixture(scope="module")
+def silence(tmp_path_factory: pytest.TempPathFactory) -> Ended:
+    return play(tmp_path_factory.mktemp("silence") / "run", "smoke", STEPS, SILENCE)
+
+
+@pytest.mark.parametrize(("flood", "sessions"), [*((name, 1) for name in FLOODS), ("reports", 4)])
+def test_a_flood_costs_the_flooder_alone(flood: str, sessions: int, silence: Ended, tmp_path: Path) -> None:
+    """From its own session or from four at once: no other agent loses a step, no process grows, and it is named."""
+    flooded = play(tmp_path / "run", "smoke", STEPS, flood, sessions)
+    assert flooded.world["digest"] == silence.world["digest"]
+    assert flooded.world["excess"].keys() == {str(WHO)}
+    summary = flooded.summary
+    assert (summary["steps"], summary["agents_lost"], summary["agents_late"]) == (STEPS, [], 1)
+    assert not summary["valid"]
+    assert any(f"agent {WHO} sent" in reason for reason in summary["invalid_because"])
+    assert max(flooded.peak_mb[role] for role in (WORLD, OPERATOR)) < MOST_MB
+    reports = summary["operator"]["per_sender"].get(str(WHO), {"messages": 0})
+    assert reports["messages"] <= STEPS, "at most one in a step"
