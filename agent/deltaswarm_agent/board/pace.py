@@ -21,8 +21,9 @@ class StepTimer:
         """The step that is to be done now, once each; None before its time. Late ones are skipped, not made up for."""
         if self.wait_s(now_s) > 0.0:
             return None
-        # The next one is due, even where rounding would have its time a hair away.
+        # The next one is due, even where rounding would have its time a hair away; and none is left that is due too.
         step = max(self._next, math.floor((now_s - self._start_s) / self._step_s))
+        step += self._start_s + (step + 1) * self._step_s <= now_s
         self.skipped += step - self._next
         self._next = step + 1
         return step
