@@ -116,13 +116,25 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
 
     Raises:
         OSError: the password file cannot be read.
-        ValueError: as `tls_of`.
+        ValueError: others than its owner may read it; or as `tls_of`.
     """
     file: Path | None = arguments.password_file
+    if file and (problem := secret_problem(file)):
+        raise ValueError(f"--password-file {file} {problem}")
     password = file.read_text().strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
     user = user_name(role, number) if password else ""
     tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
     return RouterLink(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
+
+
+def secret_problem(file: Path) -> str:
+    """What is wrong with a secret that others than its owner may read or write, and what to do; nothing if none may.
+
+    Raises:
+        OSError: the file is not there.
+    """
+    mode = stat.S_IMODE(file.stat().st_mode)
+    return f"has mode {mode:04o}; 0600 is needed: chmod 600 {file}" if mode & 0o077 else ""
 
 
 def password_in(file: Path, user: str) -> str:
@@ -132,9 +144,8 @@ def password_in(file: Path, user: str) -> str:
         OSError: the file cannot be read.
         ValueError: it has no such user, or others than its owner may read it.
     """
-    mode = stat.S_IMODE(file.stat().st_mode)
-    if mode & 0o077:
-        raise ValueError(f"has mode {mode:04o}; 0600 is needed: chmod 600 {file}")
+    if problem := secret_problem(file):
+        raise ValueError(problem)
     for line in file.read_text().splitlines():
         name, sign, password = line.strip().partition(":")
         if sign and name == user:
@@ -158,10 +169,10 @@ def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, ke
         raise ValueError(f"{over_tls[0]} needs ca, certificate and key; missing: {', '.join(missing)}")
     for name, file in files.items():
         try:
-            with open(file or "") as opened:
-                mode = stat.S_IMODE(os.fstat(opened.fileno()).st_mode)
+            with open(file or ""):
+                problem = secret_problem(Path(file or "")) if name == "key" else ""
         except OSError as error:
             raise ValueError(f"{name}: {error}") from None
-        if name == "key" and mode & 0o077:
-            raise ValueError(f"key: {file} has mode {mode:04o}; 0600 is needed: chmod 600 {file}")
+        if problem:
+            raise ValueError(f"key: {file} {problem}")
     return Tls(ca or "", certificate or "", key or "")

@@ -16,6 +16,16 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
+MAX_LINE = 500
+"""Characters of each part of a message: what is wrong may be huge, or hold what no terminal should be sent."""
+
+
+def one_line(text: str) -> str:
+    """A text as one line of printable characters, cut where it is too long."""
+    cut = text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 3]}..."
+    return cut if cut.isprintable() else "".join(c if c.isprintable() else "?" for c in " ".join(cut.split()))
+
+
 @dataclass(frozen=True)
 class Problem:
     """One mistake: where, what was found, what is allowed."""
@@ -25,7 +35,7 @@ class Problem:
     allowed: str
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.found}; {self.allowed}"
+        return f"{one_line(self.path)}: {one_line(self.found)}; {one_line(self.allowed)}"
 
 
 class SettingsError(ValueError):

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
 from deltaswarm_wire.access import TLS, world_rules
+from deltaswarm_wire.checked import one_line
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.keys import Keys
@@ -106,7 +107,7 @@ def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
     try:
         return call(*arguments)
     except Exception as error:
-        raise ValueError(f"{what}: Zenoh refuses it: {error}") from None
+        raise ValueError(f"{one_line(what)}: Zenoh refuses it: {one_line(str(error))}") from None
 
 
 def client_pairs(link: RouterLink) -> Pairs:

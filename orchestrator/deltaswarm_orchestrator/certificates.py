@@ -6,7 +6,6 @@ The name in a certificate is what the world's access control goes by: `agent-3` 
 import datetime
 import ipaddress
 import os
-import stat
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -17,6 +16,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.arguments import secret_problem
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 
 CA = "ca"
@@ -66,9 +66,8 @@ class Authority:
             OSError: they cannot be read.
         """
         certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
-        mode = stat.S_IMODE((folder / "ca.key").stat().st_mode)
-        if mode & 0o077:
-            raise ValueError(f"{folder / 'ca.key'} has mode {mode:04o}; 0600 is needed: chmod 600 {folder / 'ca.key'}")
+        if problem := secret_problem(folder / "ca.key"):
+            raise ValueError(f"{folder / 'ca.key'} {problem}")
         try:
             key = serialization.load_pem_private_key((folder / "ca.key").read_bytes(), password=None)
         except TypeError as error:

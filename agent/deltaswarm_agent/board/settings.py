@@ -1,5 +1,6 @@
 """The one file that a board is given."""
 
+import os
 import tomllib
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from deltaswarm_wire.settings import AgentSettings, ControlSettings
 MODES = ("peer", "client")
 RECORDS = ("off", "mcap")
 KINEMATIC = "kinematic"
+MAX_FILE_BYTES = 1_000_000
 WORLD_BODY = "world"
 """The body that is the world's frame: air and clock are the world's too."""
 
@@ -161,7 +163,9 @@ class LogSettings:
     record: str = key("off", "mcap: the agent's own frames and what it hears, beside the log", choices=RECORDS)
 
     def problems(self) -> list[Problem]:
-        """A recording needs a place."""
+        """A recording needs a place, and a place a name."""
+        if "\0" in self.folder:
+            return [Problem("folder", repr(self.folder), "no path has a NUL character")]
         if self.record != "off" and not self.folder:
             return [Problem("record", repr(self.record), "needs log.folder")]
         return []
@@ -228,14 +232,26 @@ class BoardSettings:
 def read_settings(file: Path) -> BoardSettings:
     """A board's file, checked; paths of files that it names, of secrets and events, begin where it is.
 
+    It names code that the agent runs, and so it is refused where everybody may write to it.
+
     Raises:
         OSError: it cannot be read.
-        ValueError: it is no TOML, or (as SettingsError) has mistakes: all of them.
+        ValueError: it is too large or no TOML, or (as SettingsError) has mistakes: all of them.
     """
+    with file.open("rb") as stream:
+        mode = os.fstat(stream.fileno()).st_mode & 0o777
+        data = stream.read(MAX_FILE_BYTES + 1)
+    if mode & 0o002:
+        raise ValueError(f"has mode {mode:04o}; only its owner may write to what names code to run: chmod 644 {file}")
+    if len(data) > MAX_FILE_BYTES:
+        raise ValueError(f"is too large; at most {MAX_FILE_BYTES} bytes are allowed")
     try:
-        table = tomllib.loads(file.read_text())
+        return _checked(file, tomllib.loads(data.decode()))
     except RecursionError:
         raise ValueError("nested too deeply") from None
+
+
+def _checked(file: Path, table: dict[str, Any]) -> BoardSettings:
     air = table.get("air")
     if type(air) is dict:
         _find_beside(file.parent, air, "credentials_file")
@@ -276,7 +292,7 @@ def _find_beside(folder: Path, table: dict[str, Any], name: str) -> None:
 def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:
     """What is wrong with a file that is named, if anything is."""
     path = Path(file)
-    if not file or not path.is_file():
+    if not os.path.isfile(file):  # unlike Path's, it takes any text
         return Problem(name, repr(file), "a file that is there is allowed")
     mode = path.stat().st_mode & 0o777
     if secret and mode & 0o077:

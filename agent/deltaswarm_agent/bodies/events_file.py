@@ -7,6 +7,7 @@ of work done: with an `until_s` an event ends for all of them, else for each by 
 
 import csv
 import math
+import os
 from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from deltaswarm_wire.messages import MAX_SENSED, Event
 
 _NEEDED = ("event", "x_m", "y_m")
 _OPTIONAL = ("from_s", "until_s", "work_s")
-MAX_ROWS = 10_000
+MAX_ROWS, MAX_BYTES = 10_000, 2_000_000
 
 
 class Happening(NamedTuple):
@@ -128,6 +129,8 @@ def surroundings(file: str, sensing_range_m: float) -> Surroundings:
     """
     if not file:
         return Surroundings((), sensing_range_m)
+    if not os.path.isfile(file) or os.path.getsize(file) > MAX_BYTES:
+        raise ValueError(f"a file of at most {MAX_BYTES} bytes that is there is allowed")
     text = Path(file).read_text("utf-8-sig")  # spreadsheets put a mark before the header that no one sees
     return Surroundings(read_events(text.splitlines()), sensing_range_m)
 
