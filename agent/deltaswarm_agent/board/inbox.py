@@ -26,6 +26,14 @@ STEADY_S, SETTLES_S = 1.0, 10.0
 """Arrival less sending that varies by less than this for so long is the usual: a clock jumped, or the way is new."""
 
 
+MAX_RATE_HZ, MAX_BURST = 200.0, 256.0
+"""Frames of one sender that are looked at: no agent takes more than 100 steps per second, and a link may stall."""
+
+TOO_MANY = f"one of more than {MAX_RATE_HZ:g} per second"
+
+MAX_TOLD = 256
+"""So many reasons, of senders, are worth a line in the log: the rest is only counted."""
+
 MAX_SENT_BYTES = 32
 """Of a radio sample's attachment."""
 
@@ -94,6 +102,22 @@ class Lateness:
         return offset_s - known.least_s
 
 
+class Allowance:
+    """How many frames of each sender may come: `MAX_RATE_HZ` in the long run, `MAX_BURST` at once."""
+
+    def __init__(self) -> None:
+        self._left: dict[int | None, tuple[float, float]] = {}
+
+    def spend(self, sender: int | None, now_s: float) -> bool:
+        """Whether one more may come now [s]."""
+        left, since_s = self._left.pop(sender, (MAX_BURST, now_s))
+        left = min(MAX_BURST, left + MAX_RATE_HZ * (now_s - since_s))
+        if len(self._left) >= MAX_KNOWN:
+            self._left.pop(next(iter(self._left)))  # whoever was heard least recently
+        self._left[sender] = (max(0.0, left - 1.0), now_s)
+        return left >= 1.0
+
+
 def encode_sent(sent: Sent) -> bytes:
     """`[sent_s, x_m, y_m]`."""
     return pack(sent)
@@ -121,7 +145,26 @@ class Inbox:
         self._stale_s = stale_s
         self._range_m = range_m
         self._lateness = Lateness()
+        self._allowance = Allowance()
+        self._told: set[tuple[int | None, str]] = set()
         self._newest: dict[int, _Arrival] = {}
+
+    def refuse(self, sender: int | None, now_s: float) -> str:
+        """Why a sample of this sender that arrives now [s] is not even looked at, or nothing.
+
+        A sender that floods its key costs no more than this.
+        """
+        if self._allowance.spend(sender, now_s):
+            return ""
+        self.dropped[TOO_MANY] += 1
+        return TOO_MANY
+
+    def is_news(self, sender: int | None, reason: str) -> bool:
+        """Whether it was not asked before about this sender and reason, and not too often about others."""
+        if (sender, reason) in self._told or len(self._told) >= MAX_TOLD:
+            return False
+        self._told.add((sender, reason))
+        return True
 
     def take(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
         """A sample that arrives now [s], from this sender's key (None: no agent's key).

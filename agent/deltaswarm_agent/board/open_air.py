@@ -199,14 +199,13 @@ class OpenAir:
 
     def _on_radio(self, sample: zenoh.Sample) -> None:
         source = parse_agent_key(str(sample.key_expr))
+        sender = source[0] if source else None
         sent = sample.attachment
         with self._lock:
-            reason = self._inbox.take(
-                source[0] if source else None,
-                sample.payload.to_bytes(),
-                None if sent is None else sent.to_bytes(),
-                self.now_s(),
+            now_s = self.now_s()
+            reason = self._inbox.refuse(sender, now_s) or self._inbox.take(
+                sender, sample.payload.to_bytes(), None if sent is None else sent.to_bytes(), now_s
             )
-            is_first = self._inbox.dropped[reason] == 1 if reason else False
-        if is_first:
+            is_news = bool(reason) and self._inbox.is_news(sender, reason)
+        if is_news:
             log.warning("dropped (further ones are only counted): a frame on %s is %s", sample.key_expr, reason)
