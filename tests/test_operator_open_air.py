@@ -17,7 +17,8 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.open_air import MAX_WAITING, Arrival, Inbox, OpenAirConfig, OpenAirOperator
+from deltaswarm_operator.open_air import OpenAirConfig, OpenAirOperator
+from deltaswarm_operator.waiting import MAX_WAITING_OF_ONE, Arrival, Inbox
 from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
@@ -293,10 +294,10 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
     config = OpenAirConfig(RUN, RouterLink(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
     operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
     inbox.put(Arrival.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
-    for number in range(MAX_WAITING + 5):
+    for number in range(2 * MAX_WAITING_OF_ONE + 10):
         inbox.put(Arrival.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
-    inbox.put(Arrival.STOP)
+    inbox.stop()
     operator.run()
-    assert inbox.refused == 6
-    assert operator.meter.totals["rejected"] == MAX_WAITING
-    assert len(caplog.records) == 2
+    assert operator.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
+    assert operator.meter.totals["rejected"] == 2 * MAX_WAITING_OF_ONE
+    assert len(caplog.records) == 4

@@ -5,15 +5,14 @@ import queue
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.output import Output
 from deltaswarm_operator.presence import OpenAirMeter
 from deltaswarm_operator.process import stop_on_signals
-from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
-from deltaswarm_wire.keys import AGENT, Keys, parse_agent_key, parse_token
+from deltaswarm_operator.waiting import Arrival, Inbox, sender_of, whose_key
+from deltaswarm_wire.keys import AGENT, Keys, parse_token
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
@@ -41,46 +40,8 @@ class OpenAirConfig:
     """A line of how it goes, this often."""
 
 
-class Arrival(Enum):
-    """What the main thread finds in its inbox."""
-
-    REPORT = "report"
-    HEALTH = "health"
-    TOKEN = "token"
-    STOP = "stop"
-
-
-MAX_WAITING = 10_000
-"""So many samples may wait: bounds the memory that strangers can take, and how long an end takes."""
-
-
 WAKES_EVERY_S = 1.0
 """However long a step is: a signal that comes just before the main thread waits is acted on when it wakes."""
-
-
-class Inbox:
-    """What has arrived, in order, for the main thread; filled by Zenoh's threads and by signals."""
-
-    def __init__(self) -> None:
-        self.refused = 0
-        """Reports, and words of health, that came while too many waited, or that are larger than any."""
-        self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
-
-    def put(self, arrival: Arrival, sample: Any = None) -> None:
-        """Add one; of reports and health, what there is no room for is refused."""
-        if arrival in (Arrival.REPORT, Arrival.HEALTH) and (
-            len(self) >= MAX_WAITING or len(sample.payload) > MAX_SAMPLE_BYTES
-        ):
-            self.refused += 1
-        else:
-            self._queue.put((arrival, sample))
-
-    def get(self, timeout_s: float) -> tuple[Arrival, Any]:
-        """The first one; raises queue.Empty after this time [s]."""
-        return self._queue.get(timeout=timeout_s)
-
-    def __len__(self) -> int:
-        return self._queue.qsize()
 
 
 class OpenAirOperator:
@@ -106,6 +67,12 @@ class OpenAirOperator:
 
     def _into_inbox(self, arrival: Arrival) -> Any:
         return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The meter's, with what was refused per sender."""
+        refused = {whose_key(agent): count for agent, count in self._inbox.refused.items()}
+        return {**self.meter.totals, "refused_on": refused}
 
     def run(self) -> None:
         """Take what arrives and close steps, until told to stop."""
@@ -150,12 +117,11 @@ class OpenAirOperator:
             + (f"not well ({ill}), " if ill else "")
             + (f"doubled ({', '.join(map(str, doubled))}), " if doubled else "")
             + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
-            f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused} refused"
+            f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused.total()} refused"
         )
 
     def _take(self, arrival: Arrival, sample: zenoh.Sample) -> None:
-        source = parse_agent_key(str(sample.key_expr))
-        agent = source[0] if source else None
+        agent = sender_of(sample)
         data = sample.payload.to_bytes()
         if arrival is Arrival.REPORT:
             sent = sample.attachment
@@ -164,8 +130,7 @@ class OpenAirOperator:
             reason = self._take_health(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
-            whose = "no agent's key" if agent is None else f"agent {agent}'s key"
-            log.warning("dropped (further ones on %s are only counted): %s", whose, reason)
+            log.warning("dropped (further ones on %s are only counted): %s", whose_key(agent), reason)
 
     def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
         before = self.meter.is_doubled(agent)
@@ -200,7 +165,7 @@ def run_open_air(config: OpenAirConfig) -> int:
     """
     zenoh.init_log_from_env_or("error")
     inbox = Inbox()
-    stop_on_signals(lambda: inbox.put(Arrival.STOP))
+    stop_on_signals(inbox.stop)
     settings = configured(zenoh.Config, config.pairs, config.link)
     try:
         session = zenoh.open(settings)
@@ -212,8 +177,8 @@ def run_open_air(config: OpenAirConfig) -> int:
             operator = OpenAirOperator(config, session, inbox, output)
             log.info("the operator hears run %s", config.run)
             operator.run()
-            totals = operator.meter.totals
-            output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused, **totals})
+            totals = operator.totals
+            output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused.total(), **totals})
     except OSError as error:
         log.error("the table in %s is not whole: %s", config.out, error)
         return 1

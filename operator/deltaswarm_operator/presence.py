@@ -21,6 +21,14 @@ MAX_SENT_S = 1e11
 INSISTS = 5
 """So many old reports in a row, in order, and they are not old: the agent began anew with its clock set back."""
 
+MAX_AGENTS = 4096
+"""So many are known: where anybody may come in, one stranger can give as many numbers as there are."""
+
+MAX_STEP_BYTES = 2_000_000
+"""Reports of one agent that are kept until a step is closed: 100 per second for a minute, of 300 bytes each."""
+
+CROWDED = f"of an agent that is one more than {MAX_AGENTS}"
+
 RECENT = 64
 """So many reports of an agent are kept, to know a copy by."""
 
@@ -30,8 +38,8 @@ class Known:
     """One agent: whether its token is there, how often it went, what came from it and when, what ails its body.
 
     `reports` counts what was taken, `stale` duplicates and what came after a newer one, of which `stale_run` came
-    last, in order, up to the sequence number `newest_stale`. `recent` are the newest that came, each with when it was
-    sent, and `lives` the processes that they are from.
+    last, in order, up to the sequence number `newest_stale`. `step_bytes` came since step `step` was closed. `recent`
+    are the newest that came, each with when it was sent, and `lives` the processes that they are from.
     """
 
     is_alive: bool = False
@@ -45,6 +53,8 @@ class Known:
     newest_sent_s: float = -math.inf
     stale_run: int = 0
     newest_stale: int = -1
+    step: int = -1
+    step_bytes: int = 0
     recent: deque[tuple[Report, float | None]] = field(default_factory=lambda: deque(maxlen=RECENT))
     lives: Lives = field(default_factory=Lives)
 
@@ -94,10 +104,13 @@ class OpenAirMeter:
 
     def came(self, agent: int) -> None:
         """An agent's token is there."""
-        self._known(agent).is_alive = True
+        if self._is_welcome(agent):
+            self._known(agent).is_alive = True
 
     def went(self, agent: int) -> None:
         """An agent's token went."""
+        if not self._is_welcome(agent):
+            return
         known = self._known(agent)
         known.absences += known.is_alive
         known.is_alive = False
@@ -134,6 +147,8 @@ class OpenAirMeter:
             return self._meter.reject(-1 if agent is None else agent, str(error))
         if agent is None:
             return self._meter.reject(-1, "health on no agent's key")
+        if not self._is_welcome(agent):
+            return self._meter.reject(-1, CROWDED)
         known = self._known(agent)
         known.fault = health.fault
         known.last_fault = health.fault or known.last_fault
@@ -154,7 +169,14 @@ class OpenAirMeter:
         if report.agent != agent:
             where = "no agent's key" if agent is None else f"the key of agent {agent}"
             return self._meter.reject(-1 if agent is None else agent, f"report.agent: {report.agent} on {where}")
+        if not self._is_welcome(agent):
+            return self._meter.reject(-1, CROWDED)
         known = self._known(agent)
+        if known.step != self._meter.step:
+            known.step, known.step_bytes = self._meter.step, 0
+        known.step_bytes += len(data)
+        if known.step_bytes > MAX_STEP_BYTES:
+            return self._meter.reject(agent, f"more than {MAX_STEP_BYTES} bytes of reports in a step")
         self._meter.lose(agent, known.follow(report, sent_s, now_s))
         if (
             known.newest is not None
@@ -196,6 +218,9 @@ class OpenAirMeter:
             for agent, known in sorted(self.agents.items())
         }
         return {**self._meter.totals, "agents": agents}
+
+    def _is_welcome(self, agent: int) -> bool:
+        return agent in self.agents or len(self.agents) < MAX_AGENTS
 
     def _known(self, agent: int) -> Known:
         return self.agents.setdefault(agent, Known())

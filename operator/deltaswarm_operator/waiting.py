@@ -1,0 +1,111 @@
+"""What has arrived for the operator without a world, in order and bounded: strangers may send whatever they like."""
+
+import logging
+import queue
+import threading
+from collections import Counter
+from enum import Enum
+from typing import Any
+
+from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
+from deltaswarm_wire.keys import parse_agent_key
+
+log = logging.getLogger("deltaswarm.operator")
+
+
+class Arrival(Enum):
+    """What the main thread finds in its inbox."""
+
+    REPORT = "report"
+    HEALTH = "health"
+    TOKEN = "token"
+    STOP = "stop"
+
+
+MAX_WAITING = 10_000
+"""So many samples may wait: bounds how long an end takes."""
+
+MAX_WAITING_OF_ONE = 1000
+"""So many of one sender: one that floods leaves room for the others."""
+
+MAX_WAITING_BYTES = 32 * 1024 * 1024
+"""So many bytes in all: bounds the memory that strangers can take."""
+
+
+def sender_of(sample: Any) -> int | None:
+    """The agent on whose key a sample came; None if it is no agent's key."""
+    source = parse_agent_key(str(sample.key_expr))
+    return source[0] if source else None
+
+
+def whose_key(agent: int | None) -> str:
+    """Whose key it is, in words."""
+    return "no agent's key" if agent is None else f"agent {agent}'s key"
+
+
+class Inbox:
+    """Samples for the main thread, put in by Zenoh's threads; and the word to stop, by signals."""
+
+    def __init__(self) -> None:
+        self.refused: Counter[int | None] = Counter()
+        """By agent (None: on no agent's key): reports and words of health for which there was no room."""
+        self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._waiting: Counter[int | None] = Counter()
+        self._waiting_bytes = 0
+        self._late_tokens: dict[str, Any] = {}
+
+    def stop(self) -> None:
+        """Have the main thread end, once it has taken what waits. A signal's handler may call it: it takes no lock."""
+        self._queue.put((Arrival.STOP, None))
+
+    def put(self, arrival: Arrival, sample: Any) -> None:
+        """Add a sample. One that there is no room for is refused; of each token the newest is kept, and comes later."""
+        if arrival is Arrival.TOKEN:
+            with self._lock:
+                if len(self) < 2 * MAX_WAITING:
+                    self._queue.put((arrival, sample))
+                else:
+                    self._late_tokens[str(sample.key_expr)] = sample
+            return
+        sender, length = sender_of(sample), len(sample.payload)
+        with self._lock:
+            if self._has_room(sender, length):
+                self._waiting[sender] += 1
+                self._waiting_bytes += length
+                self._queue.put((arrival, sample))
+                return
+            self.refused[sender] += 1
+            is_first = self.refused[sender] == 1
+        if is_first:
+            why = "larger than any report" if length > MAX_SAMPLE_BYTES else "more than can be looked at"
+            log.warning("refused (further ones on %s are only counted): %s", whose_key(sender), why)
+
+    def get(self, timeout_s: float) -> tuple[Arrival, Any]:
+        """The first one; raises queue.Empty after this time [s]."""
+        try:
+            arrival, sample = self._queue.get_nowait()
+        except queue.Empty:
+            with self._lock:
+                if self._late_tokens:
+                    return Arrival.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
+            arrival, sample = self._queue.get(timeout=timeout_s)
+        if arrival in (Arrival.REPORT, Arrival.HEALTH):
+            sender = sender_of(sample)
+            with self._lock:
+                self._waiting[sender] -= 1
+                self._waiting_bytes -= len(sample.payload)
+                if not self._waiting[sender]:
+                    del self._waiting[sender]
+        return arrival, sample
+
+    def _has_room(self, sender: int | None, length: int) -> bool:
+        return (
+            length <= MAX_SAMPLE_BYTES
+            and len(self) < MAX_WAITING
+            and self._waiting[sender] < MAX_WAITING_OF_ONE
+            and self._waiting_bytes + length <= MAX_WAITING_BYTES
+        )
+
+    def __len__(self) -> int:
+        return self._queue.qsize()
