@@ -8,12 +8,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 CHUNK = 65536
+ALTERED_FROM_BYTES = 200
+"""Shorter chunks pass as they are."""
 
 
 class Cable:
     """Forwards whoever connects to `port` to another port, while it is whole.
 
     Cut, its connections are closed and new ones too; held, it takes nothing more, and what was sent arrives late.
+    It may also alter what passes.
     """
 
     def __init__(self, to_port: int) -> None:
@@ -23,6 +26,9 @@ class Cable:
         self._is_over = False
         self._is_cut = False
         self._is_held = False
+        self.altered = 0
+        """Chunks that were not passed on as they came."""
+        self._replaced = (b"", b"")
         self._pairs: dict[socket.socket, socket.socket] = {}
         self._waker, self._woken = socket.socketpair()
         self._thread = threading.Thread(target=self._serve, daemon=True)
@@ -37,6 +43,13 @@ class Cable:
         """Let nothing through, without closing anything."""
         self._is_held = True
         self._wake()
+
+    def alter(self, old: bytes, new: bytes) -> None:
+        """Replace these bytes in what comes to the port; where they do not show, change a byte in what is long enough.
+
+        Nothing for `old`: alter nothing more.
+        """
+        self._replaced = (old, new)
 
     def mend(self) -> None:
         """Make it whole."""
@@ -85,11 +98,20 @@ class Cable:
     def _forward(self, end: socket.socket) -> None:
         try:
             data = end.recv(CHUNK)
-            self._pairs[end].sendall(data)
+            self._pairs[end].sendall(self._passed(data) if end.getsockname()[1] == self.port else data)
         except OSError:
             data = b""
         if not data:
             self._drop(end)
+
+    def _passed(self, data: bytes) -> bytes:
+        old, new = self._replaced
+        if not old or len(data) < ALTERED_FROM_BYTES:
+            return data
+        at = len(data) // 2
+        passed = data.replace(old, new) if old in data else data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :]
+        self.altered += passed != data
+        return passed
 
     def _drop(self, end: socket.socket) -> None:
         other = self._pairs.pop(end, None)

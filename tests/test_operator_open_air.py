@@ -3,6 +3,7 @@
 import csv
 import json
 import os
+import queue
 import resource
 import signal
 import subprocess
@@ -18,7 +19,7 @@ import pytest
 
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.open_air import OpenAirConfig, OpenAirOperator
-from deltaswarm_operator.waiting import MAX_WAITING_OF_ONE, Arrival, Inbox
+from deltaswarm_operator.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SAMPLE_BYTES, Arrival, Inbox
 from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
@@ -294,10 +295,35 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
     config = OpenAirConfig(RUN, RouterLink(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
     operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
     inbox.put(Arrival.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
-    for number in range(2 * MAX_WAITING_OF_ONE + 10):
+    room = MAX_WAITING_BYTES_OF_ONE // (SAMPLE_BYTES + 1)
+    for number in range(2 * room + 10):
         inbox.put(Arrival.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
     inbox.stop()
     operator.run()
     assert operator.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
-    assert operator.meter.totals["rejected"] == 2 * MAX_WAITING_OF_ONE
+    assert operator.meter.totals["rejected"] == 2 * room
     assert len(caplog.records) == 4
+
+
+def test_one_that_floods_leaves_room_for_the_others() -> None:
+    """Of its own samples few wait, however large they are; what was taken makes room again. Tokens are never lost."""
+    inbox = Inbox()
+    large = bytes(MAX_SAMPLE_BYTES)
+    for _ in range(2 * MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES):
+        inbox.put(Arrival.REPORT, sample("7", large))
+    waiting = len(inbox)
+    assert waiting <= MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES
+    inbox.put(Arrival.REPORT, sample("8", large))
+    assert len(inbox) == waiting + 1
+    inbox.get(0.0)
+    inbox.put(Arrival.REPORT, sample("7", large))
+    assert len(inbox) == waiting + 1
+    assert set(inbox.refused) == {7}
+    for number in range(2 * MAX_TOKENS):
+        inbox.put(Arrival.TOKEN, sample(str(number % 3), b""))
+    inbox.put(Arrival.TOKEN, last := sample("1", b""))
+    assert len(inbox) == MAX_TOKENS
+    taken = [inbox.get(0.0) for _ in range(MAX_TOKENS + 3)]
+    assert (Arrival.TOKEN, last) in taken
+    with pytest.raises(queue.Empty):
+        inbox.get(0.0)

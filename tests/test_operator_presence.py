@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator.lives import RETURNS
-from deltaswarm_operator.presence import INSISTS, OpenAirMeter
+from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Health, Report, encode_health, encode_report
 from deltaswarm_wire.settings import OperatorSettings
@@ -283,3 +283,39 @@ def test_what_was_thought_lost_and_comes_from_another_board_was_not() -> None:
         assert hear(books, 1, sequence, 100.0 + now_s, now_s) is None
         books.close(now_s + 1.0, 0)
         assert books.totals["lost"] == (42 if sequence == 105 else 0)
+
+
+def test_of_one_agent_a_step_takes_so_many_bytes_and_no_more() -> None:
+    """The rest is counted as rejected, of that agent; the next step begins anew."""
+    books = meter()
+    room = MAX_STEP_BYTES // len(report(1, 70_000))
+    for sequence in range(70_000, 70_000 + room + 3):
+        hear(books, 1, sequence, 10.0)
+    hear(books, 2, 0, 10.0)
+    first = books.close(1.0, 0)
+    assert first is not None
+    assert (first.messages, first.rejected) == (room + 1, 3)
+    assert {agent: row["rejected"] for agent, row in books.totals["per_sender"].items()} == {"1": 3, "2": 0}
+    assert hear(books, 1, 80_000, 11.0, 1.5) is None
+
+
+def test_strangers_are_known_up_to_a_number() -> None:
+    """By report, health and token alike; whoever is known already stays so."""
+    books = meter()
+    books.came(3)
+    for agent in range(MAX_AGENTS + 10):
+        (books.came, books.went)[agent % 2](agent)
+    assert hear(books, 60_000, 0, 10.0) is not None
+    assert books.feels(60_001, encode_health(Health("ill"))) is not None
+    assert len(books.agents) == MAX_AGENTS
+    assert hear(books, 3, 0, 10.0) is None
+
+
+def test_a_recording_of_yesterday_is_told_from_the_agent_that_goes_on() -> None:
+    """Played with the board's own certificate while the board reports: none of it counts, and two are seen to speak."""
+    books = meter()
+    for second in range(40):
+        assert hear(books, 1, 1000 + second, 90_000.0 + second, second) is None
+        assert hear(books, 1, 500 + second, 3600.0 + second, second + 0.5) is not None
+    assert books.is_doubled(1)
+    assert books.agents[1].reports == 40

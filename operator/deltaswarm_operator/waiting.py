@@ -22,14 +22,16 @@ class Arrival(Enum):
     STOP = "stop"
 
 
-MAX_WAITING = 10_000
-"""So many samples may wait: bounds how long an end takes."""
+SAMPLE_BYTES = 4096
+"""What a sample costs beside its payload, at most."""
 
-MAX_WAITING_OF_ONE = 1000
-"""So many of one sender: one that floods leaves room for the others."""
+MAX_WAITING_BYTES, MAX_WAITING_BYTES_OF_ONE = 40 * 1024 * 1024, 4 * 1024 * 1024
+"""So much may wait, in all and of one sender: about 10,000 and 1000 small samples.
 
-MAX_WAITING_BYTES = 32 * 1024 * 1024
-"""So many bytes in all: bounds the memory that strangers can take."""
+This bounds the memory that strangers can take, and how long an end takes; one that floods leaves room for the others.
+"""
+
+MAX_TOKENS = 20_000
 
 
 def sender_of(sample: Any) -> int | None:
@@ -51,8 +53,8 @@ class Inbox:
         """By agent (None: on no agent's key): reports and words of health for which there was no room."""
         self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
         self._lock = threading.Lock()
-        self._waiting: Counter[int | None] = Counter()
-        self._waiting_bytes = 0
+        self._waiting_bytes: Counter[int | None] = Counter()
+        self._all_waiting_bytes = 0
         self._late_tokens: dict[str, Any] = {}
 
     def stop(self) -> None:
@@ -63,7 +65,7 @@ class Inbox:
         """Add a sample. One that there is no room for is refused; of each token the newest is kept, and comes later."""
         if arrival is Arrival.TOKEN:
             with self._lock:
-                if len(self) < 2 * MAX_WAITING:
+                if len(self) < MAX_TOKENS:
                     self._queue.put((arrival, sample))
                 else:
                     self._late_tokens[str(sample.key_expr)] = sample
@@ -71,8 +73,7 @@ class Inbox:
         sender, length = sender_of(sample), len(sample.payload)
         with self._lock:
             if self._has_room(sender, length):
-                self._waiting[sender] += 1
-                self._waiting_bytes += length
+                self._note(sender, length + SAMPLE_BYTES)
                 self._queue.put((arrival, sample))
                 return
             self.refused[sender] += 1
@@ -91,20 +92,22 @@ class Inbox:
                     return Arrival.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
             arrival, sample = self._queue.get(timeout=timeout_s)
         if arrival in (Arrival.REPORT, Arrival.HEALTH):
-            sender = sender_of(sample)
             with self._lock:
-                self._waiting[sender] -= 1
-                self._waiting_bytes -= len(sample.payload)
-                if not self._waiting[sender]:
-                    del self._waiting[sender]
+                self._note(sender_of(sample), -len(sample.payload) - SAMPLE_BYTES)
         return arrival, sample
 
+    def _note(self, sender: int | None, change_bytes: int) -> None:
+        self._all_waiting_bytes += change_bytes
+        self._waiting_bytes[sender] += change_bytes
+        if not self._waiting_bytes[sender]:
+            del self._waiting_bytes[sender]
+
     def _has_room(self, sender: int | None, length: int) -> bool:
+        needed = length + SAMPLE_BYTES
         return (
             length <= MAX_SAMPLE_BYTES
-            and len(self) < MAX_WAITING
-            and self._waiting[sender] < MAX_WAITING_OF_ONE
-            and self._waiting_bytes + length <= MAX_WAITING_BYTES
+            and self._waiting_bytes[sender] + needed <= MAX_WAITING_BYTES_OF_ONE
+            and self._all_waiting_bytes + needed <= MAX_WAITING_BYTES
         )
 
     def __len__(self) -> int:

@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import signal
 import sys
 import threading
@@ -58,6 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         print(f"{arguments.file}: {error}".replace("\n", f"\n{arguments.file}: "), file=sys.stderr)
         return 2
+    warn_of_certificate(settings)
     try:
         return begin()
     except ControllerError as error:
@@ -75,6 +77,30 @@ def check_certificate(settings: BoardSettings) -> None:
     tls = settings.air.tls.files
     if tls is not None and (text := certificate_problem(tls, settings.user)):
         raise SettingsError([Problem("air.tls.cert_file", repr(tls.certificate), text)])
+
+
+def warn_of_certificate(settings: BoardSettings) -> None:
+    """Say what `check_certificate` would: other ends refuse in silence.
+
+    The agent goes on, since it may be the clock. A child does this, whose memory is given back.
+    """
+    if settings.air.tls.files is None:
+        return
+    reading, writing = os.pipe()
+    child = os.fork()
+    if child == 0:
+        try:
+            check_certificate(settings)
+        except SettingsError as error:
+            os.write(writing, str(error).encode())
+        finally:
+            os._exit(0)
+    os.close(writing)
+    with open(reading) as pipe:
+        text = pipe.read()
+    os.waitpid(child, 0)
+    if text:
+        logging.getLogger("deltaswarm.board").warning("%s", text)
 
 
 WORLD_LOST_S = 60.0
