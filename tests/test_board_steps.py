@@ -8,9 +8,23 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_agent.board.driver import Driver, SetPoint
-from deltaswarm_agent.board.inbox import MAX_NEIGHBOURS, SETTLES_S, Inbox, Lateness, Sent, decode_sent, encode_sent
+from deltaswarm_agent.board.inbox import (
+    MAX_BURST,
+    MAX_KNOWN,
+    MAX_NEIGHBOURS,
+    MAX_RATE_HZ,
+    MAX_TOLD,
+    SETTLES_S,
+    Allowance,
+    Inbox,
+    Lateness,
+    Sent,
+    decode_sent,
+    encode_sent,
+)
 from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.body import NOWHERE, Sensed
+from deltaswarm_agent.shell import FORGET_SENDER_S, Receiver
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.cores import Core, agent_settings, event
@@ -266,3 +280,45 @@ def test_an_agent_reaches_an_event_with_a_place_that_is_never_certain() -> None:
     assert puppet.told[-1] == (0.0, 0.0, (4,))
     assert places == {(8.0, 7.0)}
     assert math.dist(at, (8.0, 7.0)) < 0.3
+
+
+def test_a_recording_of_yesterday_is_not_heard_while_its_sender_is() -> None:
+    """Played with the board's own certificate. The board stays heard; once it has been silent, the recording passes."""
+    inbox, receiver = Inbox(1, 3.0), Receiver(1, 1.0)
+
+    def heard(step: int, *frames: tuple[int, float]) -> list[bytes]:
+        for counter, sent_s in frames:
+            data = encode_sample(Sample(counter, str(counter).encode()))
+            assert inbox.take(7, data, encode_sent(Sent(sent_s, 0.0, 0.0)), float(step)) == ""
+        return [payload for _, payload in receiver.newest_of(inbox.empty(float(step), (0.0, 0.0)), step)]
+
+    for step in range(20):
+        live, played = (1000 + step, 90.0 + step), (500 + step, 4000.0 + step)
+        frames = (live, played) if step % 2 else (played, live)
+        assert heard(step, *frames) == [b"%d" % (1000 + step)]
+        assert heard(step, played) == []
+    assert heard(21 + round(FORGET_SENDER_S), (600, 5000.0)) == [b"600"]
+
+
+def test_a_sender_has_an_allowance() -> None:
+    """A burst, then so many per second; others have their own, and a reason is news once for each of them."""
+    inbox = Inbox(1, 3.0)
+    refused = [inbox.refuse(7, 0.0) for _ in range(int(MAX_BURST) + 5)]
+    assert [bool(reason) for reason in refused] == [False] * int(MAX_BURST) + [True] * 5
+    assert inbox.refuse(8, 0.0) == ""
+    again = [inbox.refuse(7, 0.5) for _ in range(int(MAX_RATE_HZ))]
+    assert again.count("") == MAX_RATE_HZ / 2
+    assert inbox.dropped.total() == 5 + MAX_RATE_HZ / 2
+    assert [inbox.is_news(7, "x"), inbox.is_news(7, "x"), inbox.is_news(8, "x"), inbox.is_news(7, "y")].count(True) == 3
+    assert sum(inbox.is_news(agent, "z") for agent in range(1000)) == MAX_TOLD - 3
+
+
+def test_an_allowance_forgets_whoever_was_heard_least_recently() -> None:
+    """Strangers with many numbers take no more memory than this, and one that is heard stays known."""
+    allowance = Allowance()
+    for _ in range(int(MAX_BURST)):
+        allowance.spend(7, 0.0)
+    for agent in range(10, MAX_KNOWN + 500):
+        allowance.spend(agent, 0.0)
+        assert not allowance.spend(7, 0.0)
+    assert len(allowance._left) == MAX_KNOWN
