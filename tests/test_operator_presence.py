@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from deltaswarm_operator.lives import RETURNS
 from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.messages import Health, Report, encode_health, encode_report
+from deltaswarm_wire.messages import MAX_REPORTED, Event, Health, Report, encode_health, encode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 
@@ -288,9 +288,11 @@ def test_what_was_thought_lost_and_comes_from_another_board_was_not() -> None:
 def test_of_one_agent_a_step_takes_so_many_bytes_and_no_more() -> None:
     """The rest is counted as rejected, of that agent; the next step begins anew."""
     books = meter()
-    room = MAX_STEP_BYTES // len(report(1, 70_000))
-    for sequence in range(70_000, 70_000 + room + 3):
-        hear(books, 1, sequence, 10.0)
+    events = tuple(Event(70_000, 1.0, 2.0) for _ in range(MAX_REPORTED))
+    large = [encode_report(Report(1, 70_000 + n, 0, "root", 1.0, 2.0, 3, events)) for n in range(3000)]
+    room = MAX_STEP_BYTES // len(large[0])
+    for data in large[: room + 3]:
+        books.hear(1, data, pack(10.0), 0.0)
     hear(books, 2, 0, 10.0)
     first = books.close(1.0, 0)
     assert first is not None

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-MAX_LINE = 500
+MAX_LINE = 1000
 """Characters of each part of a message: what is wrong may be huge, or hold what no terminal should be sent."""
 
 
