@@ -49,7 +49,7 @@ NASTY: list[Any] = [
     *(LONG, [LONG], {LONG: 1}, "\n\x1b[31mred", "os:system", "x:y", [], [1], ["\0"], [["a"]], DEEP, {}, {"": {}}),
     *(datetime.date(2020, 1, 1), datetime.datetime(2020, 1, 1), datetime.time(1)),
 ]
-MAX_SHOWN = 3100
+MAX_SHOWN = 4000
 """Characters of a line that says what is wrong, beside its file's name."""
 
 

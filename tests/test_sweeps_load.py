@@ -210,7 +210,7 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "label of two lines": (
         {"paired": [{"label": ["a\nb"], "control.delta": [2]}]},
-        "sweep.paired[0].label: a\nb; a string of one line is expected",
+        "sweep.paired[0].label: a\\nb; a string of one line is expected",
     ),
     "axes no table": ({"axes": [1]}, "sweep.axes: [1]; a table is expected"),
     "paired no list": ({"paired": {"control.delta": [1]}}, "sweep.paired: {'control.delta': [1]}; a list expected"),

@@ -21,9 +21,9 @@ MAX_LINE = 1000
 
 
 def one_line(text: str) -> str:
-    """A text as one line of printable characters, cut where it is too long."""
+    """A text as one line of printable characters, the others escaped, cut where it is too long."""
     cut = text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 3]}..."
-    return cut if cut.isprintable() else "".join(c if c.isprintable() else "?" for c in " ".join(cut.split()))
+    return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 @dataclass(frozen=True)

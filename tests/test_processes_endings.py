@@ -1,0 +1,202 @@
+"""However a run is stopped, and whatever state its processes are in: it ends in time and says why."""
+
+import os
+import shutil
+import signal
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from deltaswarm_orchestrator import room
+from deltaswarm_orchestrator.scenario import load_scenario
+from tests.swarms import COMMAND, RunningSwarm, running, wait_until
+
+pytestmark = pytest.mark.processes
+
+IMPATIENT = ("--set", "run.start_timeout_s=5", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000")
+BOUND_S = 60.0
+"""Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
+
+
+def pid_of(swarm: RunningSwarm, log: str) -> int | None:
+    """The process whose standard error is a part's log."""
+    for folder in Path("/proc").iterdir():
+        try:
+            if folder.name.isdecimal() and os.readlink(folder / "fd" / "2") == str(swarm.part / "logs" / log):
+                return int(folder.name)
+        except OSError:
+            continue
+    return None
+
+
+def parent_of(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
+
+
+def ends_by_itself(swarm: RunningSwarm) -> tuple[int, str]:
+    """Exit code and standard error of a run that nobody helps, within the bound."""
+    began = time.monotonic()
+    code, _, errors = swarm.finish()
+    assert time.monotonic() - began < BOUND_S
+    assert "Traceback" not in errors
+    return code, errors
+
+
+def maps(swarm: RunningSwarm, name: str) -> Callable[[], bool]:
+    """Whether the orchestrator has a library in memory."""
+    return lambda: name in Path(f"/proc/{swarm.process.pid}/maps").read_text()
+
+
+EARLY: dict[str, Callable[[RunningSwarm], Callable[[], object]]] = {
+    "importing": lambda swarm: maps(swarm, "msgpack"),
+    "a folder": lambda swarm: swarm.part.exists,
+    "a world": lambda swarm: lambda: pid_of(swarm, "world-0.log"),
+    "agents": lambda swarm: lambda: pid_of(swarm, "agent-0.log"),
+}
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("moment", EARLY)
+def test_a_signal_while_it_starts_ends_it_with_a_line(moment: str, number: signal.Signals, tmp_path: Path) -> None:
+    """Wherever it has come to: exit code 1, a line and no traceback, no process, no table of zeros."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        wait_until(EARLY[moment](swarm), moment)
+        os.kill(swarm.process.pid, number)
+        code, printed, errors = swarm.finish()
+    assert code == 1
+    assert "Traceback" not in errors
+    assert number.name in errors
+    steps = 0 if not (swarm.out / "summary.json").exists() else swarm.summary()["steps"]
+    if not steps:
+        assert printed == ""
+        assert len(errors.splitlines()) <= 2, errors
+    assert pid_of(swarm, "world-0.log") is None
+    assert not swarm.part.exists()
+
+
+def test_a_world_that_stops_as_it_starts_is_given_up(tmp_path: Path) -> None:
+    """It has not told where it listens, and never will."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        world = wait_until(lambda: pid_of(swarm, "world-0.log"), "the world")
+        os.kill(world, signal.SIGSTOP)
+        code, errors = ends_by_itself(swarm)
+    assert code == 1
+    assert "world" in errors
+    assert not Path(f"/proc/{world}").exists()
+
+
+@pytest.mark.parametrize("stopped", [["world"], ["world", "operator"]])
+def test_a_silent_world_is_given_up(stopped: list[str], tmp_path: Path) -> None:
+    """Nobody else would notice, if the operator is stopped as well."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        pids = swarm.pids
+        for part in stopped:
+            swarm.signal(part, signal.SIGSTOP)
+        code, errors = ends_by_itself(swarm)
+    assert code == 1
+    assert "the world said nothing" in errors
+    assert any("the world said nothing" in line for line in swarm.manifest()["why"])
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids.values())
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
+    """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        pids = swarm.pids
+        fork_server = parent_of(pids["world"])
+        os.kill(fork_server, number)
+        swarm.wait_for_steps(1)
+        swarm.interrupt()
+        code, _ = ends_by_itself(swarm)
+    assert code == 1
+    assert swarm.manifest()["exit_reason"] == "stopped by SIGINT"
+    assert not any(Path(f"/proc/{pid}").exists() for pid in (*pids.values(), fork_server))
+
+
+def test_a_fork_server_killed_as_it_starts_the_agents_is_said(tmp_path: Path) -> None:
+    """Whether the world or an agent was about to be started: no bare EOFError, and the folder says failed."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        world = wait_until(lambda: pid_of(swarm, "world-0.log"), "the world")
+        os.kill(parent_of(world), signal.SIGKILL)
+        code, errors = ends_by_itself(swarm)
+    assert code == 1
+    assert "EOFError" not in errors.replace("(EOFError())", "")
+    assert swarm.manifest()["exit_reason"] == "failed"
+    assert swarm.manifest()["why"]
+
+
+def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
+    """All is stopped, so that an orderly end would take its time."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        swarm.wait_for_steps(1)
+        pids = swarm.pids
+        for part in pids:
+            swarm.signal(part, signal.SIGSTOP)
+        swarm.interrupt()
+        os.kill(swarm.process.pid, signal.SIGINT)
+        began = time.monotonic()
+        code, _, errors = swarm.finish()
+        assert time.monotonic() - began < BOUND_S
+    assert code == 1
+    assert "Traceback" not in errors
+    wait_until(lambda: not any(Path(f"/proc/{pid}").exists() for pid in pids.values()), "the end of all")
+
+
+def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:
+    """A tick of five minutes: the world does not sleep through it, and what happened is in the tables."""
+    slow = ("--set", "run.clock=realtime", "--set", f"run.real_time_factor={1 / 300:.6f}")
+    with running(tmp_path / "run", *IMPATIENT, *slow, "--set", "events.rate_hz=5") as swarm:
+        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        assert swarm.process.stderr is not None
+        swarm.process.stderr.readline()  # how the run goes, in its first step
+        swarm.interrupt()
+        code, _ = ends_by_itself(swarm)
+    assert code == 1
+    assert swarm.summary()["steps"] >= 1
+    assert (swarm.out / "events.csv").read_text().count("\n") > 1
+
+
+def in_little_room(size: str, target: Path) -> list[str]:
+    """A command prefix that runs another one with a small disk mounted at a folder."""
+    return ["unshare", "-m", "sh", "-c", f'mount -t tmpfs -o size={size} tmpfs "{target}" && exec "$@"', "sh"]
+
+
+def may_mount(target: Path) -> bool:
+    return subprocess.run([*in_little_room("100k", target), "true"], capture_output=True).returncode == 0
+
+
+def test_a_full_disk_ends_it_with_a_line(tmp_path: Path) -> None:
+    """It names the file and the cause; exit code 1; the folder says the same, and what was written can be read."""
+    small = tmp_path / "small"
+    small.mkdir()
+    if not may_mount(small):
+        pytest.skip("needs to mount a small disk: root in a namespace of its own")
+    kept = tmp_path / "kept"
+    copy = ["sh", "-c", f'"$@"; code=$?; cp -r "{small}/run" "{kept}"; exit $code', "sh"]
+    with running(small / "run", *IMPATIENT, inside=[*in_little_room("500k", small), *copy]) as swarm:
+        code, errors = ends_by_itself(swarm)
+    assert code == 1
+    assert "No space left on device" in errors or "bytes are free" in errors, errors
+    assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) <= 6, errors
+    told = subprocess.run([*COMMAND, "info", str(kept)], capture_output=True, text=True, check=True).stdout
+    assert "incomplete (failed)" in told
+    assert "No space left on device" in told or "bytes are free" in told
+
+
+@pytest.mark.parametrize(("free_mb", "is_said"), [(1, True), (1000, False)])
+def test_little_room_is_said_at_the_start(
+    free_mb: int, is_said: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before hours are spent."""
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free_mb * 1e6))
+    assert bool(room.shortage(tmp_path, load_scenario("paper-25", []))) == is_said
