@@ -131,6 +131,8 @@ def _conclude(folder: Path, scenario: Scenario, manifest: dict[str, Any], stop: 
         story.outcome = results.read_outcome(folder)
     summary = results.summary(story.outcome, scenario)
     reason = "finished" if summary["complete"] else f"stopped by {stop.by}" if stop.by else "failed"
+    if not summary["complete"]:
+        summary["invalid_because"][0] += f": {reason}"
     ending = {"exit_reason": reason, "why": story.why, "operator_restarts": story.operator_restarts}
     manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
     return {**summary, **ending}
