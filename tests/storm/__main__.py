@@ -1,0 +1,39 @@
+"""`python -m tests.storm --runs 100 --seed 1`: a table of stormy runs; exit code 1 if anything did not hold."""
+
+import argparse
+import tempfile
+from pathlib import Path
+from random import Random
+
+from tests.storm.judge import judge
+from tests.storm.storm import play
+
+
+def main() -> int:
+    """Play and judge."""
+    parser = argparse.ArgumentParser(prog="python -m tests.storm", description=__doc__)
+    parser.add_argument("--runs", type=int, default=100, metavar="N", help="how many (default: 100)")
+    parser.add_argument("--seed", type=int, default=1, help="all blows come from it (default: 1)")
+    parser.add_argument("--first", type=int, default=0, metavar="N", help="begin with this one (default: 0)")
+    arguments = parser.parse_args()
+    bad = landed = 0
+    for number in range(arguments.first, arguments.first + arguments.runs):
+        with tempfile.TemporaryDirectory(prefix="storm-") as name:
+            folder = Path(name)
+            seen = play(folder, Random(f"{arguments.seed}/{number}"))
+            found = judge(folder, seen)
+            blows = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in seen.landed)
+            print(
+                f"{number:4} {seen.wall_s:6.1f} s  code {seen.code}  [{blows}]  {'; '.join(found) or 'holds'}",
+                flush=True,
+            )
+            if found:
+                print("\n".join(f"       {line}" for line in seen.printed.splitlines()[-12:]), flush=True)
+            bad += bool(found)
+            landed += bool(seen.landed)
+    print(f"{arguments.runs} runs, {landed} of them hit, {bad} in which something did not hold")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

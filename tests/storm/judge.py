@@ -1,0 +1,67 @@
+"""What must hold of a run, whatever was done to it."""
+
+import json
+import signal
+from pathlib import Path
+
+from deltaswarm_orchestrator import info
+from deltaswarm_orchestrator.recording import read_recording
+from tests.storm.storm import ORCHESTRATOR, Seen
+
+KILL = signal.SIGKILL
+
+
+def judge(folder: Path, seen: Seen) -> list[str]:
+    """What does not hold, each a line."""
+    if seen.code is None:
+        return ["it does not end in time"]
+    found = [f"left behind: {what}" for what in seen.left]
+    if "Traceback" in seen.printed:
+        found.append("a traceback")
+    part, run = folder / "run.part", folder / "run"
+    if part.exists() and run.exists():
+        found.append("both the run's folder and its .part are there")
+    was_killed = seen.landed_on(ORCHESTRATOR, KILL)
+    if run.exists():
+        return found + _records(run, seen.code, was_killed)
+    if part.exists():
+        return found + (_of_a_killed(part) if was_killed else ["a .part without a killed orchestrator"])
+    return found if was_killed or seen.code == 1 else [*found, f"no folder, and exit code {seen.code}"]
+
+
+def _records(run: Path, code: int, was_killed: bool) -> list[str]:
+    """Exit code, manifest, summary, recording and `info` tell one story."""
+    found = []
+    manifest, summary = (json.loads((run / f"{name}.json").read_text()) for name in ("manifest", "summary"))
+    if manifest["exit_reason"] == "running":
+        found.append("the manifest says it is running")
+    complete = {summary["complete"], manifest["complete"], manifest["exit_reason"] == "finished"}
+    if len(complete) != 1:
+        found.append(f"complete or not: {summary['complete']}, {manifest['complete']}, {manifest['exit_reason']!r}")
+    if not was_killed and (code == 0) != summary["valid"]:
+        found.append(f"exit code {code} and valid {summary['valid']}")
+    if manifest["why"] != summary["why"] or (manifest["exit_reason"] == "failed" and not summary["why"]):
+        found.append(f"why: {manifest['why']} and {summary['why']}")
+    state = info.describe(run)["state"]
+    if (state == "complete") != summary["complete"] or state.startswith("running"):
+        found.append(f"info says {state!r}")
+    return found + _recording(run)
+
+
+def _of_a_killed(part: Path) -> list[str]:
+    """What an orchestrator that was killed has left can be read, and is called what it is."""
+    try:
+        state = info.describe(part)["state"]
+    except info.NotARunError as error:
+        return [] if not (part / "scenario.toml").exists() else [f"info: {error}"]
+    found = [] if state.startswith("incomplete") else [f"info says {state!r} of a run that was killed"]
+    return found + _recording(part)
+
+
+def _recording(folder: Path) -> list[str]:
+    try:
+        if any(folder.glob("recording.mcap*")):
+            read_recording(next(folder.glob("recording.mcap*")))
+    except Exception as error:
+        return [f"the recording: {error!r}"]
+    return []

@@ -1,0 +1,168 @@
+"""One stormy run: what is done to whom and when, drawn from a seed, and what was seen."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from random import Random
+from typing import NamedTuple
+
+from tests.swarms import is_running
+
+MARK = "DELTASWARM_STORM"
+"""The environment variable by which all processes of a run are known."""
+
+AGENTS = 6
+OVER_S = 8.0
+"""Signals come within so long after the launch [s]."""
+
+AT_MOST_S = 120.0
+"""No run takes longer, whatever is done to it; without a storm one takes a few seconds on a quiet machine."""
+
+GONE_WITHIN_S = 30.0
+SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT)
+ORCHESTRATOR, FORK_SERVER = "orchestrator", "fork server"
+TARGETS = (ORCHESTRATOR, FORK_SERVER, "world", "world", "operator", "operator", *(f"agent {n}" for n in range(AGENTS)))
+
+
+class Blow(NamedTuple):
+    """A signal to a part at a time after the launch [s]; one that stops it may be followed by SIGCONT."""
+
+    at_s: float
+    target: str
+    number: signal.Signals
+    goes_on_at_s: float | None = None
+
+
+@dataclass
+class Seen:
+    """What became of a run."""
+
+    blows: list[Blow]
+    landed: list[Blow] = field(default_factory=list)
+    code: int | None = None
+    """Of the orchestrator; None if it did not end in time."""
+    wall_s: float = 0.0
+    printed: str = ""
+    left: list[str] = field(default_factory=list)
+    """Processes and files that are still there."""
+
+    def landed_on(self, target: str, *numbers: signal.Signals) -> bool:
+        """Whether one of these signals reached a part."""
+        return any(blow.target == target and blow.number in numbers for blow in self.landed)
+
+
+def draw(rng: Random) -> list[Blow]:
+    """One to four blows, in order of time; a stopped orchestrator always goes on, since nobody else could end it."""
+    blows = []
+    for _ in range(rng.randint(1, 4)):
+        at_s, target, number = rng.uniform(0.2, OVER_S), rng.choice(TARGETS), rng.choice(SIGNALS)
+        goes_on = number == signal.SIGSTOP and (target == ORCHESTRATOR or rng.random() < 0.5)
+        blows.append(Blow(at_s, target, number, at_s + rng.uniform(0.5, 4.0) if goes_on else None))
+    return sorted(blows)
+
+
+def play(folder: Path, rng: Random) -> Seen:
+    """A whole run below `folder` in a storm."""
+    out, temporary = folder / "run", folder / "tmp"
+    temporary.mkdir(parents=True)
+    mark = str(folder)
+    sets = [f"run.duration_s={rng.randint(300, 1500)}", f"record={rng.choice(['off', 'views', 'wire'])}"]
+    sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
+    command = [sys.executable, "-m", "deltaswarm_orchestrator", "run", "smoke", "--out", str(out)]
+    seen = Seen(draw(rng))
+    began = time.monotonic()
+    process = subprocess.Popen(
+        [*command, *(text for one in sets for text in ("--set", one))],
+        env={**os.environ, MARK: mark, "TMPDIR": str(temporary)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    find = _finder(process.pid, out.with_name("run.part") / "logs" / "pids.json")
+    for at_s, act in sorted(_acts(seen, find), key=lambda one: one[0]):
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(max(0.0, began + at_s - time.monotonic()))
+        if process.poll() is None:
+            act()
+    try:
+        seen.printed = process.communicate(timeout=AT_MOST_S)[0]
+        seen.code = process.returncode
+    except subprocess.TimeoutExpired:
+        pass
+    seen.wall_s = time.monotonic() - began
+    seen.left = _left(mark, temporary)
+    process.kill()
+    for pid in _marked(mark):
+        os.kill(pid, signal.SIGKILL)
+    return seen
+
+
+def _acts(seen: Seen, find: Callable[[str], int | None]) -> list[tuple[float, Callable[[], None]]]:
+    """What is to be done, by time after the launch [s]."""
+
+    def strike(blow: Blow) -> None:
+        pid = find(blow.target)
+        if pid is not None and is_running(pid):
+            with suppress(ProcessLookupError):
+                os.kill(pid, blow.number)
+                seen.landed.append(blow)
+
+    def relieve(blow: Blow) -> None:
+        pid = find(blow.target)
+        if pid is not None:
+            with suppress(ProcessLookupError):
+                os.kill(pid, signal.SIGCONT)
+
+    acts: list[tuple[float, Callable[[], None]]] = []
+    for blow in seen.blows:
+        acts.append((blow.at_s, lambda blow=blow: strike(blow)))  # type: ignore[misc]
+        if blow.goes_on_at_s is not None:
+            acts.append((blow.goes_on_at_s, lambda blow=blow: relieve(blow)))  # type: ignore[misc]
+    return acts
+
+
+def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
+    """The process of a part, by its name, if it is known by now."""
+
+    def find(target: str) -> int | None:
+        if target == ORCHESTRATOR:
+            return orchestrator
+        try:
+            known = json.loads(pids.read_text())
+            if target != FORK_SERVER:
+                return int(known[target])
+            return int(Path(f"/proc/{known['world']}/stat").read_text().rsplit(")", 1)[1].split()[1])
+        except (OSError, ValueError, KeyError):
+            return None
+
+    return lambda target: pid if (pid := find(target)) != 1 else None
+
+
+def _left(mark: str, temporary: Path) -> list[str]:
+    """What is still there after a while."""
+    deadline = time.monotonic() + GONE_WITHIN_S
+    while time.monotonic() < deadline and (_marked(mark) or any(temporary.iterdir())):
+        time.sleep(0.05)
+    return [f"process {pid}" for pid in _marked(mark)] + [path.name for path in temporary.iterdir()]
+
+
+def _marked(mark: str) -> list[int]:
+    """Processes with this mark in their environment that have not ended."""
+    found = []
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdecimal():
+            try:
+                is_one = f"{MARK}={mark}".encode() in (folder / "environ").read_bytes().split(b"\0")
+            except OSError:
+                continue
+            if is_one and is_running(int(folder.name)):
+                found.append(int(folder.name))
+    return found

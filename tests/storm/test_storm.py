@@ -1,0 +1,20 @@
+"""Ten storms of a fixed seed; `python -m tests.storm` has more."""
+
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from tests.storm.judge import judge
+from tests.storm.storm import play
+
+pytestmark = pytest.mark.processes
+
+SEED = 7
+
+
+@pytest.mark.parametrize("number", range(10))
+def test_whatever_is_done_to_a_run_it_ends_well(number: int, tmp_path: Path) -> None:
+    """In time, with nothing left, and with records that agree."""
+    seen = play(tmp_path, Random(f"{SEED}/{number}"))
+    assert judge(tmp_path, seen) == [], (seen.landed, seen.printed)
