@@ -119,7 +119,7 @@ def test_a_restarted_agent_believes_nothing() -> None:
     assert not set(map(id, before)) & set(map(id, crew.agents))
     assert any(state is not WALKING for state in states[59])
     assert [shell.rejected_frames + paper(shell).rejected_frames for shell in crew.agents] == [0] * 6
-    assert not crew.world.rejected
+    assert not crew.world.inbox.rejected
 
 
 def test_the_blind_sense_nothing_and_their_events_wait_on() -> None:

@@ -81,14 +81,14 @@ class Two:
 
     def say(self, counter: int) -> None:
         """A frame and a report of the board."""
-        assert self.core.hear_radio(BOARD, encode_sample(Sample(counter, b"here"))) is None
+        assert self.core.inbox.hear_radio(BOARD, encode_sample(Sample(counter, b"here"))) is None
         report = encode_report(Report(BOARD, counter, self.step, "root", 1.0, 1.0, 0, ()))
-        assert self.core.hear_report(BOARD, report) is None
+        assert self.core.inbox.hear_report(BOARD, report) is None
 
     def end(self, *silent: int) -> Tally:
         """Acts of all but the silent, and the end of the step."""
         for agent in sorted(self.core.lockstep.waiting - set(silent)):
-            self.core.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, (), Standing(), self.step + 1)))
+            self.core.inbox.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, (), Standing(), self.step + 1)))
         return self.core.end()
 
 
@@ -100,7 +100,7 @@ def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) ->
         if position == away_before:
             stage.core.lockstep.gone(BOARD)
             stage.core.lockstep.back(BOARD)
-            stage.core.board_is_back(BOARD)
+            stage.core.inbox.go_on_anywhere(BOARD)
         stage.begin()
         stage.say(counter)
         lost.append(stage.end().transport_lost)
@@ -126,7 +126,7 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
     assert stage.core.lockstep.waiting == {AGENT}
-    stage.core.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, (), Standing(), stage.step + 1)))
+    stage.core.inbox.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, (), Standing(), stage.step + 1)))
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}
     stage.end(BOARD)

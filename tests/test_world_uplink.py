@@ -192,10 +192,10 @@ def test_the_world_checks_reports_as_the_operator_does() -> None:
     for step in range(3):
         for agent, _ in core.begin(step, last=False):
             data = report(agent, step + (agent == 2), step)
-            assert core.hear_report(agent, data) is None
+            assert core.inbox.hear_report(agent, data) is None
             for bad in (b"", data[:-1], report(agent + 1, 9), report(agent, 9, step + 1), data):
-                assert core.hear_report(agent, bad)
-            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
+                assert core.inbox.hear_report(agent, bad)
+            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
         tallies.append(core.end())
     assert [tally.rejected for tally in tallies] == [15] * 3
     assert [tally.transport_lost for tally in tallies] == [1, 0, 0]
@@ -212,7 +212,7 @@ def test_a_dead_radio_reports_to_nobody() -> None:
     for step in range(2):
         core.inject(step)
         for agent, _ in core.begin(step, last=False):
-            core.hear_report(agent, report(agent, step, step))
-            core.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
+            core.inbox.hear_report(agent, report(agent, step, step))
+            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
         tallies.append(core.end())
     assert [(tally.reports_arrived, tally.reports_dropped_dead) for tally in tallies] == [(2, 0), (1, 1)]

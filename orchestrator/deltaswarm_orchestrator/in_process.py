@@ -72,14 +72,14 @@ class InProcess:
         self.agents_s += clock() - began
         for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
             if radio is not None:
-                world.take_radio(agent, counter, radio)
+                world.inbox.take_radio(agent, counter, radio)
                 if sink is not None:
                     sink.radio(step, agent, radio)
             if report is not None and report_bytes is not None:
-                world.take_report(agent, report, report_bytes)
+                world.inbox.take_report(agent, report, report_bytes)
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
-            world.take_act(agent, act, act_bytes)
+            world.inbox.take_act(agent, act, act_bytes)
         tally = world.end()
         for forwarded in world.forwarded:
             self.operator.take_forwarded(forwarded)

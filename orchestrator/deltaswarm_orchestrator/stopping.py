@@ -2,6 +2,7 @@
 
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
@@ -47,7 +48,12 @@ def end_at_once_on_signals() -> None:
 
 
 def raise_on_signals() -> None:
-    """As Python does by itself: Ctrl-C raises KeyboardInterrupt, the others end the process."""
+    """As Python does by itself: Ctrl-C raises KeyboardInterrupt, the others end the process.
+
+    In another thread than the main one, as where a program calls a command, signals are that program's.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)

@@ -1,7 +1,6 @@
 """The world's core: one step at a time, frames out, acts and radio frames in, truth and tally out.
 
-Inputs are processed in agent order, never in arrival order. What arrives is checked here: an agent's
-bytes are a stranger's. Of a radio frame the world reads the envelope, never the payload.
+Inputs are processed in agent order, never in arrival order; `inbox.py` takes and checks them.
 """
 
 from bisect import bisect_right
@@ -12,23 +11,17 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import Any
 
-from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
-from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import (
     FRAME_ROOM_BYTES,
     MAX_SENSED,
     NOBODY,
     SENSED_BYTES,
-    Act,
     Event,
     Forwarded,
     Frame,
     Heard,
-    Report,
     Standing,
-    decode_act,
-    decode_report,
 )
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
@@ -37,9 +30,9 @@ from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.environment import Environment
 from deltaswarm_world.faults.timeline import Faults
+from deltaswarm_world.inbox import Inbox
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.quiet import QuietSleep
-from deltaswarm_world.sequence import SequenceNumbers, by_agent
 from deltaswarm_world.tally import tally
 from deltaswarm_world.uplink.uplink import Uplink
 
@@ -58,12 +51,7 @@ class WorldCore:
         self.scenario = scenario
         self.environment = Environment(scenario)
         self.lockstep = LockStep(range(scenario.agents.count), boards)
-        self.rejected: Counter[int] = Counter()
-        """Samples dropped at the edge, per agent whose key they came on."""
-        self.excess: Counter[int] = Counter()
-        """Among them those beyond one radio frame, one report and one act in a step."""
-        self.late_acts: Counter[int] = Counter()
-        """Acts of steps that had gone on without them, per agent."""
+        self.inbox = Inbox(self.lockstep)
         self.refused_claims = 0
         """Observations claimed of events that were out of sensing range."""
         self.agents_in_trees = 0
@@ -75,7 +63,6 @@ class WorldCore:
         self.air = Air(scenario)
         self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
         """Without one each report reaches the operator in the step in which it is sent."""
-        self._reports: dict[int, bytes] = {}
         self._sent: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
@@ -84,18 +71,12 @@ class WorldCore:
         self._present = [True] * count
         self._listening = self.speaking = [True] * count
         """Whose radio heard in this step, and in the step before, when what is heard now was sent."""
-        self._spoken: dict[int, bytes] = {}
-        self._spoke_late: set[int] = set()
-        self._acts: dict[int, tuple[bytes, Act]] = {}
         self._standings: dict[int, Standing] = {}
         """What each agent that takes part says it is, by its last act."""
         self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
         self._sensed: list[list[Event]] = []
         self.links: Sequence[tuple[int, int]] = ()
         """(sender, receiver) of each frame that is heard in this step."""
-        self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
-        self._rejected_in_step = 0
-        self._lost_before = 0
         self._step = -1
         self._time_s = 0.0
         self._carried = Carried(0)
@@ -118,8 +99,7 @@ class WorldCore:
                 elif order.action == START:
                     lockstep.back(agent)
                     self._sleep.start(agent, step)
-                    self._radio_numbers.begin_anew(agent)
-                    self._report_numbers.begin_anew(agent)
+                    self.inbox.begin_anew(agent)
         lockstep.frozen = self._faults.frozen
         return orders
 
@@ -149,19 +129,13 @@ class WorldCore:
         lockstep.begin(step, asked)
         before = self._standings
         self._standings = {agent: before[agent] for agent in taking_part if agent in before}
-        self._spoken, self._acts = {}, {}
-        self._spoke_late.clear()
+        self.inbox.begin(step)
         return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
         here, poses = self._sleep.ask(agent, self._step)
         sensed = tuple(self._sensed[agent][:MAX_SENSED])
         return Frame(self._step, self._time_s, last, *here, poses, sensed, tuple(heard))
-
-    def board_is_back(self, agent: int) -> None:
-        """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
-        self._radio_numbers.go_on_anywhere(agent)
-        self._report_numbers.go_on_anywhere(agent)
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
         """What each of these agents senses, or believes to; an agent that gets no frame senses nothing."""
@@ -182,7 +156,9 @@ class WorldCore:
         for agent in taking_part:
             listening[agent] = agent not in deaf
         self.speaking, self._listening = self._listening, listening
-        carried = self.air.carry(self._step, self._time_s, self._spoken, self.environment.positions_m, listening, mute)
+        carried = self.air.carry(
+            self._step, self._time_s, self.inbox.spoken, self.environment.positions_m, listening, mute
+        )
         self.links = carried.links
         if crowded := self._cut_crowded(carried.heard, carried.largest_bytes):
             self.links = [(sender, agent) for agent, frames in enumerate(carried.heard) for sender, _ in frames]
@@ -205,84 +181,13 @@ class WorldCore:
             del frames[fitting:]
         return crowded
 
-    def hear_radio(self, agent: int, data: bytes) -> str | None:
-        """Take one radio frame from an agent's key; the reason if it is dropped."""
-        try:
-            counter = decode_sample(data).counter
-        except WireError as error:
-            return self.reject(agent, str(error))
-        return self.take_radio(agent, counter, data)
-
-    def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
-        """The same for a frame whose envelope is open."""
-        self._radio_numbers.follow(agent, counter)
-        if agent in self._spoken or agent in self._spoke_late or not self.lockstep.may_speak(agent):
-            return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
-        if agent in self.lockstep.waiting:
-            self._spoken[agent] = data
-        else:  # as late as the act that follows
-            self._spoke_late.add(agent)
-        return None
-
-    def hear_report(self, agent: int, data: bytes) -> str | None:
-        """Take one report from an agent's key; the reason if it is dropped."""
-        try:
-            report = decode_report(data)
-        except WireError as error:
-            return self.reject(agent, str(error))
-        return self.take_report(agent, report, data)
-
-    def take_report(self, agent: int, report: Report, data: bytes) -> str | None:
-        """The same for a report and the bytes that it was decoded from, or encoded to."""
-        if report.agent != agent:
-            return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
-        if report.step > self._step:
-            return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
-        self._report_numbers.follow(agent, report.sequence)
-        if agent in self._reports or not self.lockstep.may_speak(agent):
-            return self.reject_excess(agent, "report: a second one in one step, or one out of turn")
-        self._reports[agent] = data
-        return None
-
-    def hear_act(self, agent: int, data: bytes) -> str | None:
-        """Take one act from an agent's key; the reason if it is dropped."""
-        try:
-            act = decode_act(data)
-        except WireError as error:
-            return self.reject(agent, str(error))
-        return self.take_act(agent, act, data)
-
-    def take_act(self, agent: int, act: Act, data: bytes) -> str | None:
-        """The same for an act and the bytes that it was decoded from, or encoded to."""
-        if act.step > self._step:
-            return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
-        if self.lockstep.close(agent, act.step):
-            self._acts[agent] = (data, act)
-            return None
-        if self.lockstep.answer_late(agent, act.step):
-            self.late_acts[agent] += 1
-            return None
-        return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
-
-    def reject_excess(self, agent: int, reason: str) -> str:
-        """The same for a sample that is one too many in its step."""
-        self.excess[agent] += 1
-        return self.reject(agent, reason)
-
-    def reject(self, agent: int, reason: str) -> str:
-        """Count a sample that came on a key of this agent and is dropped; gives the reason back."""
-        self.rejected[agent] += 1
-        self._rejected_in_step += 1
-        return reason
-
     def end(self) -> Tally:
         """Close the step: commands, work, completion, tally, digest."""
         late = self.lockstep.give_up()
-        for agent in late:  # a frame counts with the act that closes its step
-            self._spoken.pop(agent, None)
+        self.inbox.drop_frames(late)
         observers: Counter[int] = Counter()
-        for agent in sorted(self._acts):
-            data, act = self._acts[agent]
+        for agent in sorted(self.inbox.acts):
+            data, act = self.inbox.acts[agent]
             self.environment.command(agent, act.vx_mps, act.vy_mps)
             if act.observed:
                 sensed = {event.event for event in self._sensed[agent]}
@@ -291,7 +196,7 @@ class WorldCore:
                         observers[event] += 1
                     else:
                         self.refused_claims += 1
-            spoken = self._spoken.get(agent)
+            spoken = self.inbox.spoken.get(agent)
             if spoken is not None:
                 self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
@@ -301,17 +206,16 @@ class WorldCore:
         for agent in late:
             self._standings.pop(agent, None)
             self._sleep.wake(agent)
-        sent = len(self._reports)
         self._forward()
         self.digest.end_step()
+        sent = len(self._sent)
         if self.uplink is None:
             return self._tally(len(late), sent, sent)
         return self._tally(len(late), sent, len(self.forwarded), self.uplink.under_way, self.uplink.dropped)
 
     def _forward(self) -> None:
         """Hand this step's reports on to the operator, in agent order, or what comes out of the uplink."""
-        sent, self._reports = self._reports, {}
-        self._sent = sent
+        sent = self._sent = self.inbox.take_reports()
         arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
         first = self._forwarded_ever
         self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
@@ -338,27 +242,25 @@ class WorldCore:
         in_trees = sorted(agent for agent, standing in self._standings.items() if standing.root != NOBODY)
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
-        rejected, self._rejected_in_step = self._rejected_in_step, 0
-        lost = (self._radio_numbers.lost + self._report_numbers.lost).total() - self._lost_before
-        self._lost_before += lost
+        rejected, lost = self.inbox.take_counts()
         carried, others = self._carried, self.scenario.agents.count - 1
         return tally(
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.lockstep.alive),
             agents_late=late,
-            agents_asked=len(self._acts) + late,
+            agents_asked=len(self.inbox.acts) + late,
             agents_in_trees=len(in_trees),
             trees=sum(standing.root == agent for agent, standing in self._standings.items()),
             covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
             events_active=len(self.environment.active),
-            frames_sent=len(self._spoken),
-            bytes_sent=sum(map(len, self._spoken.values())),
+            frames_sent=len(self.inbox.spoken),
+            bytes_sent=sum(map(len, self.inbox.spoken.values())),
             frames_received=len(self.links),
             frames_duplicated=carried.duplicated,
-            frames_in_flight=len(self._spoken) * others + self.air.under_way,
+            frames_in_flight=len(self.inbox.spoken) * others + self.air.under_way,
             rejected=rejected,
-            transport_lost=min(lost, MAX_ID),
+            transport_lost=lost,
             frames_dropped=carried.dropped,
             reports_sent=reports_sent,
             reports_arrived=reports_arrived,
@@ -378,8 +280,7 @@ class WorldCore:
     @property
     def said(self) -> list[Said]:
         """The radio frames and reports of the step just ended, as they came, in agent order."""
-        frames = [(agent, RADIO, data) for agent, data in self._spoken.items()]
-        return sorted(frames + [(agent, REPORT, data) for agent, data in self._sent.items()])
+        return self.inbox.said(self._sent)
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """What the world says of a run besides its rows."""
@@ -389,10 +290,6 @@ class WorldCore:
             "agents_lost": list(self.lockstep.lost),
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
-            "rejected": by_agent(self.rejected),
-            "excess": by_agent(self.excess),
-            "late_acts": by_agent(self.late_acts),
-            "transport_lost": by_agent(self._radio_numbers.lost + self._report_numbers.lost),
-            "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
+            **self.inbox.totals,
             "refused_claims": self.refused_claims,
         }

@@ -263,9 +263,9 @@ class WorldProcess:
         """Take one sample of an agent."""
         reason: str | None
         if leaf == REPORT:
-            reason = self._core.hear_report(agent, data)
+            reason = self._core.inbox.hear_report(agent, data)
         elif leaf == RADIO:
-            reason = self._core.hear_radio(agent, data)
+            reason = self._core.inbox.hear_radio(agent, data)
             if act is not None:  # the act that closes the step rides on it
                 reason = self._take_act(agent, act) or reason
         else:
@@ -278,7 +278,7 @@ class WorldProcess:
         """Let an act close its agent's step, or end the agent's hanging. The reason if it is dropped."""
         lockstep = self._core.lockstep
         was_hanging = agent in lockstep.hanging
-        reason = self._core.hear_act(agent, data)
+        reason = self._core.inbox.hear_act(agent, data)
         if was_hanging and agent not in lockstep.hanging:
             log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
         return reason
@@ -305,7 +305,7 @@ class WorldProcess:
             return
         (lockstep.back if there else lockstep.gone)(agent)
         if there and agent in lockstep.boards:
-            self._core.board_is_back(agent)
+            self._core.inbox.go_on_anywhere(agent)
         if lockstep.step >= 0 and not self._is_over:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
 

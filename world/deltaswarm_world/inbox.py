@@ -1,0 +1,156 @@
+"""What agents say in a step, checked at the world's edge: their bytes are a stranger's.
+
+Of each agent and step one radio frame, one report and one act are taken; what is beyond that is dropped and counted.
+Of a radio frame the world reads the envelope, never the payload.
+"""
+
+from collections import Counter
+from collections.abc import Iterable
+from typing import Any
+
+from deltaswarm_wire.codec import MAX_ID, WireError
+from deltaswarm_wire.digest import RADIO, REPORT
+from deltaswarm_wire.envelope import decode_sample
+from deltaswarm_wire.messages import Act, Report, decode_act, decode_report
+from deltaswarm_wire.truth import Said
+from deltaswarm_world.lockstep import LockStep
+from deltaswarm_world.sequence import SequenceNumbers, by_agent
+
+
+class Inbox:
+    """The samples of one step, and the counts of a run."""
+
+    def __init__(self, lockstep: LockStep) -> None:
+        self.spoken: dict[int, bytes] = {}
+        """Radio frames, by sender."""
+        self.reports: dict[int, bytes] = {}
+        self.acts: dict[int, tuple[bytes, Act]] = {}
+        self.rejected: Counter[int] = Counter()
+        """Samples that were dropped, per agent whose key they came on."""
+        self.excess: Counter[int] = Counter()
+        """Among them those beyond one radio frame, one report and one act in a step."""
+        self.late_acts: Counter[int] = Counter()
+        """Acts of steps that had gone on without them, per agent."""
+        self._lockstep = lockstep
+        self._step = -1
+        self._spoke_late: set[int] = set()
+        self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
+        self._rejected_before = self._lost_before = 0
+
+    def begin(self, step: int) -> None:
+        """A step opens; reports that came since the last one was closed are of this one."""
+        self._step = step
+        self.spoken, self.acts = {}, {}
+        self._spoke_late.clear()
+
+    def begin_anew(self, agent: int) -> None:
+        """A new process speaks as this agent."""
+        self._radio_numbers.begin_anew(agent)
+        self._report_numbers.begin_anew(agent)
+
+    def go_on_anywhere(self, agent: int) -> None:
+        """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
+        self._radio_numbers.go_on_anywhere(agent)
+        self._report_numbers.go_on_anywhere(agent)
+
+    def hear_radio(self, agent: int, data: bytes) -> str | None:
+        """Take one radio frame from an agent's key; the reason if it is dropped."""
+        try:
+            counter = decode_sample(data).counter
+        except WireError as error:
+            return self.reject(agent, str(error))
+        return self.take_radio(agent, counter, data)
+
+    def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
+        """The same for a frame whose envelope is open."""
+        self._radio_numbers.follow(agent, counter)
+        if agent in self.spoken or agent in self._spoke_late or not self._lockstep.may_speak(agent):
+            return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
+        if agent in self._lockstep.waiting:
+            self.spoken[agent] = data
+        else:  # as late as the act that follows
+            self._spoke_late.add(agent)
+        return None
+
+    def hear_report(self, agent: int, data: bytes) -> str | None:
+        """Take one report from an agent's key; the reason if it is dropped."""
+        try:
+            report = decode_report(data)
+        except WireError as error:
+            return self.reject(agent, str(error))
+        return self.take_report(agent, report, data)
+
+    def take_report(self, agent: int, report: Report, data: bytes) -> str | None:
+        """The same for a report and the bytes that it was decoded from, or encoded to."""
+        if report.agent != agent:
+            return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
+        if report.step > self._step:
+            return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
+        self._report_numbers.follow(agent, report.sequence)
+        if agent in self.reports or not self._lockstep.may_speak(agent):
+            return self.reject_excess(agent, "report: a second one in one step, or one out of turn")
+        self.reports[agent] = data
+        return None
+
+    def hear_act(self, agent: int, data: bytes) -> str | None:
+        """Take one act from an agent's key; the reason if it is dropped."""
+        try:
+            act = decode_act(data)
+        except WireError as error:
+            return self.reject(agent, str(error))
+        return self.take_act(agent, act, data)
+
+    def take_act(self, agent: int, act: Act, data: bytes) -> str | None:
+        """The same for an act and the bytes that it was decoded from, or encoded to."""
+        if act.step > self._step:
+            return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
+        if self._lockstep.close(agent, act.step):
+            self.acts[agent] = (data, act)
+            return None
+        if self._lockstep.answer_late(agent, act.step):
+            self.late_acts[agent] += 1
+            return None
+        return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
+
+    def reject_excess(self, agent: int, reason: str) -> str:
+        """The same for a sample that is one too many in its step."""
+        self.excess[agent] += 1
+        return self.reject(agent, reason)
+
+    def reject(self, agent: int, reason: str) -> str:
+        """Count a sample that came on a key of this agent and is dropped; gives the reason back."""
+        self.rejected[agent] += 1
+        return reason
+
+    def drop_frames(self, late: Iterable[int]) -> None:
+        """A frame counts with the act that closes its step: drop those of agents that were not waited for."""
+        for agent in late:
+            self.spoken.pop(agent, None)
+
+    def take_reports(self) -> dict[int, bytes]:
+        """The step's reports, by agent; what comes from now on is of the next step."""
+        reports, self.reports = self.reports, {}
+        return reports
+
+    def said(self, reports: dict[int, bytes]) -> list[Said]:
+        """The step's radio frames and these reports, in agent order."""
+        frames = [(agent, RADIO, data) for agent, data in self.spoken.items()]
+        return sorted(frames + [(agent, REPORT, data) for agent, data in reports.items()])
+
+    def take_counts(self) -> tuple[int, int]:
+        """How many samples were dropped, and how many were lost on the way, since this was asked."""
+        rejected, lost = self.rejected.total(), (self._radio_numbers.lost + self._report_numbers.lost).total()
+        counts = rejected - self._rejected_before, min(lost - self._lost_before, MAX_ID)
+        self._rejected_before, self._lost_before = rejected, lost
+        return counts
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The counts of the run, by agent."""
+        return {
+            "rejected": by_agent(self.rejected),
+            "excess": by_agent(self.excess),
+            "late_acts": by_agent(self.late_acts),
+            "transport_lost": by_agent(self._radio_numbers.lost + self._report_numbers.lost),
+            "fell_back": by_agent(self._radio_numbers.fell_back + self._report_numbers.fell_back),
+        }
