@@ -40,12 +40,13 @@ NOT_IN_A_CORE = {
 """Whole modules; of `random` a core may import the class `Random` and be handed an instance."""
 
 ADAPTERS = {
-    *("process.py", "__main__.py", "output.py", "waker.py"),
+    *("process.py", "__main__.py", "output.py", "waker.py", "wires.py"),
     *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py", "logs.py"),
+    *("signals.py", "waiting.py"),
 }
 """They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
-waker.py is what wakes the world's process. On a board: its air, its vehicle and the link to it, systemd, and
-what it writes."""
+wires.py and waker.py are the world's ends of the fabric. On a board: its air, its vehicle and the link to it, systemd,
+signals, and what it writes; in open air, what waits for the operator."""
 
 
 def modules(*folders: str) -> list[Path]:

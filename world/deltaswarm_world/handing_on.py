@@ -1,7 +1,7 @@
 """What the operator has not confirmed yet: an operator that is started anew gets it once more."""
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 AHEAD_STEPS = 1000
@@ -16,24 +16,37 @@ class ClosedStep(NamedTuple):
     clock: bytes
 
 
-class HandingOn:
-    """Closed steps from the oldest that the operator has not confirmed; it confirms what it has on disk."""
+Send = Callable[[bytes], None]
 
-    def __init__(self) -> None:
+
+class HandingOn:
+    """Hands closed steps on to the operator, and keeps those that it has not confirmed to have on disk."""
+
+    def __init__(self, send_report: Send, send_clock: Send) -> None:
         self.confirmed = -1
         """The newest step that the operator has confirmed."""
-        self._steps: deque[ClosedStep] = deque()
+        self._send_report, self._send_clock = send_report, send_clock
+        self._kept: deque[ClosedStep] = deque()
 
-    def keep(self, step: ClosedStep) -> None:
-        """A step has been closed."""
-        self._steps.append(step)
+    def close(self, step: ClosedStep, *, now: bool) -> None:
+        """A step has been closed; send it now, unless the operator is away."""
+        self._kept.append(step)
+        if now:
+            self._send(step)
 
     def confirm(self, step: int) -> None:
         """The operator has all up to this step."""
         self.confirmed = max(self.confirmed, step)
-        while self._steps and self._steps[0].step <= self.confirmed:
-            self._steps.popleft()
+        while self._kept and self._kept[0].step <= self.confirmed:
+            self._kept.popleft()
 
-    def unconfirmed(self) -> Iterator[ClosedStep]:
-        """What an operator that comes back has not got, oldest first."""
-        return iter(tuple(self._steps))
+    def begin_anew(self, step: int) -> None:
+        """An operator that has all up to this step stands in for another: it gets the others, oldest first."""
+        self.confirm(step)
+        for kept in self._kept:
+            self._send(kept)
+
+    def _send(self, step: ClosedStep) -> None:
+        for report in step.reports:
+            self._send_report(report)
+        self._send_clock(step.clock)

@@ -4,15 +4,12 @@ import logging
 import signal
 import time
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from pathlib import Path
 
 from deltaswarm_wire.keys import AGENT, OPERATOR, RADIO, RECORDER, REPORT, Keys
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_wire.session import RouterLink
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
+from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
 from deltaswarm_world.lockstep import Patience
@@ -30,27 +27,6 @@ STATUS_EVERY_S = 0.5
 STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 
-@dataclass(frozen=True)
-class WorldConfig:
-    """What the world process is told."""
-
-    run: str
-    scenario: Scenario
-    link: RouterLink
-    credentials: Path
-    """File of `user:password` lines, one for each process that may join."""
-    out: Path
-    expect: tuple[str, ...] = (OPERATOR,)
-    """Roles, besides the agents, that must be there before the first step."""
-    publish_truth: bool = False
-    publish_wire: bool = False
-    """Every raw radio frame and report, for a recorder."""
-    listen: tuple[str, ...] = ()
-    """Endpoints; without any, the link's."""
-    boards: tuple[int, ...] = ()
-    """Agents on machines of their own, which may leave and come back."""
-
-
 class WorldProcess:
     """One run of the world over its wires."""
 
@@ -61,7 +37,7 @@ class WorldProcess:
         self._wires = wires
         self._waker = waker
         self._patience = Patience(self._settings.step_timeout_s)
-        self._handing_on = HandingOn()
+        self._handing_on = HandingOn(wires.forwarded, wires.clock)
         self._pace: RealTimePace | None = None
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
@@ -197,22 +173,15 @@ class WorldProcess:
             wires.truth(encode_truth(core.truth(tally)))
         if self._config.publish_wire:
             wires.wire(encode_wire(tally.step, core.said))
-        reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
-        closed = ClosedStep(tally.step, reports, encode_clock(Clock(tally.step, tally.time_s, last)))
-        self._handing_on.keep(closed)
         self._take_tokens()
+        reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
+        clock = encode_clock(Clock(tally.step, tally.time_s, last))
+        self._handing_on.close(ClosedStep(tally.step, reports, clock), now=not self._operator_left)
         if self._operator_left:
             self._welcome_operator()
-        else:
-            self._hand_on(closed)
         self._is_over = last
         if not last and any(tally.step - taken > AHEAD_STEPS for taken in self._waker.taken.values()):
             self._let_catch_up(tally.step)
-
-    def _hand_on(self, closed: ClosedStep) -> None:
-        for report in closed.reports:
-            self._wires.forwarded(report)
-        self._wires.clock(closed.clock)
 
     def _welcome_operator(self) -> None:
         """Wait for an operator to be started in place of the one that went, and give it what it missed."""
@@ -221,9 +190,7 @@ class WorldProcess:
         if not self._wait_until(lambda: OPERATOR in self._waker.taken, patience_s):
             raise TimeoutError(f"the operator went in step {step} and did not come back within {patience_s:g} s")
         self._operator_left = False
-        self._handing_on.confirm(self._waker.taken[OPERATOR])
-        for closed in self._handing_on.unconfirmed():
-            self._hand_on(closed)
+        self._handing_on.begin_anew(self._waker.taken[OPERATOR])
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
 
     def _let_catch_up(self, step: int) -> None:

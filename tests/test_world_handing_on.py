@@ -1,0 +1,56 @@
+"""Closed steps on their way to the operator: each arrives once, whoever is killed when."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_world.handing_on import ClosedStep, HandingOn
+
+
+class Listener:
+    """An operator: counts closed steps, saves now and then, and forgets what it had not saved when it is killed."""
+
+    def __init__(self) -> None:
+        self.reports: list[bytes] = []
+        self.closed: list[tuple[bytes, ...]] = []
+        self.saved: list[tuple[bytes, ...]] = []
+
+    def clock(self, data: bytes) -> None:
+        """A step is closed."""
+        assert data == b"%d" % len(self.closed), "in order, none missing, none twice"
+        self.closed.append(tuple(self.reports))
+        self.reports.clear()
+
+    def save(self) -> int:
+        """The newest step that is on disk."""
+        self.saved = list(self.closed)
+        return len(self.saved) - 1
+
+    def die(self) -> int:
+        """Another one stands in; what it has."""
+        self.closed = list(self.saved)
+        self.reports.clear()
+        return len(self.saved) - 1
+
+
+@given(st.lists(st.sampled_from(["step", "step", "step", "save", "gone", "back"]), max_size=80))
+def test_each_step_arrives_once(events: list[str]) -> None:
+    """Whatever the order of steps, confirmations, deaths and returns; and nothing confirmed is kept."""
+    operator = Listener()
+    handing_on = HandingOn(operator.reports.append, operator.clock)
+    wanted: list[tuple[bytes, ...]] = []
+    is_there = True
+    for event in [*events, "back"]:
+        if event == "step":
+            step = len(wanted)
+            wanted.append(tuple(b"%d/%d" % (step, number) for number in range(step % 3)))
+            handing_on.close(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
+        elif event == "save" and is_there:
+            handing_on.confirm(operator.save())
+        elif event == "gone":
+            is_there = False
+        elif event == "back" and not is_there:
+            handing_on.begin_anew(operator.die())
+            is_there = True
+        assert handing_on.confirmed == len(operator.saved) - 1
+        assert len(handing_on._kept) == len(wanted) - len(operator.saved)
+    assert operator.closed == wanted
