@@ -146,10 +146,12 @@ def write_tables(folder: Path, outcome: Outcome) -> None:
 
 
 def _write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    with file.open("w", newline="") as stream:
+    part = file.with_name(file.name + ".part")
+    with part.open("w", newline="") as stream:
         table = csv.writer(stream)
         table.writerow(header)
         table.writerows(rows)
+    part.rename(file)
 
 
 def figures(outcome: Outcome, step_s: float) -> dict[str, Any]:

@@ -54,7 +54,6 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         FolderError: the folder cannot be had.
         FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
-        KeyboardInterrupt: somebody asked a second time for the end; nothing of the run is left running.
     """
     with stoppable() as stop:
         if options.boards:
@@ -92,7 +91,8 @@ def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, report
                 summary = _conclude(folder.path, scenario, manifest, stop, story)
             if recorder is not None:
                 recorder.close(manifest)
-        results.write_tables(folder.path, story.outcome or Outcome())
+        with room.room_for(folder.path):
+            results.write_tables(folder.path, story.outcome or Outcome())
     except RoomError as error:
         story.why.append(str(error))
         room.give_up_reserve(folder.path)
@@ -123,6 +123,8 @@ def _do(
         story.why.append(str(error))
     except StoppedError:
         pass
+    except KeyboardInterrupt:
+        story.why.append("a second signal came: nothing was waited for")
 
 
 def _conclude(folder: Path, scenario: Scenario, manifest: dict[str, Any], stop: Stop, story: _Story) -> dict[str, Any]:

@@ -223,8 +223,9 @@ class WorldProcess:
     def _look_up(self) -> None:
         """What the world does each time that it is woken."""
         self._take_tokens()
-        if time.monotonic() >= self._status_due and self._core.lockstep.step >= 0 and not self._is_over:
-            self._send_status(self._core.lockstep.step, "running")  # also where a step takes long
+        if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
+            step = self._core.lockstep.step
+            self._send_status(step, "waiting" if step < 0 else "running")
 
     def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample of an agent."""
