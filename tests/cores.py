@@ -129,7 +129,7 @@ class Core:
     @property
     def rejected_frames(self) -> int:
         """Frames heard that broke a protocol."""
-        return self.shell.rejected_frames + self.controller.rejected_frames
+        return self.shell.rejected_frames + self.controller.counts["rejected_frames"]
 
     def step(self, frame: Frame) -> Said:
         """One step, as the world asks for it."""

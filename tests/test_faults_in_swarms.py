@@ -118,7 +118,7 @@ def test_a_restarted_agent_believes_nothing() -> None:
     crew = watched.play(STEPS, note)
     assert not set(map(id, before)) & set(map(id, crew.agents))
     assert any(state is not WALKING for state in states[59])
-    assert [shell.rejected_frames + paper(shell).rejected_frames for shell in crew.agents] == [0] * 6
+    assert [shell.rejected_frames + paper(shell).counts["rejected_frames"] for shell in crew.agents] == [0] * 6
     assert not crew.world.inbox.rejected
 
 

@@ -109,7 +109,10 @@ class Decision(NamedTuple):
 
 
 class Controller(Protocol):
-    """One agent's decisions. Made once per agent and start; `step` is called in order of the steps."""
+    """One agent's decisions. Made once per agent and start; `step` is called in order of the steps.
+
+    It may have a mapping `counts`, names to numbers, that the agent's log tells at the end.
+    """
 
     Settings: ClassVar[type[Any]]
     """A frozen dataclass whose fields are made by `deltaswarm_wire.checked.key`.

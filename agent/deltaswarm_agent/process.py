@@ -157,10 +157,6 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
         watch.goodbye()
         token.undeclare()
     log.info(
-        "agent %d ends after step %d; dropped: %d frames, %d heard",
-        config.agent,
-        newest,
-        rejected,
-        shell.rejected_frames,
+        "agent %d ends after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, shell.counts
     )
     return 0

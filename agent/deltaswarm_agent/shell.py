@@ -83,6 +83,14 @@ class Shell:
         """Frames heard whose envelope broke the protocol."""
         return self._receiver.rejected
 
+    @property
+    def counts(self) -> str:
+        """What was dropped, for a log: frames whose envelope broke the protocol, and the controller's own counts."""
+        own = getattr(self.controller, "counts", {})
+        return ", ".join(
+            f"{name} {count}" for name, count in {"rejected_envelopes": self.rejected_frames, **own}.items()
+        )
+
     def step(self, frame: Frame) -> Outbound:
         """Decide. Frames come in order of their steps; steps may be missing between them.
 

@@ -34,8 +34,8 @@ class PaperController:
 
     def __init__(self, context: ControllerContext) -> None:
         self.agent = Agent(context)
-        self.rejected_frames = 0
-        """Frames heard that broke the protocol."""
+        self.counts = {"rejected_frames": 0, "rows_cut": 0}
+        """Frames heard that broke the protocol; descendants that did not fit into a frame's table."""
 
     @property
     def state(self) -> State:
@@ -67,7 +67,7 @@ class PaperController:
             try:
                 frames.append(decode(sender, payload))
             except WireError:
-                self.rejected_frames += 1
+                self.counts["rejected_frames"] += 1
         return frames
 
     def _step_free(self, sensed: Sequence[Event], heard: list[PaperFrame]) -> None:
@@ -161,13 +161,15 @@ class PaperController:
         if agent.state is RELOCATING:
             return Relocating(*head)
         if membership is not None:
+            table = membership.table()
+            self.counts["rows_cut"] += membership.rows_cut
             return Member(
                 *head,
                 agent.state is ORPHAN,
                 membership.path,
                 membership.pulse,
                 score,
-                membership.table(),
+                table,
                 agent.beliefs.sightings(agent.now),
                 agent.beliefs.departures(agent.now),
                 agent.order,

@@ -53,6 +53,8 @@ class Membership:
         self.pulse_step = now
         self.parent_heard = now
         self.children: dict[int, Branch] = {}
+        self.rows_cut = 0
+        """Descendants for whom the last table had no room."""
 
     @property
     def root(self) -> int:
@@ -119,6 +121,7 @@ class Membership:
 
         An ancestor that names this agent as its parent is left out: that is a cycle, about to be found.
         """
+        self.rows_cut = 0
         if not self.children:
             return ()
         path = self.path
@@ -127,6 +130,7 @@ class Membership:
             for row in branch.table:
                 if row.agent not in rows and row.agent not in path:
                     rows[row.agent] = row
+        self.rows_cut = max(0, len(rows) - MAX_TABLE)
         return tuple(rows.values())[:MAX_TABLE]
 
     def has_below(self, agent: int) -> bool:
