@@ -55,6 +55,19 @@ def test_a_table_has_no_agent_twice_and_not_itself(life: list[Any], is_root: boo
         assert set(membership.children) <= {*agents, *membership.path}
 
 
+def test_rows_for_which_a_table_has_no_room_are_counted() -> None:
+    """Two children with as many descendants as a table holds: the rest is cut, and it is known how many."""
+    membership = Membership(ME, None, 0, STEPS)
+    others = [Descendant(agent, CHILD, 0, 0, 0) for agent in range(1000, 1000 + 2 * MAX_TABLE)]
+    tables = (tuple(others[:MAX_TABLE]), tuple(others[MAX_TABLE:]))
+    frames = [
+        member((ME, agent), CHILD_AT, table=table) for agent, table in zip((CHILD, CHILD + 1), tables, strict=True)
+    ]
+    membership.hear_children(frames, 1)
+    assert len(membership.table()) == MAX_TABLE
+    assert membership.rows_cut == 2 + 2 * MAX_TABLE - MAX_TABLE
+
+
 def test_a_childs_own_word_about_itself_comes_first() -> None:
     """Its sibling may know an older place of it."""
     root = a_root()
