@@ -2,6 +2,7 @@
 
 import csv
 import json
+import os
 import time
 from collections.abc import Iterable
 from pathlib import Path
@@ -23,7 +24,9 @@ class WorldOutput:
 
     def __init__(self, folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder = folder
+        self._handle = os.open(folder, os.O_RDONLY)
+        self._folder = Path(f"/proc/self/fd/{self._handle}")
+        """The folder itself, wherever it is moved: by its name, a world left over might write into another run."""
         self._files = [(folder / name).open("w", newline="") for name in ("world.csv", EVENTS_SO_FAR)]
         self._rows, self._events = (csv.writer(file) for file in self._files)
         self._rows.writerow(Tally._fields)
@@ -37,6 +40,7 @@ class WorldOutput:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        os.close(self._handle)
         for file in self._files:
             file.close()
 
