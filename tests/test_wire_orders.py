@@ -7,7 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_STEP, PROTOCOL_VERSION, WireError, pack
-from deltaswarm_wire.orders import ACTIONS, ProcessOrder, decode_done, decode_order, encode_done, encode_order
+from deltaswarm_wire.orders import (
+    ACTIONS,
+    ProcessOrder,
+    decode_done,
+    decode_order,
+    decode_taken,
+    encode_done,
+    encode_order,
+    encode_taken,
+)
 
 ORDERS = st.builds(
     ProcessOrder,
@@ -34,6 +43,12 @@ def test_the_word_that_it_is_done_survives(number: int) -> None:
     assert decode_done(encode_done(number)) == number
 
 
+@given(st.integers(-1, MAX_STEP))
+def test_the_word_of_what_is_taken_survives(step: int) -> None:
+    """Also before the first step."""
+    assert decode_taken(encode_taken(step)) == step
+
+
 @pytest.mark.parametrize(
     ("field", "value"),
     [("action", "burn"), ("agents", 3), ("agents", [-1]), ("agents", ["1"]), ("step", 1.5), ("number", -1), ("why", 7)],
@@ -48,6 +63,6 @@ def test_a_wrong_field_is_named(field: str, value: Any) -> None:
 @given(st.binary(max_size=40))
 def test_rubbish_is_refused(data: bytes) -> None:
     """With the one error that all decoders raise."""
-    for decode in (decode_order, decode_done):
+    for decode in (decode_order, decode_done, decode_taken):
         with pytest.raises(WireError):
             decode(data)

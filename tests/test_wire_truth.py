@@ -1,5 +1,6 @@
 """Truth: all of a step for the recorder, on an ordinary link."""
 
+from contextlib import suppress
 from typing import Any
 
 import msgpack
@@ -9,7 +10,18 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire import truth
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
-from deltaswarm_wire.truth import Body, EventState, Tally, Truth, decode_truth, encode_truth
+from deltaswarm_wire.digest import RADIO, REPORT
+from deltaswarm_wire.truth import (
+    Body,
+    EventState,
+    Said,
+    Tally,
+    Truth,
+    decode_truth,
+    decode_wire,
+    encode_truth,
+    encode_wire,
+)
 from tests.strategies import NASTY, TRUTH, assert_decodes_or_complains, assert_field_is_named, strange, tallies, truths
 
 TALLY = Tally(*([0] * len(Tally._fields)))
@@ -93,3 +105,19 @@ def test_every_drop_reason_is_counted_in_the_tally() -> None:
     """Each reason for which a frame is not heard has its own column, in the same order."""
     columns = [name for name in Tally._fields if name.startswith("dropped_")]
     assert columns == [f"dropped_{reason}" for reason in truth.DROP_REASONS]
+
+
+SAID = st.tuples(st.integers(0, 0xFFFF), st.sampled_from([RADIO, REPORT]), st.binary(max_size=50))
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(SAID, max_size=20))
+def test_what_was_said_survives(step: int, said: list[Said]) -> None:
+    """As its senders encoded it."""
+    assert decode_wire(encode_wire(step, said)) == (step, said)
+
+
+@given(st.binary(max_size=60))
+def test_rubbish_was_said_by_nobody(data: bytes) -> None:
+    """One error, whatever is wrong."""
+    with suppress(WireError):
+        decode_wire(data)
