@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
+from deltaswarm_wire.codec import MAX_ID, MAX_SAMPLE_BYTES
 from deltaswarm_wire.messages import NOBODY, Act, Event, Standing, encode_act, encode_frame
 from deltaswarm_wire.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from tests.airs import EVERYTHING
@@ -125,6 +125,16 @@ def test_whose_count_falls_back_is_named() -> None:
         stage.end()
     totals = stage.core.totals(True)
     assert (totals["fell_back"], totals["transport_lost"]) == ({"1": 2}, {"1": 29 * 3})
+
+
+def test_counts_that_overflow_do_not_harm_the_recorder() -> None:
+    """A forged count of frames, twice: what is lost by it fits into the truth."""
+    stage = Stage()
+    stage.begin()
+    for counter in (MAX_ID, 0, MAX_ID):
+        stage.core.inbox.hear_radio(0, sample(counter))
+    truth = stage.core.truth(stage.end())
+    assert decode_truth(encode_truth(truth)).tally == truth.tally
 
 
 def test_an_act_of_a_step_to_come_is_refused() -> None:

@@ -21,10 +21,13 @@ WHO, AT_STEP = 3, 60
 SILENCE = "silence"
 """The attack that is none: the agent merely stops, and all others are compared with it."""
 
+LATENESS, LATE_BY_S = "lateness", 1.0
+"""It answers each frame, but only after so long [s]."""
+
 
 @dataclass(frozen=True)
 class Settings:
-    """The attack, of `FLOODS` or `SILENCE`, and from how many sessions at once."""
+    """The attack, of `FLOODS`, `LATENESS` or `SILENCE`, and from how many sessions at once."""
 
     attack: str = SILENCE
     sessions: int = 1
@@ -42,7 +45,9 @@ class Attacker:
 
     def step(self, percept: Percept) -> Decision:
         """Decide, or attack."""
-        if self._agent == WHO and percept.step >= AT_STEP:
+        if self._agent == WHO and percept.step >= AT_STEP and self._attack.attack == LATENESS:
+            time.sleep(LATE_BY_S)
+        elif self._agent == WHO and percept.step >= AT_STEP:
             attack(self._attack.attack, self._attack.sessions, percept.step)
         return self._paper.step(percept)
 

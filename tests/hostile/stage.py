@@ -23,14 +23,16 @@ class Ended(NamedTuple):
     peak_mb: dict[str, float]
 
 
-def play(folder: Path, scenario_name: str, steps: int, attack: str = SILENCE, sessions: int = 1) -> Ended:
+def play(
+    folder: Path, scenario_name: str, steps: int, attack: str = SILENCE, sessions: int = 1, step_timeout_s: float = 3.0
+) -> Ended:
     """A whole run with this attack."""
     settings = [
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",
         f"control.sessions={sessions}",
         f"run.duration_s={steps}",
-        "run.step_timeout_s=3",
+        f"run.step_timeout_s={step_timeout_s}",
         "record=off",
     ]
     return _run(folder, scenario_name, settings)

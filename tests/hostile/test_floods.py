@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_wire.keys import OPERATOR, WORLD
-from tests.hostile.attacker import FLOODS, SILENCE, WHO
+from tests.hostile.attacker import FLOODS, LATENESS, SILENCE, WHO
 from tests.hostile.stage import Ended, play
 
 pytestmark = pytest.mark.processes
@@ -32,3 +32,14 @@ def test_a_flood_costs_the_flooder_alone(flood: str, sessions: int, silence: End
     assert max(flooded.peak_mb[role] for role in (WORLD, OPERATOR)) < MOST_MB
     reports = summary["operator"]["per_sender"].get(str(WHO), {"messages": 0})
     assert reports["messages"] <= STEPS, "at most one in a step"
+
+
+def test_who_is_late_again_and_again_is_waited_for_ever_less(tmp_path: Path) -> None:
+    """Each answer comes long after the step: the run goes on, at the cost of one patience or two, and counts them."""
+    ended = play(tmp_path / "run", "smoke", STEPS, LATENESS, step_timeout_s=0.5)
+    summary = ended.summary
+    assert (summary["steps"], summary["agents_lost"], ended.world["excess"]) == (STEPS, [], {})
+    assert summary["late_acts_by_agent"].keys() <= {str(WHO)}
+    assert summary["agents_late"] >= 1
+    log = (tmp_path / "run" / "logs" / "world-0.log").read_text()
+    assert log.count(f"without agent {WHO}") == summary["agents_late"]
