@@ -17,7 +17,7 @@ from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
 from deltaswarm_wire.session import CERTIFIED, Pairs, RouterLink, client_pairs, configured, router_pairs
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
-from deltaswarm_world.process import _free_port
+from deltaswarm_world.wires import _free_port
 from tests.boards import run_with_board, tls_arguments, tls_files, usual_digest
 from tests.swarms import wait_until
 

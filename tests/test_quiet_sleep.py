@@ -33,7 +33,7 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
     for step in range(steps):
         tally = swarm.step(step, step == steps - 1)
         observed = {agent: act.observed for agent, (_, act) in world.inbox.acts.items() if act.observed}
-        reports = [*swarm.operator._held.get(step, ())]
+        reports = [forwarded.report for forwarded in world.forwarded]
         state = world.inbox.spoken, world._standings, world.environment.positions_m.tolist(), observed, reports
         yield state, tally.agents_asked
 

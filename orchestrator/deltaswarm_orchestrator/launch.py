@@ -35,6 +35,9 @@ PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGE
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
 
 END_WITHIN_S = 5.0
+PYTHON_S = 8.0
+"""A process may take so long to import what it needs, before its time to come up begins."""
+
 FROZEN_LEASE_MS = 24 * 3600 * 1000
 
 
@@ -125,7 +128,7 @@ class Swarm:
     def _line_of(self, part: Part, reader: Connection) -> str:
         """The first line that a part prints; what there is of it once the part has ended."""
         text = b""
-        deadline = time.monotonic() + self._scenario.run.start_timeout_s
+        deadline = time.monotonic() + self._scenario.run.start_timeout_s + PYTHON_S
         while not text.endswith(b"\n"):
             if self._stopped():
                 raise StoppedError

@@ -1,6 +1,7 @@
 """The world's ends of the fabric: the router, what it sends, what agents send. `waker.py` has the rest of Zenoh."""
 
 import socket
+import threading
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
@@ -87,8 +88,19 @@ class Wires:
         self._token.undeclare()
 
     def close(self) -> None:
-        """Hear no more of agents: one that sends without end would fill the queue, and keep the router from ending."""
+        """Hear no more of agents. Meanwhile the queue is emptied: a full one, as in a flood, blocks the router."""
+        handler, is_closed = self._channel.handler, threading.Event()
+
+        def empty() -> None:
+            while not is_closed.wait(0.001):
+                while handler.try_recv() is not None:
+                    pass
+
+        emptying = threading.Thread(target=empty, daemon=True)
+        emptying.start()
         self._channel.undeclare()
+        is_closed.set()
+        emptying.join()
 
 
 def open_router(
