@@ -2,6 +2,8 @@
 
 import socket
 import threading
+import time
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
@@ -13,6 +15,7 @@ from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_on
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
+RELIEF_EVERY_S = 0.05
 PORT_TRIES = 20
 ANY_PORT = ":0"
 
@@ -31,6 +34,14 @@ class Wires:
         self.room = 8 * agents + 64
         """So many samples fit into the queue; a full one makes those who send wait."""
         self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(self.room))
+        self._handler = self._channel.handler
+        self._set_aside: deque[zenoh.Sample] = deque()
+        """What was taken out of the queue while the world was sending."""
+        self._lock = threading.Lock()
+        self._turns, self._is_receiving, self._is_closed = 0, False, False
+        self._is_closing = threading.Event()
+        self._relief = threading.Thread(target=self._relieve, daemon=True)
+        self._relief.start()
         self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(agents) for leaf in (RADIO, REPORT, ACT)}
 
         def publisher(key: str, message: str) -> zenoh.Publisher:
@@ -66,14 +77,24 @@ class Wires:
 
     def take(self, taker: Taker) -> bool:
         """Wait for one sample and hand it over; False if it was only a wake-up."""
-        return self._hand_over(self._channel.recv(), taker)
+        with self._lock:
+            self._turns += 1
+            sample = self._set_aside.popleft() if self._set_aside else None
+            self._is_receiving = sample is None
+        if sample is None:
+            sample = self._handler.recv()
+            self._is_receiving = False
+        return self._hand_over(sample, taker)
 
     def take_waiting(self, taker: Taker) -> None:
         """Hand over what has come, but no more than the queue holds at once."""
-        for _ in range(self.room):
-            if (sample := self._channel.try_recv()) is None:
-                break
-            self._hand_over(sample, taker)
+        with self._lock:
+            while self._set_aside:
+                self._hand_over(self._set_aside.popleft(), taker)
+            for _ in range(self.room):
+                if (sample := self._handler.try_recv()) is None:
+                    break
+                self._hand_over(sample, taker)
 
     def _hand_over(self, sample: zenoh.Sample, taker: Taker) -> bool:
         source = self._leaf_of.get(str(sample.key_expr))
@@ -88,19 +109,30 @@ class Wires:
         self._token.undeclare()
 
     def close(self) -> None:
-        """Hear no more of agents. Meanwhile the queue is emptied: a full one, as in a flood, blocks the router."""
-        handler, is_closed = self._channel.handler, threading.Event()
-
-        def empty() -> None:
-            while not is_closed.wait(0.001):
-                while handler.try_recv() is not None:
-                    pass
-
-        emptying = threading.Thread(target=empty, daemon=True)
-        emptying.start()
+        """Hear no more of agents."""
+        self._is_closing.set()
         self._channel.undeclare()
-        is_closed.set()
-        emptying.join()
+        self._is_closed = True
+        self._relief.join()
+
+    def _relieve(self) -> None:
+        """Empty the queue while the world does not: it is sending, or ends, and takes long.
+
+        A full queue, as in a flood, blocks the router's one thread, and without that nothing is sent either.
+        """
+        turns = -1
+        while not self._is_closed:
+            self._is_closing.wait(RELIEF_EVERY_S)
+            with self._lock:  # else a later sample could overtake one that is set aside
+                if self._is_closing.is_set():
+                    self._set_aside.clear()
+                elif self._is_receiving or turns != self._turns:
+                    turns = self._turns
+                    continue
+                while (sample := self._handler.try_recv()) is not None:
+                    self._set_aside.append(sample)
+            if self._is_closing.is_set():
+                time.sleep(0.001)
 
 
 def open_router(
