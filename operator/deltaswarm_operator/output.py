@@ -31,11 +31,10 @@ class Output:
             saved = json.loads((folder / STATE).read_text())
             self.state = saved["meter"]
             os.truncate(folder / TABLE, saved["table_bytes"])
-            self._stream = (folder / TABLE).open("a", newline="")
-            self._table = csv.writer(self._stream)
-        else:
-            self._stream = (folder / TABLE).open("w" if go_on else "x", newline="")
-            self._table = csv.writer(self._stream)
+        mode = "a" if self.state is not None else "w" if go_on else "x"
+        self._stream = (folder / TABLE).open(mode, newline="")
+        self._table = csv.writer(self._stream)
+        if self.state is None:
             self._table.writerow(columns)
 
     def __enter__(self) -> Self:

@@ -3,7 +3,7 @@
 import logging
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 
 from deltaswarm_wire.keys import AGENT, OPERATOR, RADIO, RECORDER, REPORT, Keys
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded
@@ -15,7 +15,7 @@ from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
 from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
-from deltaswarm_world.waker import Waker
+from deltaswarm_world.waker import Taken, Waker
 from deltaswarm_world.wires import Wires, open_router
 
 log = logging.getLogger("deltaswarm.world")
@@ -43,6 +43,8 @@ class WorldProcess:
         """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = self._probe_due = 0.0
         self._there: set[tuple[str, int]] = set()
+        self._taken: dict[str, int] = {}
+        """By role, the newest step that operator and recorder have, since they came."""
         self._is_over = False
         """The last clock has gone out."""
         self._operator_left = False
@@ -131,29 +133,25 @@ class WorldProcess:
         lockstep, waker, pace = self._core.lockstep, self._waker, self._pace
         began = time.monotonic()
         everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
-        waker.wake_at(pace.next_tick() if pace else began + min(self._patience_s(), default=0.0))
+        soonest_s, _ = self._patience.with_any(lockstep.waiting, lockstep.step)
+        waker.wake_at(pace.next_tick() if pace else began + soonest_s)
         while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
             if self._wires.take(self._take):
                 continue
             self._look_up()
             if time.monotonic() < waker.deadline:
                 continue
-            ends_at = began + max(self._patience_s(), default=self._patience.most_s)
-            if pace or waker.stop_requested or time.monotonic() >= ends_at:
+            _, latest_s = self._patience.with_any(lockstep.waiting, lockstep.step)
+            if pace or waker.stop_requested or time.monotonic() >= began + latest_s:
                 self._give_up()
                 break
-            waker.wake_at(ends_at)
+            waker.wake_at(began + latest_s)
         if pace:
             waker.wake_at(pace.tick_ends_s)
             while time.monotonic() < pace.tick_ends_s and not waker.stop_requested:
                 if not self._wires.take(self._take):
                     self._look_up()
         self._wires.take_waiting(self._take)  # who was late takes part again in the next step
-
-    def _patience_s(self) -> Iterable[float]:
-        """How long the step may wait for each who has not closed it [s]."""
-        step = self._core.lockstep.step
-        return (self._patience.left_s(agent, step) for agent in self._core.lockstep.waiting)
 
     def _give_up(self) -> None:
         """The step goes on without those who have not closed it."""
@@ -173,29 +171,29 @@ class WorldProcess:
             wires.truth(encode_truth(core.truth(tally)))
         if self._config.publish_wire:
             wires.wire(encode_wire(tally.step, core.said))
-        self._take_tokens()
+        self._take_news()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(tally.step, tally.time_s, last))
         self._handing_on.close(ClosedStep(tally.step, reports, clock), now=not self._operator_left)
         if self._operator_left:
             self._welcome_operator()
         self._is_over = last
-        if not last and any(tally.step - taken > AHEAD_STEPS for taken in self._waker.taken.values()):
+        if not last and any(tally.step - taken > AHEAD_STEPS for taken in self._taken.values()):
             self._let_catch_up(tally.step)
 
     def _welcome_operator(self) -> None:
         """Wait for an operator to be started in place of the one that went, and give it what it missed."""
         step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
         log.warning("the operator is gone in step %d; it is waited for", step)
-        if not self._wait_until(lambda: OPERATOR in self._waker.taken, patience_s):
+        if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
             raise TimeoutError(f"the operator went in step {step} and did not come back within {patience_s:g} s")
         self._operator_left = False
-        self._handing_on.begin_anew(self._waker.taken[OPERATOR])
+        self._handing_on.begin_anew(self._taken[OPERATOR])
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
         def behind() -> list[str]:
-            return [role for role, taken in self._waker.taken.items() if step - taken > AHEAD_STEPS // 2]
+            return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
 
         if not self._wait_until(lambda: self._operator_left or not behind(), self._settings.start_timeout_s):
             raise TimeoutError(f"no step taken within {self._settings.start_timeout_s:g} s: {', '.join(behind())}")
@@ -222,7 +220,7 @@ class WorldProcess:
 
     def _look_up(self) -> None:
         """What the world does each time that it is woken."""
-        self._take_tokens()
+        self._take_news()
         if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
             step = self._core.lockstep.step
             self._send_status(step, "waiting" if step < 0 else "running")
@@ -251,20 +249,22 @@ class WorldProcess:
             log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
         return reason
 
-    def _take_tokens(self) -> None:
-        """Take note of who came and who went, and of what the operator has on disk."""
-        lockstep, waker = self._core.lockstep, self._waker
-        if OPERATOR in waker.taken and not self._operator_left:
-            self._handing_on.confirm(waker.taken[OPERATOR])
-        while waker.tokens:
-            role, number, there = waker.tokens.popleft()
-            (self._there.add if there else self._there.discard)((role, number))
-            if role in (OPERATOR, RECORDER):
-                if not there:
-                    waker.taken.pop(role, None)
-                    self._operator_left |= role == OPERATOR and lockstep.step >= 0
-            elif role == AGENT and number < self._config.scenario.agents.count:
-                self._take_token(number, there)
+    def _take_news(self) -> None:
+        """Take note of who came and who went, and of what operator and recorder have, in that order."""
+        while self._waker.news:
+            news = self._waker.news.popleft()
+            if isinstance(news, Taken):
+                self._taken[news.role] = news.step
+                if news.role == OPERATOR and not self._operator_left:
+                    self._handing_on.confirm(news.step)
+                continue
+            role, number, is_there = news
+            (self._there.add if is_there else self._there.discard)((role, number))
+            if role == AGENT and number < self._config.scenario.agents.count:
+                self._take_token(number, is_there)
+            elif not is_there:
+                self._taken.pop(role, None)
+                self._operator_left |= role == OPERATOR and self._core.lockstep.step >= 0
 
     def _take_token(self, agent: int, there: bool) -> None:
         """An agent came or went."""
@@ -303,11 +303,11 @@ class WorldProcess:
         def has_all() -> bool:
             return self._handing_on.confirmed >= last
 
-        while (OPERATOR, 0) in self._there and not has_all():
-            if not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
-                raise TimeoutError(f"the operator has not taken step {last}")
-            if self._operator_left and not has_all():
+        while OPERATOR in self._config.expect and not has_all():
+            if self._operator_left:
                 self._welcome_operator()
+            elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
+                raise TimeoutError(f"the operator has not taken step {last}")
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("not all parts left within %g s", GOODBYE_S)
         self._wires.leave()

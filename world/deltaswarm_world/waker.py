@@ -6,6 +6,7 @@ import socket
 import threading
 import time
 from collections import deque
+from typing import NamedTuple
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import Keys, parse_token
@@ -24,6 +25,21 @@ STOP_WITHIN_S = 1.0
 """Who has not closed the step by then is not waited for when the run is to end."""
 
 
+class Token(NamedTuple):
+    """A process came, or went."""
+
+    role: str
+    number: int
+    is_there: bool
+
+
+class Taken(NamedTuple):
+    """Operator or recorder has all steps up to this one, or nothing yet (-1)."""
+
+    role: str
+    step: int
+
+
 class Waker:
     """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
 
@@ -34,12 +50,10 @@ class Waker:
         self.deadline = float("inf")
         """Wall time (monotonic) at which to wake; set it by `wake_at`."""
         self.stop_requested = False
-        self.tokens: deque[tuple[str, int, bool]] = deque()
-        """(role, number, is there) in order of arrival."""
+        self.news: deque[Token | Taken] = deque()
+        """In order of arrival."""
         self.done: deque[int] = deque()
         """Numbers of the orders that the orchestrator has carried out."""
-        self.taken: dict[str, int] = {}
-        """By role, the newest step that operator and recorder have confirmed."""
         self._session = session
         self._key = keys.agent(0, "wake")
         self._nudge = threading.Event()
@@ -63,7 +77,7 @@ class Waker:
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = parse_token(str(sample.key_expr))
         if token is not None:
-            self.tokens.append((*token, sample.kind == zenoh.SampleKind.PUT))
+            self.news.append(Token(*token, sample.kind == zenoh.SampleKind.PUT))
             self._nudge.set()
 
     def _on_done(self, sample: zenoh.Sample) -> None:
@@ -75,7 +89,7 @@ class Waker:
 
     def _on_taken(self, sample: zenoh.Sample) -> None:
         try:
-            self.taken[str(sample.key_expr).split("/")[-2]] = decode_taken(sample.payload.to_bytes())
+            self.news.append(Taken(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
         except WireError as error:
             log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
         self._nudge.set()

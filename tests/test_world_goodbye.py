@@ -1,0 +1,88 @@
+"""An operator that is killed between the last step and its word that it has it: another one gets what is missing."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any, cast
+
+import pytest
+
+from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_wire.session import RouterLink
+from deltaswarm_world.config import WorldConfig
+from deltaswarm_world.handing_on import ClosedStep
+from deltaswarm_world.process import WorldProcess
+from deltaswarm_world.waker import Taken, Token, Waker
+from deltaswarm_world.wires import Wires
+
+LAST = 3
+
+
+class Fabric:
+    """Wires and waker in one: brings news batch by batch, and keeps what is sent."""
+
+    def __init__(self, batches: Iterable[list[Token | Taken]]) -> None:
+        self.news: list[Token | Taken] = []
+        self.deadline = float("inf")
+        self.stop_requested = False
+        self.clocks: list[bytes] = []
+        self.has_left = False
+        self._batches = iter(batches)
+
+    def take(self, taker: Any) -> bool:
+        """A wake-up, with the next batch of news."""
+        self.news = cast(Any, Queue(next(self._batches)))
+        return False
+
+    def wake_at(self, deadline_s: float) -> None:
+        """There is always news at once."""
+
+    def forwarded(self, data: bytes) -> None:
+        """No reports here."""
+
+    def clock(self, data: bytes) -> None:
+        """A step is handed on."""
+        self.clocks.append(data)
+
+    def status(self, status: Any) -> None:
+        """Nobody watches."""
+
+    def leave(self) -> None:
+        """The world's token goes."""
+        self.has_left = True
+
+
+class Queue(list[Any]):
+    """With what of a deque is used."""
+
+    def popleft(self) -> Any:
+        """The first."""
+        return self.pop(0)
+
+
+COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
+
+
+@pytest.mark.parametrize(
+    "batches",
+    [
+        [[Taken(OPERATOR, LAST)], [GOES]],
+        [[Taken(OPERATOR, LAST), GOES]],
+        [[GOES], [Taken(OPERATOR, 1)], [COMES], [Taken(OPERATOR, LAST)], [GOES]],
+        [[GOES, Taken(OPERATOR, 1)], [COMES, Taken(OPERATOR, LAST), GOES]],
+        [[GOES], [Taken(OPERATOR, 1), COMES], [GOES, Taken(OPERATOR, 1), COMES], [Taken(OPERATOR, LAST)], [GOES]],
+    ],
+)
+def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Taken]], tmp_path: Path) -> None:
+    """However the news of one that dies and of its successor come together."""
+    fabric = Fabric([[COMES, *(Token(AGENT, agent, True) for agent in range(6))], *batches])
+    config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), tmp_path, tmp_path)
+    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric))
+    world.wait_for_all()
+    world._core.lockstep.step = LAST
+    for step in range(LAST + 1):
+        world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
+    world.goodbye()
+    assert fabric.has_left
+    lives = sum(news == GOES for batch in batches for news in batch)
+    assert fabric.clocks == [b"0", b"1", b"2", b"3"] + [b"2", b"3"] * (lives - 1)
