@@ -161,6 +161,56 @@ def test_one_that_is_killed_goes_on_where_it_was(world: World) -> None:
     assert sorted(path.name for path in world.out.iterdir()) == ["operator.csv", "operator.json"]
 
 
+def test_a_successor_says_again_what_may_not_have_been_heard(world: World) -> None:
+    """With --publish-all: who was killed had closed all steps, and had not sent the workload of one."""
+    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
+    process = world.start_operator("--publish-all")
+    watch = world.session.declare_subscriber(
+        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
+    )
+    world.wait_for_operator()
+    for step in range(5):
+        world.hand_on(encode_report(report(1, step, step)), step)
+        world.close_step(step)
+    while world.taken.get(timeout=PATIENCE_S) < 4:
+        pass
+    process.kill()
+    process.wait()
+    assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+    before = [seen.get(timeout=PATIENCE_S) for _ in range(5)]
+    process = world.start_operator("--publish-all", "--go-on")
+    world.wait_for_operator()
+    assert [seen.get(timeout=PATIENCE_S) for _ in range(5)] == before
+    world.close_step(5, last=True)
+    assert process.wait(PATIENCE_S) == 0
+    assert world.rows()[:5] == before
+    watch.undeclare()
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_who_is_killed_after_the_last_step_leaves_a_whole_run(world: World, is_there: bool) -> None:
+    """Another one ends in its place, whether the world is still there to say that it was the last step, or goes."""
+    process = world.start_operator()
+    world.wait_for_operator()
+    world.close_step(0)
+    while world.taken.get(timeout=PATIENCE_S) < 0:
+        pass
+    process.kill()
+    process.wait()
+    assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+    state = world.out / "operator-state.json"
+    state.write_text(state.read_text().replace('"is_over": false', '"is_over": true'))
+    process = world.start_operator("--go-on")
+    world.wait_for_operator()
+    if is_there:
+        world.close_step(0, last=True)
+    else:
+        world.token.undeclare()
+    assert process.wait(PATIENCE_S) == 0
+    assert world.totals()["complete"]
+    assert len(world.rows()) == 1
+
+
 class WorldMeter:
     """What an operator that nobody kills counts of one report per step."""
 

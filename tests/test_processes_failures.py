@@ -133,7 +133,7 @@ def test_without_its_world_everything_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize("uplink", [[], ["--set", "uplink.loss=0.2", "--set", "uplink.latency_s=3"]])
 def test_an_operator_that_is_killed_is_started_again(uplink: list[str], tmp_path: Path) -> None:
     """Again and again: no report is lost or counted twice, no row is missing, and the run is the same."""
-    settings = ["--set", "run.duration_s=1200", *uplink]
+    settings = ["--set", "run.duration_s=2400", *uplink]
     with running(tmp_path / "run", *settings) as swarm:
         killed: set[int] = set()
         for _ in range(4):

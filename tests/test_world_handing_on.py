@@ -54,3 +54,15 @@ def test_each_step_arrives_once(events: list[str]) -> None:
         assert handing_on.confirmed == len(operator.saved) - 1
         assert len(handing_on._kept) == len(wanted) - len(operator.saved)
     assert operator.closed == wanted
+
+
+def test_who_has_all_is_told_once_more_that_it_was_the_last() -> None:
+    """An operator that is killed between its last confirmation and its end: another one ends in its place."""
+    reports: list[bytes] = []
+    clocks: list[bytes] = []
+    handing_on = HandingOn(reports.append, clocks.append)
+    handing_on.close(ClosedStep(0, [b"a"], b"0"), now=True)
+    handing_on.close(ClosedStep(1, [b"b"], b"1", last=True), now=True)
+    handing_on.begin_anew(1)
+    assert reports == [b"a", b"b"]
+    assert clocks == [b"0", b"1", b"1"]

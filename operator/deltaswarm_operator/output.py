@@ -27,10 +27,14 @@ class Output:
         self._flush_due = 0.0
         self.state: dict[str, Any] | None = None
         """What the operator before had confirmed, to go on from."""
+        self.rows_before: list[list[str]] = []
+        """The rows that it had confirmed, as they are in the table."""
         if go_on and (folder / STATE).exists():
             saved = json.loads((folder / STATE).read_text())
             self.state = saved["meter"]
             os.truncate(folder / TABLE, saved["table_bytes"])
+            with (folder / TABLE).open(newline="") as table:
+                self.rows_before = list(csv.reader(table))[1:]
         mode = "a" if self.state is not None else "w" if go_on else "x"
         self._stream = (folder / TABLE).open(mode, newline="")
         self._table = csv.writer(self._stream)

@@ -4,7 +4,7 @@ import logging
 import queue
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -136,6 +136,9 @@ class OperatorProcess:
             if cast(zenoh.MatchingStatus, publisher.matching_status).matching:  # its own stub says bool
                 del self._unheard[key]
         if self._token is None and not self._unheard:
+            if self._publish_all:  # whoever was killed may not have sent what it had saved
+                for row in self._output.rows_before:
+                    self._workload.put(encode_workload(_workload(row)))
             self._taken.put(encode_taken(self._saved))
             self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
@@ -169,16 +172,18 @@ class OperatorProcess:
         """Close a step; True if it was the last."""
         try:
             clock = decode_clock(data)
+            if clock.step == self.meter.step and self.meter.is_over:
+                return True  # once more, since who had closed it was killed
             workload = self.meter.close(clock, self._inbox.qsize())
         except (WireError, ValueError) as error:
             self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
-        if clock.last or clock.step >= self._saved + SAVE_EVERY_STEPS or time.monotonic() >= self._save_due:
-            self._save()
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
+        if clock.last or clock.step >= self._saved + SAVE_EVERY_STEPS or time.monotonic() >= self._save_due:
+            self._save()
         return clock.last
 
     def _save(self) -> None:
@@ -193,6 +198,11 @@ class OperatorProcess:
         if not self._has_warned:
             self._has_warned = True
             log.warning("dropped (further ones are only counted): %s", reason)
+
+
+def _workload(row: Sequence[str]) -> Workload:
+    """A row of the table."""
+    return Workload(*(kind(text) for kind, text in zip(Workload.__annotations__.values(), row, strict=True)))
 
 
 def run_operator(config: OperatorConfig) -> int:
@@ -217,14 +227,16 @@ def run_operator(config: OperatorConfig) -> int:
     with session, Output(config.out, Workload._fields, go_on=config.go_on) as output:
         process = OperatorProcess(config, session, inbox, output)
         end = End.FAILED
+        meter = process.meter
         try:
             end = process.run()
+            if end is End.WORLD_GONE and meter.is_over:  # it went while another operator stood in for one killed
+                end = End.LAST_CLOCK
         finally:
-            meter = process.meter
             output.finish(
                 {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
             )
-    totals = process.meter.totals
+    totals = meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR
     log.log(level, "%s: %d steps, %d messages", end.value, totals["steps"], totals["messages"])
     return 0 if end is End.LAST_CLOCK else 1

@@ -59,6 +59,8 @@ class WorkloadMeter:
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
         self.step = -1
         """The newest closed step; -1 before the first."""
+        self.is_over = False
+        """Whether that was the run's last."""
         self.reports_of_closed_step: tuple[Report, ...] = ()
         """In agent order."""
 
@@ -132,7 +134,7 @@ class WorkloadMeter:
             self._messages[agent] += 1
             self._digest.add(clock.step, agent, REPORT, data)
         self._digest.end_step()
-        self.step = clock.step
+        self.step, self.is_over = clock.step, clock.last
         self.reports_of_closed_step = tuple([report for _, _, report, _ in held])
         self._skip(missed)
         rate_1s_hz, rate_60s_hz = (rate.add(len(held)) for rate in self._rates)
@@ -165,6 +167,7 @@ class WorkloadMeter:
         """All that a meter needs to go on after the newest closed step, as JSON has it."""
         return {
             "step": self.step,
+            "is_over": self.is_over,
             "digest": self._digest.hex(),
             "newest_forwarded": self._newest_forwarded,
             "rates": [rate.counts for rate in self._rates],
@@ -178,7 +181,7 @@ class WorkloadMeter:
 
     def go_on(self, state: Mapping[str, Any]) -> None:
         """Go on from what another meter's `state` said; its own settings are the same."""
-        self.step = state["step"]
+        self.step, self.is_over = state["step"], state["is_over"]
         self._digest = Digest(bytes.fromhex(state["digest"]))
         self._newest_forwarded = state["newest_forwarded"]
         for rate, counts in zip(self._rates, state["rates"], strict=True):

@@ -14,6 +14,7 @@ class ClosedStep(NamedTuple):
     step: int
     reports: list[bytes]
     clock: bytes
+    last: bool = False
 
 
 Send = Callable[[bytes], None]
@@ -37,16 +38,19 @@ class HandingOn:
     def confirm(self, step: int) -> None:
         """The operator has all up to this step."""
         self.confirmed = max(self.confirmed, step)
-        while self._kept and self._kept[0].step <= self.confirmed:
+        while self._kept and self._kept[0].step <= self.confirmed and not self._kept[0].last:
             self._kept.popleft()
 
     def begin_anew(self, step: int) -> None:
-        """An operator that has all up to this step stands in for another: it gets the others, oldest first."""
+        """An operator that has all up to this step stands in for another: it gets the others, oldest first.
+
+        One that has all gets the last clock once more, and so knows that it was the last.
+        """
         self.confirm(step)
         for kept in self._kept:
             self._send(kept)
 
     def _send(self, step: ClosedStep) -> None:
-        for report in step.reports:
+        for report in step.reports if step.step > self.confirmed else ():
             self._send_report(report)
         self._send_clock(step.clock)

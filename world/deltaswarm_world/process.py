@@ -174,7 +174,7 @@ class WorldProcess:
         self._take_news()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(tally.step, tally.time_s, last))
-        self._handing_on.close(ClosedStep(tally.step, reports, clock), now=not self._operator_left)
+        self._handing_on.close(ClosedStep(tally.step, reports, clock, last), now=not self._operator_left)
         if self._operator_left:
             self._welcome_operator()
         self._is_over = last
