@@ -65,7 +65,7 @@ def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch)
     def broken(arguments: object) -> int:
         raise BrokenPipeError
 
-    monkeypatch.setattr("deltaswarm_orchestrator.cli._run", broken)
+    monkeypatch.setattr("deltaswarm_orchestrator.cli_run.run", broken)
     with pytest.raises(BrokenPipeError):
         main(["run", "paper-25"])
 

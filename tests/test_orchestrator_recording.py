@@ -14,7 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.recording import RecordingError, read_recording
+from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.records import RecordingError
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event, Report, Workload

@@ -148,8 +148,8 @@ def test_the_command_keeps_a_run_whose_name_was_taken(
     """One line and exit code 1; `info` shows the whole run."""
     written = results.write_tables
 
-    def then_it_appears(folder: Path, outcome: results.Outcome) -> None:
-        written(folder, outcome)
+    def then_it_appears(folder: Path, outcome: results.Outcome, *, keep_unmerged: bool) -> None:
+        written(folder, outcome, keep_unmerged=keep_unmerged)
         work(tmp_path / "run")
 
     monkeypatch.setattr(results, "write_tables", then_it_appears)

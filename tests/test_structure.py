@@ -40,7 +40,7 @@ NOT_IN_A_CORE = {
 """Whole modules; of `random` a core may import the class `Random` and be handed an instance."""
 
 ADAPTERS = {
-    *("process.py", "__main__.py", "output.py", "waker.py", "wires.py"),
+    *("process.py", "run.py", "__main__.py", "output.py", "waker.py", "wires.py"),
     *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py", "logs.py"),
     *("signals.py", "waiting.py"),
 }

@@ -23,6 +23,7 @@ def test_keys_are_as_the_protocol_page_says() -> None:
     assert KEYS.status == "deltaswarm/run-1/world/status"
     assert KEYS.forwarded == "deltaswarm/run-1/world/report"
     assert KEYS.workload == "deltaswarm/run-1/operator/workload"
+    assert KEYS.counted == "deltaswarm/run-1/world/workload"
     assert KEYS.all_reports == "deltaswarm/run-1/agent/*/report"
     assert KEYS.token(AGENT, 3) == "deltaswarm/run-1/@lv/agent/3"
     assert KEYS.token(WORLD) == "deltaswarm/run-1/@lv/world/0"

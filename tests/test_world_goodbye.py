@@ -79,7 +79,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Ta
     config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), tmp_path, tmp_path)
     world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric))
     world.wait_for_all()
-    world._core.lockstep.step = LAST
+    world._core.lockstep.step, world._has_begun = LAST, True
     for step in range(LAST + 1):
         world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()

@@ -34,6 +34,10 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
     made.add_argument("--restart", type=int, default=0, metavar="N", help="how often it was started before in this run")
     made.add_argument("--world-lost-s", type=float, default=5.0, help="end after so long without a world (default: 5)")
+    made.add_argument(
+        "--checkpoints", type=Path, metavar="FOLDER", help="save the agent there when the world asks for it"
+    )
+    made.add_argument("--resume", type=int, metavar="STEP", help="go on as the agent saved after this step")
     add_link_arguments(made)
     return made
 
@@ -50,6 +54,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         if not 0 <= arguments.id <= MAX_AGENT_ID:
             raise ValueError(f"--id {arguments.id}: 0 to {MAX_AGENT_ID} is allowed")
+        if arguments.resume is not None and arguments.checkpoints is None:
+            raise ValueError("--resume needs --checkpoints")
         config = AgentConfig(
             run=arguments.run,
             agent=arguments.id,
@@ -57,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text())),
             restart=arguments.restart,
             world_lost_s=arguments.world_lost_s,
+            checkpoints=arguments.checkpoints,
+            resume_step=arguments.resume,
         )
         controller_settings(config.settings.control.mode, config.settings.control.options, config.settings)
     except (ValueError, OSError) as error:

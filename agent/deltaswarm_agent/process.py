@@ -5,13 +5,16 @@ import os
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import cast
 
-from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent import saving
+from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import decode_frame
+from deltaswarm_wire.orders import decode_save, encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
 
@@ -37,6 +40,10 @@ class AgentConfig:
     """How often an agent of this number was started before in this run."""
     world_lost_s: float = 5.0
     """An agent that has not heard of a world for so long ends."""
+    checkpoints: Path | None = None
+    """The folder for its part of checkpoints, if there are any."""
+    resume_step: int | None = None
+    """Go on as the agent that was saved after this step."""
 
 
 class WorldWatch:
@@ -74,7 +81,7 @@ class WorldWatch:
 
 
 class Outbox:
-    """The agent's three publishers."""
+    """The agent's publishers."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, agent: int) -> None:
         def publisher(leaf: str, message: str) -> zenoh.Publisher:
@@ -87,6 +94,7 @@ class Outbox:
         self._radio = publisher(RADIO, "Radio")
         self._report = publisher(REPORT, "Report")
         self._act = publisher(ACT, "Act")
+        self._taken = publisher(TAKEN, "Taken")
 
     def wait_until_heard(self) -> None:
         """Wait until each publisher knows a subscriber: before that it would send nothing, silently."""
@@ -111,6 +119,33 @@ class Outbox:
         else:
             self._act.put(said.act_bytes)
 
+    def taken(self, step: int) -> None:
+        """Tell that what the agent was after this step is saved."""
+        self._taken.put(encode_taken(step))
+
+
+def _shell(config: AgentConfig) -> tuple[Shell, int]:
+    """The agent as it begins or goes on, and the step of its newest frame; one that can be saved, if it is to be."""
+    if config.checkpoints is not None and config.resume_step is not None:
+        return saving.load(config.checkpoints, config.resume_step, config.agent)
+    controller = make_controller(config.agent, config.settings, config.restart)
+    shell = Shell(config.agent, config.settings.step_s, controller)
+    if config.checkpoints is not None:
+        saving.saved(shell, -1)
+    return shell, -1
+
+
+def _save(config: AgentConfig, shell: Shell, newest: int, step: int, outbox: Outbox) -> None:
+    """Save the agent, and tell the world; it goes on without this checkpoint if that fails."""
+    try:
+        if config.checkpoints is None:
+            raise ControllerError("it was not told where")
+        saving.save(config.checkpoints, step, shell, newest)
+    except (ControllerError, OSError) as error:
+        log.error("agent %d is not saved after step %d: %s", config.agent, step, error)
+    else:
+        outbox.taken(step)
+
 
 def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
     """Run one agent until its last frame; the process's exit code. `on_ready` is called once the world knows of it.
@@ -121,8 +156,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
-    controller = make_controller(config.agent, config.settings, config.restart)
-    shell = Shell(config.agent, config.settings.step_s, controller)
+    shell, newest = _shell(config)
     settings = configured(zenoh.Config, client_pairs(config.link), config.link)
     try:
         opened = zenoh.open(settings)
@@ -138,10 +172,13 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
         log.info("agent %d is ready", config.agent)
         on_ready()
         rejected = 0
-        newest = -1
         while True:
-            data = frames.recv().payload.to_bytes()
+            sample = frames.recv()
+            data = sample.payload.to_bytes()
             try:
+                if sample.attachment is not None:
+                    _save(config, shell, newest, decode_save(data), outbox)
+                    continue
                 frame = decode_frame(data)
             except WireError as error:
                 rejected += 1

@@ -1,14 +1,16 @@
 """Who may do what: the rules of Zenoh's access control, default deny.
 
 At the world's router they make range gating a fact: an agent may send on its own keys and receive its own
-frame, and nothing else. In open air each end has rules of its own, by which nobody speaks as another. Who is
-who is told by user name and password, or, over TLS, by the name in the other end's certificate alone.
+frame, and nothing else. All hear the world alone: its router's one thread never waits for room on a link to hand on
+what another one said, and so never keeps itself from making that room. In open air each end has rules of its own, by
+which nobody speaks as another. Who is who is told by user name and password, or, over TLS, by the name in the other
+end's certificate alone.
 """
 
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
 
 TLS = "tls"
 
@@ -31,7 +33,7 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
     world = keys.token(WORLD)
     for agent in agents:
         name = user_name(AGENT, agent)
-        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT)]
+        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT, TAKEN)]
         inbox = keys.agent(agent, FRAME)
         book.allow(name, own, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
     book.allow(
@@ -45,7 +47,7 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
     book.allow(
         RECORDER,
         sends=[keys.done, keys.taken(RECORDER)],
-        receives=[keys.clock, keys.truth, keys.wire, keys.status, keys.workload, keys.orders, keys.forwarded],
+        receives=[keys.clock, keys.truth, keys.wire, keys.status, keys.counted, keys.orders, keys.forwarded],
         heard_by=[keys.done, keys.all_taken],
         token=keys.token(RECORDER),
         watches=keys.all_tokens,

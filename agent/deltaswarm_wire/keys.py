@@ -6,7 +6,7 @@ from deltaswarm_wire.codec import MAX_AGENT_ID
 
 ROOT = "deltaswarm"
 
-FRAME, RADIO, REPORT, ACT, HEALTH = "frame", "radio", "report", "act", "health"
+FRAME, RADIO, REPORT, ACT, HEALTH, TAKEN = "frame", "radio", "report", "act", "health", "taken"
 
 WORLD, OPERATOR, RECORDER, AGENT = "world", "operator", "recorder", "agent"
 
@@ -33,6 +33,7 @@ class Keys:
         self.forwarded = f"{self.root}/world/report"
         self.done = f"{self.root}/recorder/done"
         self.workload = f"{self.root}/operator/workload"
+        self.counted = f"{self.root}/world/workload"
         self.all_taken = self.taken("*")
         self.from_agents = self.agent("*", "*")
         self.all_radio = self.agent("*", RADIO)
@@ -42,12 +43,12 @@ class Keys:
         self.all_tokens = f"{self.root}/@lv/*/*"
 
     def agent(self, agent: int | str, leaf: str) -> str:
-        """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, HEALTH, or `*`."""
+        """`agent/<id>/<leaf>`; leaf is one of FRAME, RADIO, REPORT, ACT, HEALTH, TAKEN, or `*`."""
         return f"{self.root}/agent/{agent}/{leaf}"
 
     def taken(self, role: str) -> str:
         """Where operator and recorder confirm which step they have."""
-        return f"{self.root}/{role}/taken"
+        return f"{self.root}/{role}/{TAKEN}"
 
     def token(self, role: str, number: int | str = 0) -> str:
         """The liveliness token of one process."""

@@ -73,6 +73,16 @@ def decode_done(data: bytes) -> int:
     return integer(fields(unpack(data), ("order",), "done")["order"], 0, MAX_ID, "done.order")
 
 
+def encode_save(step: int) -> bytes:
+    """That an agent is to save itself as it is after this step: a map of `v` and `save`."""
+    return pack({"v": PROTOCOL_VERSION, "save": step})
+
+
+def decode_save(data: bytes) -> int:
+    """Check and decode. Raises WireError."""
+    return integer(fields(unpack(data), ("save",), "save")["save"], 0, MAX_STEP, "save.save")
+
+
 def encode_taken(step: int) -> bytes:
     """That all up to this step, or nothing yet (-1), is on disk: a map of `v` and `step`."""
     return pack({"v": PROTOCOL_VERSION, "step": step})

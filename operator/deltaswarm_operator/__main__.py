@@ -45,13 +45,14 @@ def parser() -> argparse.ArgumentParser:
         epilog="Of boards without a world: deltaswarm operator --no-world ...; see deltaswarm operator --no-world -h.",
     )
     _add_measuring(made, "length of the world's steps [s] (default: 1)")
-    made.add_argument(
-        "--publish-all", action="store_true", help="publish the workload of every step; wait for a recorder to listen"
-    )
+    made.add_argument("--publish-all", action="store_true", help="publish the workload of every step, for a recorder")
     made.add_argument(
         "--go-on",
         action="store_true",
         help="count on where an operator that was killed had come to, in the same folder",
+    )
+    made.add_argument(
+        "--checkpoint", type=int, default=0, metavar="STEPS", help="write its part of the run's checkpoints"
     )
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
@@ -138,6 +139,7 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         out=arguments.out,
         publish_all=arguments.publish_all,
         go_on=arguments.go_on,
+        checkpoint_steps=arguments.checkpoint,
     )
 
 

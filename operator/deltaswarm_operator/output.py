@@ -9,6 +9,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
+from deltaswarm_wire import checkpoint
+
 FLUSH_EVERY_S = 1.0
 """Rows reach the file at least this often [wall s]."""
 
@@ -64,6 +66,12 @@ class Output:
         """Write all rows so far, and the meter's state with them: from here on an operator can go on."""
         self.flush()
         self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter})
+
+    def checkpoint(self, step: int) -> None:
+        """Keep what was just saved, which is of this step, as the operator's part of a checkpoint."""
+        os.fsync(self._stream.fileno())
+        file = self._folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE
+        checkpoint.write(file, (self._folder / STATE).read_bytes())
 
     def finish(self, totals: Mapping[str, Any]) -> None:
         """Write the totals, whole or not at all; there is nothing to go on from any more."""

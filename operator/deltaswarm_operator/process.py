@@ -13,6 +13,7 @@ from typing import Any, cast
 
 from deltaswarm_operator.output import Output
 from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
@@ -45,7 +46,9 @@ class OperatorConfig:
     go_on: bool = False
     """Go on where an operator that was killed had come to."""
     publish_all: bool = False
-    """Publish the workload of every step, for a recorder, and be ready only once one listens."""
+    """Publish the workload of every step, for a recorder."""
+    checkpoint_steps: int = 0
+    """Write its part of a checkpoint each time that so many steps are closed; 0: never."""
 
 
 class Arrival(Enum):
@@ -82,6 +85,7 @@ class OperatorProcess:
         self._inbox = inbox
         self._output = output
         self._publish_all = config.publish_all
+        self._checkpoint_steps = config.checkpoint_steps
         self._publish_due = self._save_due = 0.0
         self._has_warned = False
         self._keys = keys = Keys(config.run)
@@ -107,7 +111,7 @@ class OperatorProcess:
         listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
         self._matching = [publisher.declare_matching_listener(listen) for publisher in awaited]
         if config.publish_all:
-            log.info("waiting for a recorder on %s", keys.workload)
+            log.info("waiting for somebody to hear %s", keys.workload)
         self._declare_ready()
 
     # In Zenoh's own thread
@@ -182,15 +186,19 @@ class OperatorProcess:
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
-        if clock.last or clock.step >= self._saved + SAVE_EVERY_STEPS or time.monotonic() >= self._save_due:
-            self._save()
+        has_checkpoint = is_due(clock.step, self._checkpoint_steps)
+        is_much = clock.step >= self._saved + SAVE_EVERY_STEPS
+        if clock.last or has_checkpoint or is_much or time.monotonic() >= self._save_due:
+            self._save(has_checkpoint)
         return clock.last
 
-    def _save(self) -> None:
+    def _save(self, has_checkpoint: bool = False) -> None:
         """Put what was counted on disk, and tell the world."""
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
             self._output.save(self.meter.state())
+            if has_checkpoint:
+                self._output.checkpoint(self.meter.step)
             self._saved = self.meter.step
             self._taken.put(encode_taken(self._saved))
 

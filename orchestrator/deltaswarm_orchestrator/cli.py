@@ -8,27 +8,18 @@ import select
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
-from deltaswarm_orchestrator import cli_boards, cli_limits, cli_reports, cli_sweeps
+from deltaswarm_orchestrator import cli_boards, cli_limits, cli_reports, cli_run, cli_sweeps
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
-from deltaswarm_orchestrator.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_orchestrator.stopping import raise_on_signals
 from deltaswarm_wire import __version__
-from deltaswarm_wire.arguments import listens_on, override
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.keys import OPERATOR
-from deltaswarm_wire.settings import RECORDS, Scenario
 
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
-
-ANYWHERE = "tcp/127.0.0.1:0"
-"""On this machine, any free port."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -40,7 +31,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_run(commands.add_parser("run", help="run a scenario with real processes"))
+    cli_run.add_run(commands.add_parser("run", help="run a scenario with real processes"))
     cli_sweeps.add_sweep(commands.add_parser("sweep", help="many runs that differ in some keys, in one table"))
     cli_reports.add_report(commands.add_parser("report", help="a sweep's tables, tests and figures as one page"))
     cli_reports.add_reproduce(commands.add_parser("reproduce", help="the paper's figures and claims, from own runs"))
@@ -61,31 +52,6 @@ def parser() -> argparse.ArgumentParser:
 
 def _add_json(command: argparse.ArgumentParser) -> None:
     command.add_argument("--json", action="store_true", help="print the result as JSON")
-
-
-def _add_run(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "scenario", nargs="?", default="paper-25", metavar="SCENARIO", help=f"TOML file or {', '.join(BUILT_IN)}"
-    )
-    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
-    command.add_argument("--seed", type=int, help="all randomness comes from it")
-    command.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
-    command.add_argument("--force", action="store_true", help="replace the run folder if it is there")
-    command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
-    command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
-    command.add_argument(
-        "--listen",
-        default=ANYWHERE,
-        type=listens_on,
-        metavar="ENDPOINT",
-        help=f"where the router listens (default: {ANYWHERE})",
-    )
-    cli_boards.add_hardware_in_the_loop(command)
-    command.add_argument(
-        "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
-    )
-    command.add_argument("--dry-run", action="store_true", help="check and print the effective scenario only")
-    _add_json(command)
 
 
 def _add_why(command: argparse.ArgumentParser) -> None:
@@ -135,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.command != "run":  # which has its own way with signals
         raise_on_signals()
     command: Callable[[argparse.Namespace], int] = {
-        "run": _run,
+        "run": cli_run.run,
         "sweep": cli_sweeps.sweep,
         "report": cli_reports.report,
         "reproduce": cli_reports.reproduce,
@@ -173,71 +139,8 @@ def _reader_is_gone() -> bool:
     return True
 
 
-def _run(arguments: argparse.Namespace) -> int:
-    scenario = _scenario_of(arguments)
-    if arguments.dry_run:
-        print(to_toml(scenario), end="")
-        return OK
-    if not arguments.in_process and not _can_start_parts():
-        return FAILED
-    from deltaswarm_orchestrator.progress import Display, result_table
-    from deltaswarm_orchestrator.run import RunOptions, run
-    from deltaswarm_orchestrator.run_folder import FolderError, FolderTakenError
-
-    out = arguments.out or _default_folder(scenario)
-    boards = cli_boards.boards_of(arguments, out)
-    listen = ANYWHERE if boards else arguments.listen
-    options = RunOptions(out, arguments.in_process, arguments.force, listen, tuple(arguments.zenoh), boards)
-    try:
-        with Display(scenario.run.step_s) as display:
-            result = run(scenario, options, display)
-    except FolderError as error:
-        complain(str(error))
-        return FAILED if isinstance(error, FolderTakenError) else USAGE
-    for message in result.messages:
-        complain(message)
-    if arguments.json:
-        print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
-    elif not result.summary["steps"]:
-        complain(f"{result.exit_reason}: no step was made; see {result.folder}")
-        return FAILED
-    else:
-        Console().print(result_table(result.summary))
-        print(result.folder)
-    if overruns := result.summary["realtime_overruns"]:
-        complain(f"{overruns} steps missed the pace of real time")
-    for reason in result.summary["invalid_because"]:
-        complain(f"not valid: {reason}")
-    return OK if result.summary["valid"] else FAILED
-
-
-def _can_start_parts() -> bool:
-    """Whether the parts of a run could reach each other; says so if not."""
-    from deltaswarm_orchestrator.doctor import loopback_problem
-
-    if problem := loopback_problem():
-        complain(f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`")
-    return problem is None
-
-
-def _scenario_of(arguments: argparse.Namespace) -> Scenario:
-    overrides = list(arguments.set)
-    if arguments.record is not None:
-        overrides.append(f"record={arguments.record}")
-    return load_scenario(arguments.scenario, overrides, arguments.seed)
-
-
-def _default_folder(scenario: Scenario) -> Path:
-    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
-    mode = scenario.control.mode.replace(":", "-")
-    base = Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}"
-    numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
-    free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
-    return next(free)
-
-
 def _bench(arguments: argparse.Namespace) -> int:
-    if not (arguments.scale or arguments.radio or _can_start_parts()):
+    if not (arguments.scale or arguments.radio or cli_run.can_start_parts()):
         return FAILED
     try:
         found, text = _benched(arguments)

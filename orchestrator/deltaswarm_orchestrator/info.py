@@ -8,7 +8,8 @@ from typing import Any, TypeVar
 
 from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.results import Outcome
-from deltaswarm_orchestrator.run_folder import is_under_way
+from deltaswarm_orchestrator.resume import newest
+from deltaswarm_orchestrator.run_folder import FolderError, is_under_way
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
@@ -37,7 +38,24 @@ def describe(folder: Path) -> dict[str, Any]:
     summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     state = _state(folder, manifest, summary)
-    return {"folder": str(folder), "state": state, "manifest": manifest, "summary": summary, "files": files}
+    return {
+        "folder": str(folder),
+        "state": state,
+        "checkpoint_step": _checkpoint_step(folder, state),
+        "manifest": manifest,
+        "summary": summary,
+        "files": files,
+    }
+
+
+def _checkpoint_step(folder: Path, state: str) -> int | None:
+    """The step after which a run that was cut off can go on, if it can."""
+    if state == results.RUNNING:
+        return None
+    try:
+        return newest(folder).step
+    except FolderError:
+        return None
 
 
 def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> str:
@@ -87,6 +105,8 @@ def text(found: dict[str, Any]) -> str:
         f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
     ]
     lines += [f"  {line}" for why in manifest.get("why", []) for line in why.splitlines()]
+    if found["checkpoint_step"] is not None:
+        lines.append(f"  it can go on after step {found['checkpoint_step']}: deltaswarm run --resume {found['folder']}")
     for fault in summary.get("faults", []):
         whom = ", ".join(map(str, fault["agents"])) or "nobody"
         lines.append(f"  fault at {fault['at_s']:g} s: {fault['kind']}: {whom}")

@@ -20,6 +20,8 @@ from typing import Self
 
 from deltaswarm_orchestrator import child
 from deltaswarm_orchestrator.part import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.resume import Resumed
+from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
@@ -60,6 +62,8 @@ class Swarm:
         zenoh: Sequence[tuple[str, str]] = (),
         boards: Sequence[int] = (),
         stopped: Callable[[], object] = lambda: None,
+        checkpoint_steps: int = 0,
+        resumed: Resumed | None = None,
     ) -> None:
         self.parts: list[Part] = []
         self.endpoint = ""
@@ -72,7 +76,8 @@ class Swarm:
         self._run = run
         self._folder = folder
         self._zenoh = (*_patience(scenario), *zenoh)
-        self._restarts: Counter[int] = Counter()
+        self._checkpoint_steps, self._resumed = checkpoint_steps, resumed
+        self._restarts = Counter(resumed.restarts if resumed else {})
         self._secrets_folder = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
         self._passwords: dict[str, str] = {}
         self._context = multiprocessing.get_context("forkserver")
@@ -107,7 +112,8 @@ class Swarm:
         argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
         argv += ["--listen", for_boards] if for_boards else []
         argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
-        argv += self._told_of_boards()
+        argv += self._told_of_boards() + self._told_of_checkpoints()
+        argv += ["--resume", str(self._resumed.step)] if self._resumed else []
         part = self._start(
             WORLD,
             0,
@@ -145,17 +151,26 @@ class Swarm:
         scenario = self._scenario
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
-        argv += ["--go-on"] if go_on else []
+        argv += self._told_of_checkpoints()
+        argv += ["--go-on"] if go_on or self._resumed else []
         self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
-        """Start all agents that are no boards, or those given; each gets its own number, password and log."""
-        everyone = (agent for agent in range(self._scenario.agents.count) if agent not in self._boards)
-        for agent in everyone if agents is None else agents:
+        """Start all agents that are no boards, or those given; each gets its own number, password and log.
+
+        In a run that is resumed all are those that were there, as they were.
+        """
+        resumed = self._resumed if agents is None else None
+        everyone = resumed.agents if resumed else range(self._scenario.agents.count)
+        for agent in (agent for agent in everyone if agent not in self._boards) if agents is None else agents:
             settings = self._folder / "agents" / f"{agent}.toml"  # written by the world
             argv = ["--id", str(agent), "--settings", str(settings), "--low-latency", *self._joining()]
             if self._restarts[agent]:
                 argv += ["--restart", str(self._restarts[agent])]
+            if self._checkpoint_steps:
+                argv += ["--checkpoints", str(self._folder / checkpoint.FOLDER)]
+            if resumed:
+                argv += ["--resume", str(resumed.step)]
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
     def password(self, user: str) -> str:
@@ -168,6 +183,9 @@ class Swarm:
 
     def _told_of_boards(self) -> list[str]:
         return [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
+
+    def _told_of_checkpoints(self) -> list[str]:
+        return ["--checkpoint", str(self._checkpoint_steps)] if self._checkpoint_steps else []
 
     def _joining(self) -> list[str]:
         return ["--run", self._run, "--connect", self.endpoint, *self._overrides()]

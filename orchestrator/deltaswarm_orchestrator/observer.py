@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.sink import Sink
+from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.digest import RADIO
 from deltaswarm_wire.keys import RECORDER, WORLD, Keys
 from deltaswarm_wire.messages import (
@@ -40,11 +41,22 @@ CONFIRM_STEPS = 100
 class Observer:
     """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, what agents said.
 
+    The sink has the steps before `first_step`, and saves after each `checkpoint_steps`.
+
     Raises:
         ConnectionError: there is no way to the world.
     """
 
-    def __init__(self, run: str, link: RouterLink, sink: Sink | None, *, wire: bool) -> None:
+    def __init__(
+        self,
+        run: str,
+        link: RouterLink,
+        sink: Sink | None,
+        *,
+        wire: bool,
+        first_step: int = 0,
+        checkpoint_steps: int = 0,
+    ) -> None:
         self.status: Status | None = None
         self.heard_at = time.monotonic()
         """When the world last said how it is (monotonic wall time [s])."""
@@ -57,7 +69,8 @@ class Observer:
         self._queue: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
-        self._open_step = self._confirmed = 0
+        self._open_step, self._confirmed, self._newest_counted = first_step, first_step - 1, first_step - 1
+        self._checkpoint_steps = checkpoint_steps
         try:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
         except zenoh.ZError as error:
@@ -68,7 +81,7 @@ class Observer:
             encoding=zenoh.Encoding("application/msgpack;deltaswarm.Done.v1"),
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
-        wanted = [keys.status, keys.workload, keys.orders]
+        wanted = [keys.status, keys.counted, keys.orders]
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.forwarded]
             wanted += [keys.wire] if wire else []
@@ -106,7 +119,7 @@ class Observer:
     @property
     def newest_step(self) -> int:
         """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
-        return -1 if self.newest_workload is None else self.newest_workload.step
+        return self._newest_counted
 
     @property
     def records(self) -> bool:
@@ -118,8 +131,7 @@ class Observer:
         """Whether the run has ended, as far as can be heard, and nothing more is to come."""
         if self._sink is None:
             return self.status is not None and self.status.phase == "ended"
-        newest = self.newest_workload
-        return self._last_step is not None and newest is not None and newest.step >= self._last_step
+        return self._last_step is not None and self._newest_counted >= self._last_step
 
     def confirm(self, order: ProcessOrder) -> None:
         """Tell the world that an order is carried out."""
@@ -153,15 +165,16 @@ class Observer:
                 self._sink.log(WARNING, WORLD, order.text, order.time_s)
             if order.action != NOTE:
                 self.orders.append(order)
-        elif key == keys.workload:
+        elif key == keys.counted:
             self._take_workload(decode_workload(data))
 
     def _take_workload(self, workload: Workload) -> None:
-        if self.newest_workload is not None and workload.step <= self.newest_workload.step:
+        if workload.step <= self._newest_counted:
             return  # of an operator that has begun anew
-        self.newest_workload = workload
+        self.newest_workload, self._newest_counted = workload, workload.step
         if self._sink is not None:
             self._sink.workload(workload)
+            self._confirm()
 
     def _take_wire(self, data: bytes) -> None:
         if self._sink is not None:
@@ -179,6 +192,18 @@ class Observer:
         self._open_step = step + 1
         if last:
             self._last_step = step
-        if last or step >= self._confirmed + CONFIRM_STEPS:
-            self._confirmed = step
-            self._taken.put(encode_taken(step))
+        self._confirm()
+
+    def _confirm(self) -> None:
+        """Tell the world now and then what has been taken, and of a checkpoint that it is on disk."""
+        step = self._open_step - 1
+        if step <= self._confirmed:
+            return
+        if is_due(step, self._checkpoint_steps):
+            if self._newest_counted < step or self._sink is None:
+                return
+            self._sink.save()
+        elif self._last_step is None and step < self._confirmed + CONFIRM_STEPS:
+            return
+        self._confirmed = step
+        self._taken.put(encode_taken(step))

@@ -5,8 +5,9 @@ of the run and the connection.
 """
 
 import math
+import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
@@ -14,6 +15,7 @@ from typing import Any, Self
 
 import orjson
 import tomli_w
+from mcap.records import Channel, Message
 from mcap.writer import Writer
 
 from deltaswarm_orchestrator.foxglove import (
@@ -26,6 +28,7 @@ from deltaswarm_orchestrator.foxglove import (
     Json,
     layout,
 )
+from deltaswarm_orchestrator.records import records
 from deltaswarm_orchestrator.room import RoomError, room_for
 from deltaswarm_orchestrator.scene import Scene, log_time_ns, stamp
 from deltaswarm_wire.messages import Report, Workload
@@ -91,6 +94,26 @@ class Recorder:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._end(None)
+
+    def take_over(self, before: Mapping[str, Path], step: int) -> None:
+        """Begin with what other recordings hold up to a step, by the names of the files that they go on in.
+
+        Raises:
+            RecordingError: one of them is no MCAP file.
+        """
+        self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
+        for file in (self._file, self._wire):
+            if file is not None and file.name in before:
+                for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
+                    if topic == "/swarm/event":
+                        self._note(EventState(**{name: _known(value) for name, value in orjson.loads(data).items()}))
+        self.save()
+
+    def save(self) -> None:
+        """Have all that was said so far on disk, whatever becomes of the machine."""
+        for file in (self._file, self._wire):
+            if file is not None:
+                file.save()
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
         """One closed step: its truth, and the reports that reached the operator in it."""
@@ -163,10 +186,13 @@ class Recorder:
             before = self._open_events.get(event.event)
             if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
                 self._write("/swarm/event", _event(event))
-            if event.completed_s is None:
-                self._open_events[event.event] = event
-            else:
-                self._open_events.pop(event.event, None)
+            self._note(event)
+
+    def _note(self, event: EventState) -> None:
+        if event.completed_s is None:
+            self._open_events[event.event] = event
+        else:
+            self._open_events.pop(event.event, None)
 
     def _end(self, manifest: dict[str, str] | None) -> None:
         if self._file.is_closed:
@@ -185,6 +211,7 @@ class _File:
 
     def __init__(self, path: Path) -> None:
         self.is_closed = False
+        self.name = path.name
         self._path = path
         self._part = path.with_name(path.name + PART)
         self._stream = self._part.open("wb")
@@ -218,9 +245,31 @@ class _File:
         with room_for(self._part):
             self._writer.add_message(channel, now_ns, data, now_ns, step)
 
+    def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Add the messages of another file up to a time; topic and data of each."""
+        topics: dict[int, str] = {}
+        for record in records(before):
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+                if record.topic not in self._channels:
+                    channel = self._writer.register_channel(record.topic, record.message_encoding, 0)
+                    self._channels[record.topic] = channel
+            elif isinstance(record, Message) and record.log_time <= until_ns:
+                topic = topics[record.channel_id]
+                with room_for(self._part):
+                    self._writer.add_message(
+                        self._channels[topic], record.log_time, record.data, record.publish_time, record.sequence
+                    )
+                yield topic, record.data
+
     def flush(self) -> None:
         with room_for(self._part):
             self._writer.flush()
+
+    def save(self) -> None:
+        self.flush()
+        with room_for(self._part):
+            os.fsync(self._stream.fileno())
 
     def close(self, manifest: dict[str, str] | None) -> None:
         """Finish the file; with a manifest it is whole and gets its name."""
@@ -245,6 +294,10 @@ def _json(value: Any) -> bytes:
 
 def _event(event: EventState) -> Json:
     return {name: NOT_YET if value is None else value for name, value in event._asdict().items()}
+
+
+def _known(value: Any) -> Any:
+    return None if value == NOT_YET else value
 
 
 def _plain(report: Report) -> Json:

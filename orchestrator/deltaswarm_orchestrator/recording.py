@@ -3,7 +3,6 @@
 Also of a run that was killed: what had been flushed is there, and `complete` says that it is not all.
 """
 
-import struct
 import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -11,24 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import orjson
-from mcap.exceptions import McapError
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader
-from zstandard import ZstdError
 
 from deltaswarm_orchestrator.foxglove import NOT_YET
 from deltaswarm_orchestrator.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
+from deltaswarm_orchestrator.records import records
 from deltaswarm_wire.messages import Event, Report, Workload
 from deltaswarm_wire.truth import EventState, Tally
-
-_MAGIC = b"\x89MCAP0\r\n"
-
-_DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
-"""What a file that was cut off or damaged can raise when it is read."""
-
-
-class RecordingError(ValueError):
-    """A file that is no recording."""
 
 
 @dataclass
@@ -62,20 +50,11 @@ def read_recording(path: Path) -> Recording:
         whole = path / RECORDING
         path = whole if whole.exists() else whole.with_name(RECORDING + PART)
     reader = _Reader()
-    size_bytes = path.stat().st_size
-    with path.open("rb") as stream:
-        if not _MAGIC.startswith(stream.read(len(_MAGIC))):
-            raise RecordingError(f"{path} is no MCAP file")
-        stream.seek(0)
-        records = StreamReader(stream, validate_crcs=True, record_size_limit=size_bytes).records
-        while True:
-            try:
-                record = next(records, None)
-            except _DAMAGE:
-                return reader.recording(is_whole=False)
-            if record is None:
-                return reader.recording(is_whole=True)
-            reader.take(record)
+    for record in records(path):
+        if record is None:
+            return reader.recording(is_whole=False)
+        reader.take(record)
+    return reader.recording(is_whole=True)
 
 
 class _Reader:

@@ -73,6 +73,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "digest": None,
         "versions": provenance.versions(),
         "host": provenance.host(),
+        "code": provenance.code_digest(),
         "controller": {"mode": scenario.control.mode, "source": source_digest(scenario.control.mode)},
     }
 
@@ -129,8 +130,11 @@ def _cell(text: str, hint: Any) -> Any:
     return float(text) if text else None
 
 
-def write_tables(folder: Path, outcome: Outcome) -> None:
-    """`series.csv` (one row per step, the world's columns and the operator's) and `events.csv`."""
+def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False) -> None:
+    """`series.csv` (one row per step, the world's columns and the operator's) and `events.csv`.
+
+    They replace the tables of the parts, unless `keep_unmerged`, for a run that may go on.
+    """
     by_step = {workload.step: workload for workload in outcome.workloads}
 
     def rows() -> Iterable[list[Any]]:
@@ -141,7 +145,7 @@ def write_tables(folder: Path, outcome: Outcome) -> None:
     header = [*Tally._fields, *OPERATOR_COLUMNS.values()]
     _write_csv(folder / "series.csv", header, rows())
     _write_csv(folder / "events.csv", EventState._fields, outcome.events)
-    for name in UNMERGED:
+    for name in () if keep_unmerged else UNMERGED:
         (folder / name).unlink(missing_ok=True)
 
 

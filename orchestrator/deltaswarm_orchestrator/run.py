@@ -1,13 +1,15 @@
 """One run from scenario to summary, by real processes or in one process."""
 
+import json
 import secrets
+import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator import results, room
+from deltaswarm_orchestrator import provenance, results, resume, room
 from deltaswarm_orchestrator.boards import Boards, commands
 from deltaswarm_orchestrator.in_process import run_in_process
 from deltaswarm_orchestrator.launch import LaunchError, StoppedError, Swarm
@@ -15,11 +17,12 @@ from deltaswarm_orchestrator.observer import Observer
 from deltaswarm_orchestrator.progress import Reporter
 from deltaswarm_orchestrator.recorder import Recorder
 from deltaswarm_orchestrator.results import Outcome
+from deltaswarm_orchestrator.resume import Resumed
 from deltaswarm_orchestrator.room import RoomError
-from deltaswarm_orchestrator.run_folder import RunFolder
+from deltaswarm_orchestrator.run_folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.stopping import Stop, stoppable
 from deltaswarm_orchestrator.watch import Watch
-from deltaswarm_wire import checked
+from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.settings import Scenario
 
 
@@ -34,6 +37,10 @@ class RunOptions:
     zenoh: tuple[tuple[str, str], ...] = ()
     boards: Boards | None = None
     """Agents that are started elsewhere, by hand."""
+    checkpoint_steps: int = 0
+    """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
+    resume: bool = False
+    """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
 
 
 @dataclass(frozen=True)
@@ -51,144 +58,176 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     """Do one run and write its folder.
 
     Raises:
-        FolderError: the folder cannot be had.
+        FolderError: the folder cannot be had, or there is nothing in it to go on from.
         FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
     """
     with stoppable() as stop:
         if options.boards:
             options.boards.prepare(scenario)
+        if options.resume:
+            resume.newest(options.out)  # before the folder is touched
+            resume.check_code(options.out, scenario)
+            with ResumedFolder(options.out) as folder:
+                return _Run(scenario, options, folder, reporter, stop, resume.newest(folder.path)).do()
         with RunFolder(options.out, force=options.force) as folder:
-            return _run_into(folder, scenario, options, reporter, stop)
+            return _Run(scenario, options, folder, reporter, stop).do()
 
 
-@dataclass
-class _Story:
-    """What becomes of a run."""
+class _Run:
+    """One run, and what becomes of it."""
 
-    outcome: Outcome | None = None
-    why: list[str] = field(default_factory=list)
-    """Why it ended too early, or what was lost on the way; each a line."""
-    logs: list[str] = field(default_factory=list)
-    operator_restarts: int = 0
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: RunOptions,
+        folder: RunFolder,
+        reporter: Reporter,
+        stop: Stop,
+        resumed: Resumed | None = None,
+    ) -> None:
+        self._scenario = scenario
+        self._options = options
+        self._folder = folder
+        self._reporter = reporter
+        self._stop = stop
+        self._resumed = resumed
+        self._outcome: Outcome | None = None
+        self._why: list[str] = []
+        """Why it ended too early, or what was lost on the way; each a line."""
+        self._logs: list[str] = []
+        self._operator_restarts = 0
+        if resumed:
+            self._manifest = json.loads((folder.path / "manifest.json").read_text())
+            self._manifest |= {"exit_reason": results.RUNNING}
+            self._manifest["resumed"] = [*self._manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
+            folder.write_manifest(self._manifest)
+        else:
+            engine = "in-process" if options.in_process else "processes"
+            self._manifest = results.new_manifest(scenario, engine, scenario.record)
+            self._manifest |= {"checkpoint_steps": options.checkpoint_steps, "resumed": []}
+            folder.begin(scenario, self._manifest)
+        self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
 
+    def do(self) -> RunResult:
+        """All steps, then tables, summary and manifest."""
+        folder = self._folder.path
+        if warning := room.shortage(folder, self._scenario):
+            self._reporter.say(f"warning: {warning}")
+        summary: dict[str, Any] = {}
+        can_go_on = False
+        try:
+            room.keep_reserve(folder)
+            with self._recorder() as recorder:
+                try:
+                    self._do_steps(recorder)
+                finally:
+                    room.give_up_reserve(folder)
+                    summary = self._conclude()
+                if recorder is not None:
+                    recorder.close(self._manifest)
+            assert self._outcome is not None
+            can_go_on = not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
+            with room.room_for(folder):
+                results.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
+            if not can_go_on:
+                shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
+        except RoomError as error:
+            self._why.append(str(error))
+            room.give_up_reserve(folder)
+            summary = self._conclude() | {"valid": False}
+            summary["invalid_because"].append(str(error))
+        results.write_json(folder / "summary.json", summary)
+        self._folder.write_manifest(self._manifest)
+        path = self._folder.finish()
+        hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if can_go_on else []
+        messages = (*self._why, *self._logs, *hint)
+        return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
 
-def _run_into(folder: RunFolder, scenario: Scenario, options: RunOptions, reporter: Reporter, stop: Stop) -> RunResult:
-    """Do one run and fill its folder."""
-    manifest = results.new_manifest(scenario, "in-process" if options.in_process else "processes", scenario.record)
-    folder.begin(scenario, manifest)
-    if warning := room.shortage(folder.path, scenario):
-        reporter.say(f"warning: {warning}")
-    story = _Story()
-    summary: dict[str, Any] = {}
-    try:
-        room.keep_reserve(folder.path)
-        with _recorder(folder.path, scenario) as recorder:
-            try:
-                _do(scenario, options, folder.path, recorder, reporter, stop, story)
-            finally:
-                room.give_up_reserve(folder.path)
-                summary = _conclude(folder.path, scenario, manifest, stop, story)
-            if recorder is not None:
-                recorder.close(manifest)
-        with room.room_for(folder.path):
-            results.write_tables(folder.path, story.outcome or Outcome())
-    except RoomError as error:
-        story.why.append(str(error))
-        room.give_up_reserve(folder.path)
-        summary = _conclude(folder.path, scenario, manifest, stop, story) | {"valid": False}
-        summary["invalid_because"].append(str(error))
-    results.write_json(folder.path / "summary.json", summary)
-    folder.write_manifest(manifest)
-    return RunResult(folder.finish(), summary, str(manifest["exit_reason"]), tuple(story.why + story.logs))
+    @contextmanager
+    def _recorder(self) -> Iterator[Recorder | None]:
+        """The recorder that the scenario asks for, if any; it goes on where a run that is resumed does."""
+        folder, scenario = self._folder.path, self._scenario
+        before = resume.make_ready(folder, self._resumed) if self._resumed else {}
+        if scenario.record == "off":
+            yield None
+            return
+        with Recorder(folder, checked.plain(scenario), scenario, wire=scenario.record == "wire") as recorder:
+            if self._resumed:
+                recorder.take_over(before, self._resumed.step)
+                for file in before.values():
+                    file.unlink()
+            yield recorder
 
+    def _do_steps(self, recorder: Recorder | None) -> None:
+        """By real processes or in one."""
+        if self._options.in_process:
+            self._outcome = run_in_process(self._scenario, recorder, self._reporter, lambda: self._stop.by)
+            self._why += self._outcome.messages
+            return
+        try:
+            self._run_processes(recorder)
+        except (LaunchError, ConnectionError) as error:
+            self._why.append(str(error))
+        except StoppedError:
+            pass
+        except KeyboardInterrupt:
+            self._why.append("a second signal came: nothing was waited for")
 
-def _do(
-    scenario: Scenario,
-    options: RunOptions,
-    folder: Path,
-    recorder: Recorder | None,
-    reporter: Reporter,
-    stop: Stop,
-    story: _Story,
-) -> None:
-    """All steps, by real processes or in one."""
-    if options.in_process:
-        story.outcome = run_in_process(scenario, recorder, reporter, lambda: stop.by)
-        story.why += story.outcome.messages
-        return
-    try:
-        _run_processes(scenario, options, folder, recorder, reporter, stop, story)
-    except (LaunchError, ConnectionError) as error:
-        story.why.append(str(error))
-    except StoppedError:
-        pass
-    except KeyboardInterrupt:
-        story.why.append("a second signal came: nothing was waited for")
+    def _run_processes(self, recorder: Recorder | None) -> None:
+        """Launch, watch, end.
 
+        Raises:
+            LaunchError, ConnectionError: a part did not come up.
+            StoppedError: somebody asked for the end before all were there.
+            RoomError: the recording could not be written.
+        """
+        scenario, folder, boards = self._scenario, self._folder.path, self._options.boards
+        # A board's file holds for the next run too; the router, with its own port, is one run's alone.
+        name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
+        who = boards.agents if boards else ()
+        zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
+        if every:
+            (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
+        with Swarm(scenario, name, folder, zenoh, who, lambda: self._stop.by, every, self._resumed) as swarm:
+            swarm.start_world(
+                folder / "scenario.toml",
+                listen=self._options.listen,
+                record=recorder is not None,
+                wire=wire,
+                for_boards=boards.listen if boards else "",
+                tls=boards.tls if boards else None,
+            )
+            if boards:
+                self._reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
+            first = self._resumed.step + 1 if self._resumed else 0
+            link = swarm.recorder_link()
+            with Observer(name, link, recorder, wire=wire, first_step=first, checkpoint_steps=every) as observer:
+                watch = Watch(swarm, observer, self._reporter, self._stop, scenario.run.step_timeout_s)
+                try:
+                    swarm.start_operator(publish_all=recorder is not None)
+                    swarm.start_agents()
+                    swarm.write_pids()
+                    watch.to_the_end()
+                finally:
+                    self._why += watch.why
+                    self._logs += [f"the last lines of the log of {who}:\n{tail}" for who, tail in watch.logs.items()]
+                    self._operator_restarts = watch.operator_restarts
 
-def _conclude(folder: Path, scenario: Scenario, manifest: dict[str, Any], stop: Stop, story: _Story) -> dict[str, Any]:
-    """The summary; the manifest gets what agrees with it."""
-    if story.outcome is None:
-        story.outcome = results.read_outcome(folder)
-    summary = results.summary(story.outcome, scenario)
-    reason = "finished" if summary["complete"] else f"stopped by {stop.by}" if stop.by else "failed"
-    if not summary["complete"]:
-        summary["invalid_because"][0] += f": {reason}"
-    ending = {"exit_reason": reason, "why": story.why, "operator_restarts": story.operator_restarts}
-    manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
-    return {**summary, **ending}
-
-
-@contextmanager
-def _recorder(folder: Path, scenario: Scenario) -> Iterator[Recorder | None]:
-    """The recorder that the scenario asks for, if any."""
-    if scenario.record == "off":
-        yield None
-        return
-    with Recorder(folder, checked.plain(scenario), scenario, wire=scenario.record == "wire") as recorder:
-        yield recorder
-
-
-def _run_processes(
-    scenario: Scenario,
-    options: RunOptions,
-    folder: Path,
-    recorder: Recorder | None,
-    reporter: Reporter,
-    stop: Stop,
-    story: _Story,
-) -> None:
-    """Launch, watch, end.
-
-    Raises:
-        LaunchError, ConnectionError: a part did not come up.
-        StoppedError: somebody asked for the end before all were there.
-        RoomError: the recording could not be written.
-    """
-    boards = options.boards
-    # A board's file holds for the next run too; the router, with its own port, is one run's alone.
-    name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
-    who = boards.agents if boards else ()
-    with Swarm(scenario, name, folder, options.zenoh, who, lambda: stop.by) as swarm:
-        swarm.start_world(
-            folder / "scenario.toml",
-            listen=options.listen,
-            record=recorder is not None,
-            wire=scenario.record == "wire",
-            for_boards=boards.listen if boards else "",
-            tls=boards.tls if boards else None,
-        )
-        if boards:
-            reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-        with Observer(name, swarm.recorder_link(), recorder, wire=scenario.record == "wire") as observer:
-            watch = Watch(swarm, observer, reporter, stop, scenario.run.step_timeout_s)
-            try:
-                swarm.start_operator(publish_all=recorder is not None)
-                swarm.start_agents()
-                swarm.write_pids()
-                watch.to_the_end()
-            finally:
-                story.why += watch.why
-                story.logs += [f"the last lines of the log of {name}:\n{tail}" for name, tail in watch.logs.items()]
-                story.operator_restarts = watch.operator_restarts
+    def _conclude(self) -> dict[str, Any]:
+        """The summary; the manifest gets what agrees with it."""
+        if self._outcome is None:
+            self._outcome = results.read_outcome(self._folder.path)
+        summary = results.summary(self._outcome, self._scenario)
+        by = self._stop.by
+        reason = "finished" if summary["complete"] else f"stopped by {by}" if by else "failed"
+        if not summary["complete"]:
+            summary["invalid_because"][0] += f": {reason}"
+        ending = {
+            "exit_reason": reason,
+            "why": self._why,
+            "operator_restarts": self._operator_restarts,
+            "resumed": self._manifest["resumed"],
+        }
+        self._manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
+        return {**summary, **ending}

@@ -138,6 +138,35 @@ class RunFolder:
             left.release()
 
 
+class ResumedFolder(RunFolder):
+    """The folder of a run that was cut off, `X.part` or `X`, taken to go on with.
+
+    Raises:
+        FolderError: it is no run folder, it is being written, or the name that it needs is another's.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder = folder.resolve()
+        self.target = folder.with_name(folder.name.removesuffix(".part"))
+        self.path = self.target.with_name(f"{self.target.name}.part")
+        self._force = False
+        if not (folder.is_dir() and {path.name for path in folder.iterdir()} >= RUN_FILES):
+            raise FolderError(f"{folder} is no folder of a run that was begun")
+        for other in {self.target, self.path} - {folder}:
+            if os.path.lexists(other):
+                raise FolderError(f"{other} exists beside {folder}: which of them is to go on?")
+        try:
+            self._lock = FolderLock(folder)
+        except HeldError as error:
+            raise FolderError(f"{folder} is written by a run under way{error}") from None
+        except OSError as error:
+            raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
+        if not self._lock.is_at(folder):
+            self._lock.release()
+            raise FolderError(f"{folder} has just become another run's")
+        folder.rename(self.path)
+
+
 def is_under_way(folder: Path) -> bool | None:
     """Whether a run writes to a folder; None where that cannot be known."""
     return is_held(folder)

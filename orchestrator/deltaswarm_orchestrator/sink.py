@@ -19,6 +19,9 @@ class Sink(Protocol):
     def radio(self, step: int, agent: int, data: bytes) -> None:
         """One raw radio frame."""
 
+    def save(self) -> None:
+        """Have all that was said so far on disk, whatever becomes of the machine."""
+
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
         """Something worth a line, at a simulated time [s]."""
 

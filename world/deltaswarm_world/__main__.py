@@ -28,7 +28,8 @@ from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.process import run_world
+from deltaswarm_world.run import run_world
+from deltaswarm_world.saving import load
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 
@@ -71,6 +72,10 @@ def parser() -> argparse.ArgumentParser:
         choices=(OPERATOR, RECORDER),
         help="who, besides the agents, must be there before the first step (default: operator)",
     )
+    made.add_argument(
+        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents each time so many are closed"
+    )
+    made.add_argument("--resume", type=int, metavar="STEP", help="go on from the checkpoint after this step")
     add_boards_argument(made)
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     made.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
@@ -110,12 +115,14 @@ def main(argv: Sequence[str] | None = None) -> int:
             publish_wire=arguments.wire,
             listen=listen,
             boards=tuple(arguments.boards),
+            checkpoint_steps=arguments.checkpoint,
         )
+        saved = None if arguments.resume is None else load(arguments.out, arguments.resume)
     except (ValueError, OSError) as error:
         print(f"deltaswarm world: {error}", file=sys.stderr)
         return 2
     try:
-        return run_world(config, lambda endpoint: print(endpoint, flush=True))
+        return run_world(config, lambda endpoint: print(endpoint, flush=True), saved)
     except ConnectionError as error:
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
         return 1

@@ -25,5 +25,7 @@ class WorldConfig:
     """Every raw radio frame and report, for a recorder."""
     listen: tuple[str, ...] = ()
     """Endpoints; without any, the link's."""
+    checkpoint_steps: int = 0
+    """Save world and agents each time that so many steps are closed; 0: never."""
     boards: tuple[int, ...] = ()
     """Agents on machines of their own, which may leave and come back."""

@@ -1,6 +1,7 @@
 """Where events occur: the paper's density phi(x, y), as samplers of places in the arena."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from deltaswarm_wire.settings import ArenaSettings, DensitySettings
 
 Floats = npt.NDArray[np.float64]
 Sampler = Callable[[np.random.Generator], tuple[float, float]]
+"""Draws a place; one that pickle can save, as part of a world's checkpoint."""
 
 MAX_TRIES = 10_000
 """Draws outside the arena after which a density is taken to lie outside it."""
@@ -23,7 +25,7 @@ def sampler(density: DensitySettings, arena: ArenaSettings) -> Sampler:
         SettingsError: a grid file that cannot be read or holds no weights.
     """
     if density.kind == "uniform":
-        return lambda rng: (rng.uniform(0.0, arena.width_m), rng.uniform(0.0, arena.height_m))
+        return partial(_draw_uniform, arena)
     if density.kind == "grid":
         return _grid(load_grid(density.file), arena)
     if density.kind == "mixture":
@@ -33,6 +35,10 @@ def sampler(density: DensitySettings, arena: ArenaSettings) -> Sampler:
     return _mixture(parts, arena)
 
 
+def _draw_uniform(arena: ArenaSettings, rng: np.random.Generator) -> tuple[float, float]:
+    return rng.uniform(0.0, arena.width_m), rng.uniform(0.0, arena.height_m)
+
+
 def _mixture(
     parts: list[tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]]], arena: ArenaSettings
 ) -> Sampler:
@@ -40,17 +46,23 @@ def _mixture(
     shares = np.cumsum(weights / weights.sum())
     means = [mean for _, mean, _ in parts]
     factors = [np.linalg.cholesky(np.array(covariance)) for _, _, covariance in parts]
+    return partial(_draw_of_mixture, shares, means, factors, arena)
 
-    def draw(rng: np.random.Generator) -> tuple[float, float]:
-        for _ in range(MAX_TRIES):
-            part = min(int(np.searchsorted(shares, rng.random())), len(parts) - 1) if len(parts) > 1 else 0
-            offset = factors[part] @ rng.standard_normal(2)
-            x_m, y_m = means[part][0] + float(offset[0]), means[part][1] + float(offset[1])
-            if 0.0 <= x_m <= arena.width_m and 0.0 <= y_m <= arena.height_m:
-                return x_m, y_m
-        raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell outside the arena")
 
-    return draw
+def _draw_of_mixture(
+    shares: Floats,
+    means: list[tuple[float, ...]],
+    factors: list[Floats],
+    arena: ArenaSettings,
+    rng: np.random.Generator,
+) -> tuple[float, float]:
+    for _ in range(MAX_TRIES):
+        part = min(int(np.searchsorted(shares, rng.random())), len(means) - 1) if len(means) > 1 else 0
+        offset = factors[part] @ rng.standard_normal(2)
+        x_m, y_m = means[part][0] + float(offset[0]), means[part][1] + float(offset[1])
+        if 0.0 <= x_m <= arena.width_m and 0.0 <= y_m <= arena.height_m:
+            return x_m, y_m
+    raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell outside the arena")
 
 
 def load_grid(file: str) -> Floats:
@@ -72,14 +84,16 @@ def load_grid(file: str) -> Floats:
 
 
 def _grid(grid: Floats, arena: ArenaSettings) -> Sampler:
-    rows, columns = grid.shape
     shares = np.cumsum(grid.ravel() / grid.sum())
+    return partial(_draw_of_grid, shares, grid.shape, arena)
 
-    def draw(rng: np.random.Generator) -> tuple[float, float]:
-        cell = min(int(np.searchsorted(shares, rng.random(), side="right")), grid.size - 1)
-        row, column = divmod(cell, columns)
-        x_m = (column + rng.random()) * arena.width_m / columns
-        y_m = (row + rng.random()) * arena.height_m / rows
-        return x_m, y_m
 
-    return draw
+def _draw_of_grid(
+    shares: Floats, shape: tuple[int, int], arena: ArenaSettings, rng: np.random.Generator
+) -> tuple[float, float]:
+    rows, columns = shape
+    cell = min(int(np.searchsorted(shares, rng.random(), side="right")), rows * columns - 1)
+    row, column = divmod(cell, columns)
+    x_m = (column + rng.random()) * arena.width_m / columns
+    y_m = (row + rng.random()) * arena.height_m / rows
+    return x_m, y_m

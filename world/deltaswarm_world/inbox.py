@@ -8,10 +8,12 @@ from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
+from deltaswarm_wire import keys
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, Report, decode_act, decode_report
+from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.truth import Said
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.sequence import SequenceNumbers, by_agent
@@ -31,6 +33,10 @@ class Inbox:
         """Among them those beyond one radio frame, one report and one act in a step."""
         self.late_acts: Counter[int] = Counter()
         """Acts of steps that had gone on without them, per agent."""
+        self.unsaved: set[int] = set()
+        """Agents that are to save themselves, and have not said yet that they have."""
+        self._saves_due: Counter[int] = Counter()
+        """So many such words may still come from each."""
         self._lockstep = lockstep
         self._step = -1
         self._spoke_late: set[int] = set()
@@ -52,6 +58,15 @@ class Inbox:
         """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
         self._radio_numbers.go_on_anywhere(agent)
         self._report_numbers.go_on_anywhere(agent)
+
+    def hear(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> str | None:
+        """Take one sample from a key of an agent, and the act that rides on it; the reason if something is dropped."""
+        if leaf == keys.RADIO:
+            reason = self.hear_radio(agent, data)
+            return reason if act is None else self.hear_act(agent, act) or reason
+        if leaf == keys.REPORT:
+            return self.hear_report(agent, data)
+        return self.hear_saved(agent, data) if leaf == keys.TAKEN else self.hear_act(agent, data)
 
     def hear_radio(self, agent: int, data: bytes) -> str | None:
         """Take one radio frame from an agent's key; the reason if it is dropped."""
@@ -111,6 +126,24 @@ class Inbox:
             self.late_acts[agent] += 1
             return None
         return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
+
+    def await_saved(self, agents: Iterable[int]) -> None:
+        """These agents are asked to save themselves as they are after this step."""
+        self.unsaved = set(agents)
+        self._saves_due.update(self.unsaved)
+
+    def hear_saved(self, agent: int, data: bytes) -> str | None:
+        """Take an agent's word that it has saved itself; the reason if it is dropped."""
+        try:
+            step = decode_taken(data)
+        except WireError as error:
+            return self.reject(agent, str(error))
+        if not self._saves_due[agent]:
+            return self.reject_excess(agent, "taken: nothing was to be saved")
+        self._saves_due[agent] -= 1
+        if step == self._step:
+            self.unsaved.discard(agent)
+        return None
 
     def reject_excess(self, agent: int, reason: str) -> str:
         """The same for a sample that is one too many in its step."""

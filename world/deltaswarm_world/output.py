@@ -4,7 +4,7 @@ import csv
 import json
 import os
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -19,18 +19,28 @@ EVENTS_SO_FAR = "world-events.csv"
 """A row for each change of an event, as it happens; the newest counts. At the end `events.csv` takes its place."""
 
 
-class WorldOutput:
-    """One row per step as it is closed, so that a killed world leaves what it had; totals at the end."""
+TABLES = ("world.csv", EVENTS_SO_FAR)
 
-    def __init__(self, folder: Path) -> None:
+
+class WorldOutput:
+    """One row per step as it is closed, so that a killed world leaves what it had; totals at the end.
+
+    With `table_bytes` it goes on in tables that were so long when a checkpoint was written, after `wall_s` of the run.
+    """
+
+    def __init__(self, folder: Path, table_bytes: Sequence[int] = (), wall_s: float = 0.0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._handle = os.open(folder, os.O_RDONLY)
         self._folder = Path(f"/proc/self/fd/{self._handle}")
         """The folder itself, wherever it is moved: by its name, a world left over might write into another run."""
-        self._files = [(folder / name).open("w", newline="") for name in ("world.csv", EVENTS_SO_FAR)]
+        for name, size in zip(TABLES, table_bytes, strict=False):
+            os.truncate(folder / name, size)
+        self._files = [(folder / name).open("a" if table_bytes else "w", newline="") for name in TABLES]
         self._rows, self._events = (csv.writer(file) for file in self._files)
-        self._rows.writerow(Tally._fields)
-        self._events.writerow(EventState._fields)
+        if not table_bytes:
+            self._rows.writerow(Tally._fields)
+            self._events.writerow(EventState._fields)
+        self._wall_before_s = wall_s
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
         self._started = time.monotonic()
 
@@ -61,15 +71,28 @@ class WorldOutput:
         """The first step begins: the run's wall time counts from here."""
         self._started = time.monotonic()
 
+    @property
+    def wall_s(self) -> float:
+        """Wall time since the first step began [s]."""
+        return self._wall_before_s + time.monotonic() - self._started
+
+    def sync(self) -> list[int]:
+        """Have all rows on disk, whatever becomes of the machine; how long the tables are [bytes]."""
+        self._flush()
+        for file in self._files:
+            os.fsync(file.fileno())
+        return [file.tell() for file in self._files]
+
     def finish(self, core: WorldCore, complete: bool, overruns: int) -> None:
         """Events and totals; `world.json` appears last and whole."""
         self._flush()
-        wall_s = time.monotonic() - self._started
+        wall_s = self.wall_s
         with (self._folder / "events.csv").open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
             rows.writerows(core.environment.states())
-        (self._folder / EVENTS_SO_FAR).unlink()
+        if complete:  # else the run may go on from a checkpoint
+            (self._folder / EVENTS_SO_FAR).unlink()
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"
         part.write_text(json.dumps(totals, indent=2) + "\n")

@@ -1,22 +1,25 @@
 """The world's process: lock-step and clock. What touches Zenoh is in `wires.py` and `waker.py`."""
 
 import logging
-import signal
 import time
+from collections import Counter
 from collections.abc import Callable
 
-from deltaswarm_wire.keys import AGENT, OPERATOR, RADIO, RECORDER, REPORT, Keys
+from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
+from deltaswarm_world import saving
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
 from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
-from deltaswarm_world.waker import Taken, Waker
-from deltaswarm_world.wires import Wires, open_router
+from deltaswarm_world.saving import SavedWorld
+from deltaswarm_world.waker import Counted, Taken, Waker
+from deltaswarm_world.wires import Wires
 
 log = logging.getLogger("deltaswarm.world")
 
@@ -24,20 +27,23 @@ GOODBYE_S = 3.0
 """How long the world waits, at the end, for the others to have left."""
 
 STATUS_EVERY_S = 0.5
-STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 
 class WorldProcess:
-    """One run of the world over its wires."""
+    """One run of the world over its wires, or what is left of one whose world was `saved` in a checkpoint."""
 
-    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker) -> None:
+    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld | None = None) -> None:
         self._config = config
         self._settings = config.scenario.run
-        self._core = WorldCore(config.scenario, config.boards)
+        self._core = saved.core if saved else WorldCore(config.scenario, config.boards)
         self._wires = wires
         self._waker = waker
-        self._patience = Patience(self._settings.step_timeout_s)
+        self._patience = saved.patience if saved else Patience(self._settings.step_timeout_s)
+        self._restarts: Counter[int] = saved.restarts if saved else Counter()
+        self._overruns_before = saved.overruns if saved else 0
         self._handing_on = HandingOn(wires.forwarded, wires.clock)
+        self._handing_on.confirm(self._core.lockstep.step)
+        self._has_begun = False
         self._pace: RealTimePace | None = None
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
@@ -58,7 +64,7 @@ class WorldProcess:
             TimeoutError: naming those who are missing.
             InterruptedError: a signal came first.
         """
-        expected = {(AGENT, agent) for agent in range(self._config.scenario.agents.count)}
+        expected = {(AGENT, agent) for agent in self._core.lockstep.alive}
         expected |= {(role, 0) for role in self._config.expect}
         self._send_status(-1, "waiting")
         if not self._wait_until(lambda: expected <= self._there, self._settings.start_timeout_s):
@@ -73,11 +79,13 @@ class WorldProcess:
             InterruptedError: a signal came while that was waited for.
         """
         settings = self._settings
+        first = self._core.lockstep.step + 1
+        self._has_begun = True
         output.started()
-        self._send_status(0, "running")
+        self._send_status(first, "running")
         if settings.clock == "realtime":
             self._pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
-        for step in range(settings.steps):
+        for step in range(first, settings.steps):
             for order in self._core.inject(step):
                 self._give(order)
             last = step == settings.steps - 1 or self._waker.stop_requested
@@ -91,10 +99,44 @@ class WorldProcess:
                 self._send_status(step, "running")
             if last:
                 break
+            if is_due(step, self._config.checkpoint_steps):
+                self._save(step, output)
         complete = step == settings.steps - 1
-        output.finish(self._core, complete, overruns=self._pace.overruns if self._pace else 0)
+        output.finish(self._core, complete, self._overruns)
         self._send_status(step, "ended")
         return complete
+
+    @property
+    def _overruns(self) -> int:
+        return self._overruns_before + (self._pace.overruns if self._pace else 0)
+
+    def _save(self, step: int, output: WorldOutput) -> None:
+        """Write a checkpoint, if all can take part in it; else the run goes on with the one before.
+
+        Raises:
+            InterruptedError: a signal came while others were waited for.
+        """
+        lockstep, inbox = self._core.lockstep, self._core.inbox
+        agents = set(lockstep.taking_part())
+        others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
+
+        def can_be_saved() -> bool:
+            return not self._operator_left and agents == lockstep.alive
+
+        def is_saved() -> bool:
+            return not inbox.unsaved and all(self._taken.get(role, -1) >= step for role in others)
+
+        if can_be_saved():
+            inbox.await_saved(agents)
+            self._wires.save(agents, step)
+            self._wait_until(lambda: not can_be_saved() or is_saved(), self._settings.start_timeout_s)
+        if not can_be_saved() or not is_saved():
+            log.warning("no checkpoint after step %d: somebody hangs, is frozen, has gone or cannot be saved", step)
+            return
+        saving.save(
+            self._config.out,
+            SavedWorld(self._core, self._patience, self._restarts, output.sync(), output.wall_s, self._overruns),
+        )
 
     def _probe(self, last: bool) -> None:
         """A board that hung for long gets a frame, as does each that hangs at the end, which else it would miss."""
@@ -119,6 +161,8 @@ class WorldProcess:
         if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
             raise TimeoutError(f"not done within {self._settings.start_timeout_s:g} s: {order.text}")
         self._in_hand = None
+        if order.action == START:
+            self._restarts.update(order.agents)
 
     def _is_done(self, order: ProcessOrder) -> bool:
         tokens = [(AGENT, agent) in self._there for agent in order.agents]
@@ -223,34 +267,24 @@ class WorldProcess:
         self._take_news()
         if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
             step = self._core.lockstep.step
-            self._send_status(step, "waiting" if step < 0 else "running")
+            self._send_status(step, "running" if self._has_begun else "waiting")
 
     def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample of an agent."""
-        reason: str | None
-        if leaf == REPORT:
-            reason = self._core.inbox.hear_report(agent, data)
-        elif leaf == RADIO:
-            reason = self._core.inbox.hear_radio(agent, data)
-            if act is not None:  # the act that closes the step rides on it
-                reason = self._take_act(agent, act) or reason
-        else:
-            reason = self._take_act(agent, data)
+        hanging = self._core.lockstep.hanging
+        was_hanging = agent in hanging
+        reason = self._core.inbox.hear(agent, leaf, data, act)
+        if was_hanging and agent not in hanging:
+            log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
 
-    def _take_act(self, agent: int, data: bytes) -> str | None:
-        """Let an act close its agent's step, or end the agent's hanging. The reason if it is dropped."""
-        lockstep = self._core.lockstep
-        was_hanging = agent in lockstep.hanging
-        reason = self._core.inbox.hear_act(agent, data)
-        if was_hanging and agent not in lockstep.hanging:
-            log.info("agent %d, which hung, answers again in step %d", agent, lockstep.step)
-        return reason
-
     def _take_news(self) -> None:
-        """Take note of who came and who went, and of what operator and recorder have, in that order."""
+        """Take note of who came and who went, and of what operator and recorder have, in that order.
+
+        What the operator counted is handed on to the recorder.
+        """
         while self._waker.news:
             news = self._waker.news.popleft()
             if isinstance(news, Taken):
@@ -258,13 +292,16 @@ class WorldProcess:
                 if news.role == OPERATOR and not self._operator_left:
                     self._handing_on.confirm(news.step)
                 continue
+            if isinstance(news, Counted):
+                self._wires.workload(news.data)
+                continue
             role, number, is_there = news
             (self._there.add if is_there else self._there.discard)((role, number))
             if role == AGENT and number < self._config.scenario.agents.count:
                 self._take_token(number, is_there)
             elif not is_there:
                 self._taken.pop(role, None)
-                self._operator_left |= role == OPERATOR and self._core.lockstep.step >= 0
+                self._operator_left |= role == OPERATOR and self._has_begun
 
     def _take_token(self, agent: int, there: bool) -> None:
         """An agent came or went."""
@@ -274,7 +311,7 @@ class WorldProcess:
         (lockstep.back if there else lockstep.gone)(agent)
         if there and agent in lockstep.boards:
             self._core.inbox.go_on_anywhere(agent)
-        if lockstep.step >= 0 and not self._is_over:
+        if self._has_begun and not self._is_over:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
 
     def _send_status(self, step: int, phase: str) -> None:
@@ -311,35 +348,3 @@ class WorldProcess:
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("not all parts left within %g s", GOODBYE_S)
         self._wires.leave()
-
-
-def run_world(config: WorldConfig, announce: Callable[[str], None]) -> int:
-    """Be the router and the world of one run; the process's exit code.
-
-    `announce` is told the endpoints, with spaces between them, once the router listens on them.
-    """
-    early: list[int] = []
-    for number in STOP_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda number, _: early.append(number))
-    keys, agents = Keys(config.run), range(config.scenario.agents.count)
-    asked = config.listen or (config.link.endpoint,)
-    with (
-        WorldOutput(config.out) as output,
-        open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
-    ):
-        waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
-        if early:  # the signal came before anything waited for it
-            signal.raise_signal(early[0])
-        try:
-            world = WorldProcess(config, wires, waker)
-            world.wait_for_all()
-            complete = world.run(output)
-            world.goodbye()
-        except (TimeoutError, InterruptedError) as error:
-            log.error("the run ends: %s", error)
-            complete = False
-        finally:
-            wires.close()
-            waker.close()
-    return 0 if complete else 1

@@ -40,6 +40,15 @@ class Taken(NamedTuple):
     step: int
 
 
+class Counted(NamedTuple):
+    """The operator's workload, as it encoded it."""
+
+    data: bytes
+
+
+News = Token | Taken | Counted
+
+
 class Waker:
     """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
 
@@ -50,7 +59,7 @@ class Waker:
         self.deadline = float("inf")
         """Wall time (monotonic) at which to wake; set it by `wake_at`."""
         self.stop_requested = False
-        self.news: deque[Token | Taken] = deque()
+        self.news: deque[News] = deque()
         """In order of arrival."""
         self.done: deque[int] = deque()
         """Numbers of the orders that the orchestrator has carried out."""
@@ -61,7 +70,11 @@ class Waker:
         self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
         self._words = [
             session.declare_subscriber(key, zenoh.handlers.Callback(note, indirect=False))
-            for key, note in ((keys.done, self._on_done), (keys.all_taken, self._on_taken))
+            for key, note in (
+                (keys.done, self._on_done),
+                (keys.all_taken, self._on_taken),
+                (keys.workload, self._on_workload),
+            )
         ]
         self._closed = False
         self._watcher = threading.Thread(target=self._watch, daemon=True)
@@ -93,6 +106,9 @@ class Waker:
         except WireError as error:
             log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
         self._nudge.set()
+
+    def _on_workload(self, sample: zenoh.Sample) -> None:
+        self.news.append(Counted(sample.payload.to_bytes()))  # wakes nobody: the operator's next word does
 
     def _await_signal(self) -> None:
         """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""

@@ -5,11 +5,12 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from typing import Protocol
 
-from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import Frame, Status, encode_frame, encode_status
-from deltaswarm_wire.orders import ProcessOrder, encode_order
+from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
 from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
 
 use_one_worker_thread()
@@ -42,7 +43,7 @@ class Wires:
         self._is_closing = threading.Event()
         self._relief = threading.Thread(target=self._relieve, daemon=True)
         self._relief.start()
-        self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(agents) for leaf in (RADIO, REPORT, ACT)}
+        self._leaf_of = {keys.agent(a, leaf): (a, leaf) for a in range(agents) for leaf in (RADIO, REPORT, ACT, TAKEN)}
 
         def publisher(key: str, message: str) -> zenoh.Publisher:
             return session.declare_publisher(
@@ -59,6 +60,7 @@ class Wires:
         self.truth = publisher(keys.truth, "Truth").put
         self.wire = publisher(keys.wire, "Wire").put
         self.forwarded = publisher(keys.forwarded, "Forwarded").put
+        self.workload = publisher(keys.counted, "Workload").put
         """Each takes an encoded message."""
         self._token = session.liveliness().declare_token(keys.token(WORLD))
 
@@ -66,6 +68,11 @@ class Wires:
         """Send each of these agents its frame."""
         for agent, frame in frames:
             self._frames[agent].put(encode_frame(frame))
+
+    def save(self, agents: Iterable[int], step: int) -> None:
+        """Have each of these agents save itself as it is after this step."""
+        for agent in agents:
+            self._frames[agent].put(encode_save(step), attachment=b"save")  # by which it knows that this is no frame
 
     def order(self, order: ProcessOrder) -> None:
         """Have the orchestrator do something to processes."""
@@ -129,8 +136,9 @@ class Wires:
                 elif self._is_receiving or turns != self._turns:
                     turns = self._turns
                     continue
-                while (sample := self._handler.try_recv()) is not None:
-                    self._set_aside.append(sample)
+                with suppress(zenoh.ZError):  # once the channel is closed
+                    while (sample := self._handler.try_recv()) is not None:
+                        self._set_aside.append(sample)
             if self._is_closing.is_set():
                 time.sleep(0.001)
 

@@ -1,0 +1,41 @@
+"""An agent's part of a checkpoint: all that it is, in a file of its own."""
+
+import pickle
+from pathlib import Path
+
+from deltaswarm_agent.controller import ControllerError
+from deltaswarm_agent.shell import Shell
+from deltaswarm_wire import checkpoint
+from deltaswarm_wire.plugins import described
+
+
+def saved(shell: Shell, newest: int) -> bytes:
+    """An agent, and the step of its newest frame (-1 before the first).
+
+    Raises:
+        ControllerError: the controller holds something that pickle cannot save.
+    """
+    try:
+        return pickle.dumps((shell, newest))
+    except Exception as error:  # a controller may be anybody's
+        name = f"{type(shell.controller).__module__}:{type(shell.controller).__qualname__}"
+        raise ControllerError(f"controller {name} cannot be saved in a checkpoint: {described(error)}") from error
+
+
+def save(folder: Path, step: int, shell: Shell, newest: int) -> None:
+    """Write an agent's part of the checkpoint after a step. Raises ControllerError, OSError."""
+    checkpoint.write(folder / str(step) / checkpoint.agent_file(shell.agent), saved(shell, newest))
+
+
+def load(folder: Path, step: int, agent: int) -> tuple[Shell, int]:
+    """An agent as it was after a step, and the step of its newest frame.
+
+    Raises:
+        ControllerError: its file cannot be read.
+    """
+    file = folder / str(step) / checkpoint.agent_file(agent)
+    try:
+        shell, newest = pickle.loads(file.read_bytes())
+        return shell, newest
+    except Exception as error:  # whatever is in a file, and in somebody else's controller
+        raise ControllerError(f"{file} cannot be read: {described(error)}") from error

@@ -1,0 +1,194 @@
+"""Runs that are cut off and go on from their newest checkpoint: kill -9 of everything, Ctrl-C, a world that dies."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.results import read_outcome
+from deltaswarm_orchestrator.scenario import load_scenario
+from tests.swarms import COMMAND, RunningSwarm, is_running, running, wait_until
+
+pytestmark = pytest.mark.processes
+
+SETTINGS = (
+    "run.duration_s=900",
+    "radio.loss=0.1",
+    "uplink.latency_s=2",
+    'fault=[{kind="kill", at_s=120, agents=[1]}, {kind="restart", at_s=200, duration_s=30, agents=[2]},'
+    '{kind="sensor-noisy", at_s=300, duration_s=400, noise_m=1.0, miss=0.3, agents=[4]}]',
+)
+SETS = [part for text in SETTINGS for part in ("--set", text)]
+
+
+@contextmanager
+def resuming(out: Path) -> Iterator[RunningSwarm]:
+    """`deltaswarm run --resume`, under way."""
+    command = [*COMMAND, "run", "--resume", str(out.with_name(out.name + ".part"))]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        yield RunningSwarm(process, out)
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def newest(swarm: RunningSwarm) -> int:
+    """The step of the newest checkpoint; -1 without one."""
+    try:
+        return newest_in(swarm.part)
+    except FileNotFoundError:
+        return -1
+
+
+def newest_in(folder: Path) -> int:
+    return int(json.loads((folder / "checkpoint" / "newest.json").read_text())["step"])
+
+
+def kill_after_a_checkpoint(swarm: RunningSwarm, before: int, steps: int = 0) -> None:
+    """So many steps after one that is newer than this."""
+    wait_until(lambda: newest(swarm) > before or swarm.process.poll() is not None, "a checkpoint")
+    swarm.wait_for_steps(steps)
+    kill_all(swarm)
+
+
+def kill_all(swarm: RunningSwarm) -> None:
+    """As when the power goes."""
+    pids = swarm.pids
+    os.killpg(swarm.process.pid, signal.SIGKILL)
+    for pid in pids.values():
+        if is_running(pid):
+            os.kill(pid, signal.SIGKILL)
+    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
+    swarm.process.communicate()
+
+
+def same_as_undisturbed(swarm: RunningSwarm) -> None:
+    """Digest, tables and recording are those of a run that nobody cut off."""
+    undisturbed = run_in_process(load_scenario("smoke", SETTINGS))
+    assert swarm.summary()["digest"] == undisturbed.digest
+    assert swarm.summary()["valid"]
+    kept, recorded = read_outcome(swarm.out), read_recording(swarm.out / "recording.mcap")
+    for found in (kept, recorded):
+        assert found.tallies == undisturbed.tallies
+        assert [count._replace(backlog=0) for count in found.workloads] == undisturbed.workloads
+        assert sorted(found.events) == sorted(undisturbed.events)
+    assert recorded.complete
+
+
+def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
+    """World, operator, agents, recorder and orchestrator, at any moment after another checkpoint."""
+    with running(tmp_path / "run", "--checkpoint", "60", *SETS) as swarm:
+        kill_after_a_checkpoint(swarm, -1)
+    for life in range(4):
+        with resuming(swarm.out) as swarm:
+            kill_after_a_checkpoint(swarm, newest(swarm), 10 * life)
+    with resuming(swarm.out) as swarm:
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    assert len(swarm.manifest()["resumed"]) == 5
+    same_as_undisturbed(swarm)
+    left = {path.name for path in swarm.out.iterdir()}
+    assert left == {
+        "agents",
+        "events.csv",
+        "layout.json",
+        "logs",
+        "manifest.json",
+        "recording.mcap",
+        "scenario.toml",
+        "series.csv",
+        "summary.json",
+    }
+
+
+@pytest.mark.parametrize("how", ["Ctrl-C", "the world is killed"])
+def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -> None:
+    """It has its name and its tables, and says how to go on."""
+    with running(tmp_path / "run", "--checkpoint", "60", *SETS) as swarm:
+        wait_until(lambda: newest(swarm) >= 0, "a checkpoint")
+        if how == "Ctrl-C":
+            swarm.interrupt()
+        else:
+            swarm.signal("world", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+        assert code == 1
+        assert f"deltaswarm run --resume {swarm.out}" in errors
+        assert not swarm.summary()["complete"]
+    told = subprocess.run([*COMMAND, "info", str(swarm.out)], capture_output=True, text=True, check=True)
+    assert f"it can go on after step {newest_in(swarm.out)}" in told.stdout
+    process = subprocess.run([*COMMAND, "run", "--resume", str(swarm.out)], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    same_as_undisturbed(swarm)
+
+
+def test_a_controller_that_cannot_be_saved_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the reason; without checkpoints it may hold what it likes."""
+    (tmp_path / "holder.py").write_text(
+        "from deltaswarm_agent.controllers.potential import PotentialController\n"
+        "class Holder(PotentialController):\n"
+        "    def __init__(self, context):\n"
+        "        super().__init__(context)\n"
+        "        self.kept = lambda: None\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    holder = [*COMMAND, "run", "smoke", "--set", "control={mode='holder:Holder'}", "--set", "run.duration_s=20"]
+    process = subprocess.run(
+        [*holder, "--checkpoint", "5", "--out", str(tmp_path / "run")], capture_output=True, text=True
+    )
+    assert process.returncode == 1
+    assert "controller holder:Holder cannot be saved in a checkpoint" in process.stderr
+    assert "Traceback" not in process.stderr
+    process = subprocess.run([*holder, "--out", str(tmp_path / "other")], capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["--resume", "nowhere"], "--resume nowhere: the folder of a run that was begun is expected"),
+        (["--resume", "nowhere", "--seed", "3"], "--seed is not allowed with it"),
+        (["smoke", "--checkpoint", "5", "--in-process"], "--in-process is not allowed with it"),
+        (["smoke", "--checkpoint", "0"], "a number of steps, at least 1, is expected"),
+    ],
+)
+def test_what_cannot_be_resumed_or_saved_is_refused(
+    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line, exit code 2."""
+    try:
+        code = main(["run", *arguments])
+    except SystemExit as end:
+        code = int(end.code or 0)
+    assert code == 2
+    assert said in capsys.readouterr().err
+
+
+def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Nothing in its folder is touched."""
+    run = tmp_path / "run"
+    assert main(["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(run)]) == 0
+    capsys.readouterr()
+    names = sorted(path.name for path in run.iterdir())
+    assert main(["run", "--resume", str(run)]) == 2
+    assert "has no checkpoint to go on from" in capsys.readouterr().err
+    (run / "checkpoint").mkdir()
+    (run / "checkpoint" / "newest.json").write_text('{"step": 9, "agents": [0], "restarts": []}')
+    manifest = json.loads((run / "manifest.json").read_text())
+    (run / "manifest.json").write_text(json.dumps(manifest | {"code": "another"}))
+    assert main(["run", "--resume", str(run)]) == 2
+    assert "only that can go on with it" in capsys.readouterr().err
+    assert sorted(path.name for path in run.iterdir()) == sorted([*names, "checkpoint"])

@@ -1,0 +1,50 @@
+"""A whole run of the world: its router, its process, and what it leaves."""
+
+import logging
+import signal
+from collections.abc import Callable
+
+from deltaswarm_wire.keys import Keys
+from deltaswarm_world.config import WorldConfig
+from deltaswarm_world.output import WorldOutput
+from deltaswarm_world.process import WorldProcess
+from deltaswarm_world.saving import SavedWorld
+from deltaswarm_world.waker import Waker
+from deltaswarm_world.wires import Wires, open_router
+
+log = logging.getLogger("deltaswarm.world")
+
+STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
+
+
+def run_world(config: WorldConfig, announce: Callable[[str], None], saved: SavedWorld | None = None) -> int:
+    """Be the router and the world of one run; the process's exit code.
+
+    `announce` is told the endpoints, with spaces between them, once the router listens on them. A world that was
+    `saved` goes on.
+    """
+    early: list[int] = []
+    for number in STOP_SIGNALS:
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda number, _: early.append(number))
+    keys, agents = Keys(config.run), range(config.scenario.agents.count)
+    asked = config.listen or (config.link.endpoint,)
+    with (
+        WorldOutput(config.out, *((saved.table_bytes, saved.wall_s) if saved else ())) as output,
+        open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
+    ):
+        waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
+        if early:  # the signal came before anything waited for it
+            signal.raise_signal(early[0])
+        try:
+            world = WorldProcess(config, wires, waker, saved)
+            world.wait_for_all()
+            complete = world.run(output)
+            world.goodbye()
+        except (TimeoutError, InterruptedError) as error:
+            log.error("the run ends: %s", error)
+            complete = False
+        finally:
+            wires.close()
+            waker.close()
+    return 0 if complete else 1
