@@ -24,6 +24,9 @@ SMOKE_PROCESSES = 8
 PATIENCE_S = 240.0
 """Guards against waiting for ever. No test needs the machine to be quick: it waits for facts, and this long."""
 
+BOUND_S = 60.0
+"""Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
+
 
 def wait_until(condition: Callable[[], Any], what: str, within_s: float = PATIENCE_S) -> Any:
     """The condition's first true value; fails loudly when time is up."""

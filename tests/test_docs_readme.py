@@ -13,10 +13,11 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
-    "run hard.toml": "--in-process --set run.duration_s=4501",
+    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=5",
     "sweep": "--set run.duration_s=20 --repeats 1 --prove 0",
     "limits network-loss": "--quick --repeats 1 --prove 0 --set run.duration_s=60",
-    "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set run.duration_s=4501 --set agents.count=3",
+    "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set agents.count=3 "
+    "--set run.duration_s=4510 --set run.step_s=10",
     "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",

@@ -13,13 +13,11 @@ import pytest
 
 from deltaswarm_orchestrator import room
 from deltaswarm_orchestrator.scenario import load_scenario
-from tests.swarms import COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
+from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 IMPATIENT = ("--set", "run.start_timeout_s=5", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000")
-BOUND_S = 60.0
-"""Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
 
 
 def pid_of(swarm: RunningSwarm, log: str) -> int | None:
