@@ -116,7 +116,7 @@ def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_pa
 @pytest.mark.processes
 def test_the_loss_of_the_scheduler_is_said_and_costs_only_what_is_missing(cluster: Cluster, tmp_path: Path) -> None:
     """In one line and exit code 1; what is finished is in the table, and the next call does the rest."""
-    file = written(tmp_path, duration_s=600.0, repeats=20)
+    file = written(tmp_path, duration_s=300.0, repeats=20)
     cluster.add_worker()
     with on(cluster, file, tmp_path / "out") as running:
         running.wait_for_runs(2)

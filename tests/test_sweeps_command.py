@@ -29,7 +29,7 @@ def table(out: Path) -> bytes:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_sweep_in_order(tmp_path: Path, number: signal.Signals) -> None:
     """Soon, with exit code 1: what is finished is in the table, the rest is said to be missing, no process is left."""
-    file = written(tmp_path, duration_s=1000.0, repeats=1000)
+    file = written(tmp_path, duration_s=200.0, repeats=1000)
     with sweeping(file, tmp_path / "out", "-j", "2") as running:
         running.wait_for_runs(2)
         running.process.send_signal(number)
@@ -59,8 +59,9 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
     file = written(tmp_path, repeats=3, prove=1)
+    another = ("smoke", tmp_path / "b", "--set", "run.duration_s=100")
     alone = sweep(file, tmp_path / "alone")
-    with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping("smoke", tmp_path / "b", "-j", "1") as other:
+    with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping(*another, "-j", "1") as other:
         wait_until((tmp_path / "a" / "manifest.json").exists, "the first sweep's folder")
         with sweeping(file, tmp_path / "a") as second:
             code, _, errors = second.finish()
