@@ -81,14 +81,16 @@ def series(
     return pd.DataFrame(rows)
 
 
-def done(name: str, table_of: pd.DataFrame | None = None, series_of: pd.DataFrame | None = None) -> Done:
-    """A finished experiment."""
+def done(
+    name: str, table_of: pd.DataFrame | None = None, series_of: pd.DataFrame | None = None, repeats: int = 10
+) -> Done:
+    """A finished experiment; `repeats` is of the tables that are not given."""
     experiment = EXPERIMENTS[name]
     return Done(
         experiment,
         MANIFEST,
-        table(experiment) if table_of is None else table_of,
-        series(experiment) if series_of is None else series_of,
+        table(experiment, repeats=repeats) if table_of is None else table_of,
+        series(experiment, repeats=repeats) if series_of is None else series_of,
         1.0,
     )
 

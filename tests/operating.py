@@ -4,7 +4,6 @@ import csv
 import json
 import os
 import queue
-import socket
 import subprocess
 import sys
 import threading
@@ -30,6 +29,7 @@ from deltaswarm_wire.session import (
     router_pairs,
     use_one_worker_thread,
 )
+from tests.fields import free_port
 from tests.swarms import PATIENCE_S
 
 use_one_worker_thread()
@@ -38,12 +38,6 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 AGENTS = 4
 KEYS = Keys("test")
 USERS = [OPERATOR, *(user_name(AGENT, agent) for agent in range(AGENTS))]
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 def report(agent: int, sequence: int, step: int) -> Report:

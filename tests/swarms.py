@@ -6,15 +6,26 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.launch import Swarm
+from deltaswarm_orchestrator.observer import Observer
+from deltaswarm_orchestrator.scenario import to_toml
+from deltaswarm_wire.settings import Scenario
+
 COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]
 POLL_S = 0.02
+SMOKE_PROCESSES = 8
+"""World, operator and six agents of the scenario `smoke`."""
+
 PATIENCE_S = 240.0
 """Guards against waiting for ever. No test needs the machine to be quick: it waits for facts, and this long."""
+
+BOUND_S = 60.0
+"""Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
 
 
 def wait_until(condition: Callable[[], Any], what: str, within_s: float = PATIENCE_S) -> Any:
@@ -26,12 +37,30 @@ def wait_until(condition: Callable[[], Any], what: str, within_s: float = PATIEN
     return found
 
 
+def stat(pid: int) -> list[str]:
+    """The fields of /proc/PID/stat from the third on: state, parent, and so on.
+
+    Raises:
+        OSError: there is no such process.
+    """
+    return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+
+
 def is_running(pid: int) -> bool:
-    """Whether a process is there and no zombie."""
+    """Whether a process exists and is not a zombie."""
     try:
-        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+        return stat(pid)[0] != "Z"
     except OSError:
         return False
+
+
+def parent_of(pid: int) -> int:
+    """The parent of a process.
+
+    Raises:
+        OSError: there is no such process.
+    """
+    return int(stat(pid)[1])
 
 
 class RunningSwarm:
@@ -63,6 +92,12 @@ class RunningSwarm:
         wanted = self.steps() + steps
         wait_until(lambda: self.steps() >= wanted or self.process.poll() is not None, f"{wanted} steps")
         assert self.process.poll() is None, self.process.communicate()
+
+    def wait_until_under_way(self, processes: int = SMOKE_PROCESSES) -> dict[str, int]:
+        """Wait for all processes and a first step; return the process ids by name."""
+        wait_until(lambda: len(self.pids) == processes, "all processes")
+        self.wait_for_steps(1)
+        return self.pids
 
     def log(self, role: str, number: int = 0) -> str:
         """A part's log."""
@@ -124,3 +159,18 @@ def run(out: Path, *arguments: str, scenario: str = "smoke") -> dict[str, Any]:
         code, printed, errors = swarm.finish()
         assert code == 0, errors + printed
         return swarm.summary()
+
+
+@contextmanager
+def started(
+    scenario: Scenario, run: str, folder: Path, agents: Iterable[int] | None = None
+) -> Iterator[tuple[Swarm, Observer]]:
+    """World, operator and agents (default: all) as the orchestrator starts them, and the observer of their run."""
+    file = folder / "scenario.toml"
+    file.write_text(to_toml(scenario))
+    with Swarm(scenario, run, folder) as swarm:
+        swarm.start_world(file, listen="tcp/127.0.0.1:0")
+        with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
+            swarm.start_operator(publish_all=False)
+            swarm.start_agents(agents)
+            yield swarm, observer

@@ -128,19 +128,19 @@ def sweep(file: Path | str, out: Path, *arguments: str) -> dict[str, Any]:
     return dict(json.loads((out / "manifest.json").read_text()))
 
 
-def marked(mark: str) -> list[int]:
-    """The processes, other than this one, that carry a mark."""
-    return [pid for pid in map(int, filter(str.isdigit, os.listdir("/proc"))) if _carries(pid, mark)]
+def marked(mark: str, *, trackers: bool = False) -> list[int]:
+    """The processes, other than this one, that carry a mark; with Python's own resource trackers only if asked for."""
+    return [pid for pid in map(int, filter(str.isdigit, os.listdir("/proc"))) if _carries(pid, mark, trackers)]
 
 
-def _carries(pid: int, mark: str) -> bool:
+def _carries(pid: int, mark: str, trackers: bool) -> bool:
     try:
         carries = f"{MARK}={mark}".encode() in Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
         # Python's own tracker outlives what it tracks, in the process of the tests itself.
         is_tracker = b"resource_tracker" in Path(f"/proc/{pid}/cmdline").read_bytes()
     except OSError:
         return False
-    return carries and not is_tracker and pid != os.getpid() and is_running(pid)
+    return carries and (trackers or not is_tracker) and pid != os.getpid() and is_running(pid)
 
 
 def all_gone(mark: str, within_s: float = PATIENCE_S) -> None:

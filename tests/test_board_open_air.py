@@ -17,7 +17,7 @@ from deltaswarm_orchestrator import certificates
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
 from tests.soak import resident_mb
-from tests.swarms import PATIENCE_S, wait_until
+from tests.swarms import PATIENCE_S, stat, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -213,7 +213,7 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
 
 def busy_s(pid: int) -> float:
     """Processor time of a process [s]."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    fields = stat(pid)
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 

@@ -6,11 +6,13 @@ import shutil
 import subprocess
 import sys
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from email.parser import Parser
 from importlib.metadata import version
 from pathlib import Path
+from threading import Lock
+from typing import Any
 
 import pytest
 from packaging.utils import parse_wheel_filename
@@ -33,6 +35,23 @@ ZENOH = "eclipse_zenoh-1.10.2-cp39-abi3-manylinux_2_28_aarch64.whl"
 MSGPACK = "msgpack-1.2.4-py3-none-any.whl"
 
 
+def building_once(built: Path) -> Callable[..., None]:
+    """A stand-in for pip that builds the agent's wheel, which is the same in all bundles, once and copies it."""
+    lock, pip = Lock(), bundles._pip
+
+    def run(command: str, *arguments: str, **options: Any) -> None:
+        if command != "wheel" or options:
+            pip(command, *arguments, **options)
+            return
+        place = arguments.index("--wheel-dir") + 1
+        with lock:
+            if not built.exists():
+                pip(command, *arguments[:place], str(built), *arguments[place + 1 :])
+        shutil.copytree(built, arguments[place], dirs_exist_ok=True)
+
+    return run
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A bundle for each platform."""
@@ -41,7 +60,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     done = subprocess.run([*reach, f"msgpack=={version('msgpack')}"], capture_output=True, text=True, check=False)
     if done.returncode:
         pytest.skip(f"no package index: {done.stderr[-200:]}")
-    with ThreadPoolExecutor() as pool:  # dozens of calls of pip
+    with ThreadPoolExecutor() as pool, pytest.MonkeyPatch.context() as patch:  # dozens of calls of pip
+        patch.setattr(bundles, "_pip", building_once(folder / "built"))
         commands = [["bundle", "--platform", platform, "--out", str(folder / platform)] for platform in PLATFORMS]
         assert list(pool.map(main, commands)) == [0] * len(PLATFORMS)
     return folder

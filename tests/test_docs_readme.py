@@ -13,10 +13,11 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
-    "run hard.toml": "--in-process --set run.duration_s=4501",
-    "sweep": "--set run.duration_s=20 --repeats 1 --prove 0",
-    "limits network-loss": "--quick --repeats 1 --prove 0 --set run.duration_s=60",
-    "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set run.duration_s=4501 --set agents.count=3",
+    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=5",
+    "sweep": "--set run.duration_s=20 --set agents.count=6 --repeats 1 --prove 0",
+    "limits network-loss": "--quick --repeats 1 --prove 0 --set run.duration_s=60 --set agents.count=6",
+    "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set agents.count=3 "
+    "--set run.duration_s=4510 --set run.step_s=10",
     "reproduce": "--figure 1",
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
@@ -66,7 +67,7 @@ def test_the_gate_runs_the_readmes_own_test_command() -> None:
     found = re.search(r"<!-- tests -->\n```sh\n(.*)\n```", README)
     assert found is not None
     assert found[1].startswith("python3 -m venv .venv && ")
-    assert found[1].endswith("-m pytest -q -n 2")
+    assert found[1].endswith("-m pytest -q -n 3")
     main = re.search(r"<!-- run -->\n```sh\n(.*)\n```", README)
     assert main is not None
     assert main[1].endswith("deltaswarm run paper-25")

@@ -8,11 +8,15 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from deltaswarm_orchestrator.figures import style
+from deltaswarm_orchestrator.figures import boxes, lines, messages, over_time, scale, snapshot, style, swarm
 from deltaswarm_orchestrator.figures.swarm import KINDS
+from deltaswarm_orchestrator.scenario import load_scenario
+
+ROOT = Path(__file__).parents[1]
 
 
 def drawn() -> Figure:
@@ -144,42 +148,46 @@ def test_matplotlib_is_left_as_it_was(tmp_path: Path) -> None:
     assert dict(matplotlib.rcParams) == before
 
 
-DRAW_ALL = """
+def draw_all(folder: Path) -> None:
+    """Save a figure of each kind."""
+    rng = np.random.default_rng(1)
+    runs = pd.DataFrame({"variant": ["hybrid 3"] * 4 + ["hierarchical"] * 4, "replicate": [*range(4)] * 2})
+    runs["time_s"] = 0.0
+    columns = (boxes.WAITING, messages.FRAMES_SENT, messages.OPERATOR_MESSAGES, over_time.IN_TREES)
+    runs[list(columns)] = rng.random((8, 4))
+    swept = pd.DataFrame({"control.mode": "hybrid", "radio.loss": [0.0, 0.5], "value": 2.0, "low": 1.0, "high": 3.0})
+    figures = [
+        boxes.boxes(runs, paper={"hybrid 3": (0.5, 0.2)}),
+        messages.messages(runs),
+        over_time.over_time(runs, fault_s=0.5),
+        scale.scale([{"agents": n, "steps_per_s": 1000 / n, "rss_mb": n} for n in (10, 100)]),
+        lines.lines(swept, "radio.loss", "x", "y"),
+        swarm.swarm({"hybrid 3": snapshot.snapshot(load_scenario("smoke"), 50)}),
+    ]
+    for place, figure in enumerate(figures):
+        style.save(figure, folder / str(place))
+
+
+WITHOUT_PYPLOT = """
 import sys
 from pathlib import Path
-import numpy as np
-import pandas as pd
-from deltaswarm_orchestrator.figures import boxes, lines, messages, over_time, scale, snapshot, style, swarm
-from deltaswarm_orchestrator.scenario import load_scenario
-rng = np.random.default_rng(1)
-runs = pd.DataFrame({"variant": ["hybrid 3"] * 4 + ["hierarchical"] * 4, "replicate": [*range(4)] * 2, "time_s": 0.0})
-columns = (boxes.WAITING, messages.FRAMES_SENT, messages.OPERATOR_MESSAGES, over_time.IN_TREES)
-runs[list(columns)] = rng.random((8, 4))
-swept = pd.DataFrame({"control.mode": "hybrid", "radio.loss": [0.0, 0.5], "value": 2.0, "low": 1.0, "high": 3.0})
-figures = [
-    boxes.boxes(runs, paper={"hybrid 3": (0.5, 0.2)}),
-    messages.messages(runs),
-    over_time.over_time(runs, fault_s=0.5),
-    scale.scale([{"agents": n, "steps_per_s": 1000 / n, "rss_mb": n} for n in (10, 100)]),
-    lines.lines(swept, "radio.loss", "x", "y"),
-    swarm.swarm({"hybrid 3": snapshot.snapshot(load_scenario("smoke"), 50)}),
-]
-for place, figure in enumerate(figures):
-    style.save(figure, Path(sys.argv[1]) / str(place))
+from tests.test_figures_style import draw_all
+draw_all(Path(sys.argv[1]))
 assert "matplotlib.pyplot" not in sys.modules
 """
 
 
 def test_all_figures_repeat_in_another_process_without_pyplot(tmp_path: Path) -> None:
-    """Other hash seeds, the same bytes; pyplot, which would look for a display, is never loaded."""
+    """Another hash seed, the same bytes; pyplot, which would look for a display, is never loaded."""
     folders = [tmp_path / "first", tmp_path / "second"]
-    for seed, folder in enumerate(folders, start=1):
+    for folder in folders:
         folder.mkdir()
-        command = [sys.executable, "-c", DRAW_ALL, str(folder)]
-        done = subprocess.run(
-            command, env={**os.environ, "PYTHONHASHSEED": str(seed)}, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+    draw_all(folders[0])
+    seed = "1" if os.environ.get("PYTHONHASHSEED") == "2" else "2"
+    command = [sys.executable, "-c", WITHOUT_PYPLOT, str(folders[1])]
+    environment = {**os.environ, "PYTHONHASHSEED": seed}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
     files = sorted(file.name for file in folders[0].iterdir())
     assert len(files) == 12
     for name in files:

@@ -58,6 +58,7 @@ def test_the_roots_are_lost(tmp_path: Path) -> None:
     """Where there are any; the page has the time that each mode needs to come back, with its figures over time."""
     keys = {
         "run.duration_s": "5100",
+        "run.step_s": "5",
         "arena.width_m": "30",
         "arena.height_m": "30",
         "events.density.mean_m": "[15.0, 15.0]",

@@ -2,6 +2,7 @@
 
 import math
 import re
+from functools import cache
 from pathlib import Path
 
 import pandas as pd
@@ -37,6 +38,7 @@ def crossing(level: str, mode: str, replicate: int) -> float:
     return plain(level, "decentralised", replicate) * factor
 
 
+@cache
 def lost(waiting: float = 1.0) -> Findings:
     """Of a loss that changes hybrid 3's waiting, at any level, by a factor."""
 
@@ -120,7 +122,7 @@ def test_too_few_replicates_are_a_warning() -> None:
 
 def test_all_experiments_make_one_page(tmp_path: Path) -> None:
     """With figures, each with its command; the tables read again make the same page."""
-    findings = found(*(done(name) for name in EXPERIMENTS))
+    findings = found(*(done(name, repeats=3) for name in EXPERIMENTS))
     report = limits_page(findings, blank=True)
     names = [picture.name for picture in report.pictures()]
     assert len(names) == len(set(names)) == 5 * 2 + 5 * 2 + 2

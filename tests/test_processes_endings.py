@@ -13,13 +13,11 @@ import pytest
 
 from deltaswarm_orchestrator import room
 from deltaswarm_orchestrator.scenario import load_scenario
-from tests.swarms import COMMAND, RunningSwarm, is_running, running, wait_until
+from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 IMPATIENT = ("--set", "run.start_timeout_s=5", "--set", "run.step_timeout_s=1", "--set", "run.duration_s=1000000")
-BOUND_S = 60.0
-"""Far above what an ending may take (start_timeout_s or step_timeout_s, and ten seconds) on a machine of its own."""
 
 
 def pid_of(swarm: RunningSwarm, log: str) -> int | None:
@@ -31,10 +29,6 @@ def pid_of(swarm: RunningSwarm, log: str) -> int | None:
         except OSError:
             continue
     return None
-
-
-def parent_of(pid: int) -> int:
-    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[1])
 
 
 def ends_by_itself(swarm: RunningSwarm) -> tuple[int, str]:
@@ -93,9 +87,7 @@ def test_a_world_that_stops_as_it_starts_is_given_up(tmp_path: Path) -> None:
 def test_a_silent_world_is_given_up(stopped: list[str], tmp_path: Path) -> None:
     """Nobody else would notice, if the operator is stopped as well."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
-        pids = swarm.pids
+        pids = swarm.wait_until_under_way()
         for part in stopped:
             swarm.signal(part, signal.SIGSTOP)
         code, errors = ends_by_itself(swarm)
@@ -109,9 +101,7 @@ def test_a_silent_world_is_given_up(stopped: list[str], tmp_path: Path) -> None:
 def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
     """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
-        pids = swarm.pids
+        pids = swarm.wait_until_under_way()
         fork_server = parent_of(pids["world"])
         os.kill(fork_server, number)
         swarm.wait_for_steps(1)
@@ -135,13 +125,11 @@ def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:
 def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     """All is stopped, so that an orderly end would take its time."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
-        pids = swarm.pids
+        pids = swarm.wait_until_under_way()
         for part in pids:
             swarm.signal(part, signal.SIGSTOP)
         swarm.interrupt()
-        os.kill(swarm.process.pid, signal.SIGINT)
+        os.kill(swarm.process.pid, signal.SIGTERM)  # the kernel may make one of two pending SIGINTs, not of two kinds
         began = time.monotonic()
         code, _, errors = swarm.finish()
         assert time.monotonic() - began < BOUND_S
@@ -154,7 +142,7 @@ def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:
     """A tick of five minutes: the world does not sleep through it, and what happened is in the tables."""
     slow = ("--set", "run.clock=realtime", "--set", f"run.real_time_factor={1 / 300:.6f}")
     with running(tmp_path / "run", *IMPATIENT, *slow, "--set", "events.rate_hz=5") as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
+        wait_until(lambda: len(swarm.pids) == SMOKE_PROCESSES, "all processes")
         assert swarm.process.stderr is not None
         swarm.process.stderr.readline()  # how the run goes, in its first step
         swarm.interrupt()

@@ -10,7 +10,7 @@ import pytest
 from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
-from tests.swarms import is_running, run, running, wait_until
+from tests.swarms import BOUND_S, is_running, run, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -100,14 +100,14 @@ def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
-    """Within the usual 5 s, without a complaint of the frozen ones."""
+    """Soon, without a complaint of the frozen ones."""
     long = ("--set", "run.duration_s=1000000", "--record", "off")
     with running(tmp_path / "run", *long, *timeline('kind="freeze", at_s=5, duration_s=1e6, agents=[2, 3]')) as swarm:
         wait_until(lambda: len(swarm.pids) == 8 and "(stop)" in swarm.log("world"), "the freeze")
         swarm.wait_for_steps(1)
         pids = swarm.pids
         os.killpg(swarm.process.pid, signal.SIGINT)
-        code, _, errors = swarm.finish(10)
+        code, _, errors = swarm.finish(BOUND_S)
         assert code == 1
         assert "agent" not in errors.partition("not valid")[0].rpartition("messages/s")[2]
         assert not any(map(is_running, pids.values()))

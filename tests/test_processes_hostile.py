@@ -13,11 +13,11 @@ import zenoh
 from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.launch import Swarm
 from deltaswarm_orchestrator.observer import Observer
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.stranger import RUBBISH
-from tests.swarms import PATIENCE_S, wait_until
+from tests.swarms import PATIENCE_S, started, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -72,16 +72,10 @@ def stage(tmp_path: Path) -> Iterator[Stage]:
 
 @contextmanager
 def _stage(folder: Path) -> Iterator[Stage]:
-    scenario = load_scenario("smoke", SETTINGS)
-    (folder / "scenario.toml").write_text(to_toml(scenario))
-    with Swarm(scenario, RUN, folder) as swarm:
-        swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
-        with Observer(RUN, swarm.recorder_link(), None, wire=False) as observer:
-            swarm.start_operator(publish_all=False)
-            swarm.start_agents()
-            made = Stage(swarm, observer, folder)
-            wait_until(made.is_running, "the first steps")
-            yield made
+    with started(load_scenario("smoke", SETTINGS), RUN, folder) as (swarm, observer):
+        made = Stage(swarm, observer, folder)
+        wait_until(made.is_running, "the first steps")
+        yield made
 
 
 @pytest.mark.parametrize("credentials", [("", ""), ("agent-3", "guess"), ("nobody", "x"), ("world", "")])

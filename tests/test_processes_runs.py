@@ -16,16 +16,17 @@ BUSY = "while True: pass"
 
 def test_three_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> None:
     """Scheduling does not matter: not under load, and not at all in one process."""
-    quiet = run(tmp_path / "quiet", "--record", "off")
-    again = run(tmp_path / "again")
+    short = ("--set", "run.duration_s=150")
+    quiet = run(tmp_path / "quiet", *short, "--record", "off")
+    again = run(tmp_path / "again", *short)
     burners = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(3)]
     try:
-        loaded = run(tmp_path / "loaded")
+        loaded = run(tmp_path / "loaded", *short)
     finally:
         for burner in burners:
             burner.kill()
             burner.wait()
-    inside = run(tmp_path / "inside", "--in-process")
+    inside = run(tmp_path / "inside", *short, "--in-process")
     assert len({summary["digest"] for summary in (quiet, again, loaded, inside)}) == 1
     assert {summary["waiting_time_s"]["mean"] for summary in (quiet, inside)} == {quiet["waiting_time_s"]["mean"]}
 

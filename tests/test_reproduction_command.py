@@ -1,6 +1,8 @@
 """`deltaswarm reproduce`, with runs so short that a test can wait for them."""
 
 import json
+import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -20,6 +22,31 @@ TINY = Extent("quick", 2, 90.0, 1, judges_convergence=False)
 @pytest.fixture
 def tiny(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(conditions, "QUICK", TINY)
+
+
+@pytest.fixture(scope="module")
+def done_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a reproduction of figure 2."""
+    folder = tmp_path_factory.mktemp("figure-2") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(conditions, "QUICK", TINY)
+        main(["reproduce", "--figure", "2", "--out", str(folder)])
+    return folder
+
+
+@pytest.fixture
+def figure_2(done_once: Path, tmp_path: Path) -> Path:
+    """A copy of it."""
+    return Path(shutil.copytree(done_once, tmp_path / "out"))
+
+
+@pytest.fixture(scope="module")
+def swept_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a small sweep."""
+    folder = tmp_path_factory.mktemp("swept") / "s"
+    short = ["--set", "run.duration_s=20", "--repeats", "1", "--prove", "0", "--out", str(folder)]
+    assert main(["sweep", "smoke", *short]) == 0
+    return folder
 
 
 def test_a_reproduction_writes_its_report(tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -45,14 +72,13 @@ def test_a_reproduction_writes_its_report(tiny: None, tmp_path: Path, capsys: py
     assert "| holds |" not in text[:first]
 
 
-def test_one_figure_needs_only_its_runs(tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_figure_needs_only_its_runs(tiny: None, figure_2: Path) -> None:
     """Figure 2 shows three control structures; the next command adds to the same folder and loses nothing."""
-    main(["reproduce", "--figure", "2", "--out", str(tmp_path)])
-    table = pd.read_csv(tmp_path / "sweep" / "table.csv")
+    table = pd.read_csv(figure_2 / "sweep" / "table.csv")
     assert set(table["variant"]) == set(conditions.FIGURES[2])
-    assert [file.name for file in (tmp_path / "figures").glob("*.png")] == ["figure-2.png"]
-    main(["reproduce", "--figure", "4", "--out", str(tmp_path)])
-    more = pd.read_csv(tmp_path / "sweep" / "table.csv")
+    assert [file.name for file in (figure_2 / "figures").glob("*.png")] == ["figure-2.png"]
+    main(["reproduce", "--figure", "4", "--out", str(figure_2)])
+    more = pd.read_csv(figure_2 / "sweep" / "table.csv")
     assert set(more["variant"]) == {*conditions.FIGURES[2], *conditions.FIGURES[4]}
     kept = more.merge(table[["variant", "replicate", "digest"]], on=["variant", "replicate", "digest"])
     assert len(kept) == len(table)
@@ -64,12 +90,12 @@ def test_figure_1_needs_no_sweep(tmp_path: Path) -> None:
     assert (tmp_path / "figures" / "figure-1.png").stat().st_size > 10_000
 
 
-def test_processes_have_the_same_digests(tiny: None, tmp_path: Path) -> None:
-    """Runs by real processes stand beside those in one process, digest by digest."""
-    main(["reproduce", "--figure", "2", "--out", str(tmp_path)])
-    main(["reproduce", "--figure", "2", "--processes", "--out", str(tmp_path)])
-    table = pd.read_csv(tmp_path / "sweep" / "table.csv")
-    assert len(table) == len(conditions.FIGURES[2]) * TINY.repeats
+def test_processes_have_the_same_digests(figure_2: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs by real processes stand beside those in one process, digest by digest; here one of each condition."""
+    monkeypatch.setattr(conditions, "QUICK", replace(TINY, repeats=1))
+    main(["reproduce", "--figure", "2", "--processes", "--out", str(figure_2)])
+    table = pd.read_csv(figure_2 / "sweep" / "table.csv")
+    assert len(table) == len(conditions.FIGURES[2])
     assert (table["digest_in_process"] == table["digest_processes"]).all()
 
 
@@ -102,15 +128,13 @@ def test_a_report_of_a_sweep(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 
 @pytest.mark.parametrize("wrong", ["nothing", "reference", "figure"])
 def test_a_report_that_cannot_be_made_ends_with_2(
-    wrong: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    wrong: str, swept_once: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A folder without a sweep, a variant or a figure that is not there: one line says so."""
-    if wrong != "nothing":
-        short = ["--set", "run.duration_s=20", "--repeats", "1", "--prove", "0", "--out", str(tmp_path / "s")]
-        assert main(["sweep", "smoke", *short]) == 0
+    folder = tmp_path / "s" if wrong == "nothing" else swept_once
     capsys.readouterr()
     extra = {"nothing": [], "reference": ["--reference", "nobody"], "figure": ["--figure", "none.such"]}[wrong]
-    assert main(["report", str(tmp_path / "s"), *extra]) == 2
+    assert main(["report", str(folder), *extra]) == 2
     assert capsys.readouterr().err.startswith("deltaswarm: ")
 
 

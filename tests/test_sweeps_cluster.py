@@ -15,7 +15,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.work import work
-from tests.swarms import PATIENCE_S, wait_until
+from tests.swarms import BOUND_S, PATIENCE_S, wait_until
 from tests.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
 
 distributed = pytest.importorskip("distributed")
@@ -100,14 +100,14 @@ def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
 @pytest.mark.processes
 def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_path: Path) -> None:
     """Killed with -9 in mid-sweep: the other does its runs, and the table is the local one's, bit for bit."""
-    file = written(tmp_path, duration_s=400.0, repeats=6, prove=1)
+    file = written(tmp_path, duration_s=300.0, repeats=3, prove=1)
     victim, _ = cluster.add_worker(), cluster.add_worker()
     with on(cluster, file, tmp_path / "out") as running:
-        running.wait_for_runs(3)
+        running.wait_for_runs(2)
         victim.kill()
         code, printed, errors = running.finish()
     assert code == 0, errors
-    assert "18 of 18 runs" in printed
+    assert "9 of 9 runs" in printed
     assert cluster.workers[1].poll() is None
     sweep(file, tmp_path / "local")
     assert (tmp_path / "out" / "table.csv").read_bytes() == (tmp_path / "local" / "table.csv").read_bytes()
@@ -116,7 +116,7 @@ def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_pa
 @pytest.mark.processes
 def test_the_loss_of_the_scheduler_is_said_and_costs_only_what_is_missing(cluster: Cluster, tmp_path: Path) -> None:
     """In one line and exit code 1; what is finished is in the table, and the next call does the rest."""
-    file = written(tmp_path, duration_s=600.0, repeats=20)
+    file = written(tmp_path, duration_s=300.0, repeats=20)
     cluster.add_worker()
     with on(cluster, file, tmp_path / "out") as running:
         running.wait_for_runs(2)
@@ -137,7 +137,7 @@ def test_a_cluster_without_workers_is_waited_for(cluster: Cluster, tmp_path: Pat
         said = running.process.stderr.readline()
         assert said == f"deltaswarm: the Dask scheduler at {cluster.address} has no workers yet; waiting for them\n"
         running.process.send_signal(signal.SIGINT)
-        code, _, errors = running.finish(10)
+        code, _, errors = running.finish(BOUND_S)
         assert code == 1
         assert "interrupted with 0 of 6 runs" in errors
         assert "Traceback" not in errors
@@ -228,7 +228,7 @@ def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signa
     with sweeping(file, tmp_path / "out", "--engine", "dask", "-j", "2") as running:
         wait_until(lambda: len(marked(running.mark)) >= 3, "the workers")
         running.process.send_signal(number)
-        code, _, errors = running.finish(20)
+        code, _, errors = running.finish(BOUND_S)
         assert code == (1 if number == signal.SIGINT else -9)
         if number == signal.SIGINT:  # workers whose sweep was killed may complain of it
             assert "Traceback" not in errors

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import os
 import random
 import secrets
 import signal
@@ -12,11 +13,13 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from tests.swarms import wait_until
-from tests.sweeping import all_gone, marked, python, sweep, sweeping, written
+from tests.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, written
 
 pytestmark = pytest.mark.processes
 
-KILLS = 10
+IS_LONG = "DELTASWARM_LONG" in os.environ
+REPEATS, KILLS = (40, 10) if IS_LONG else (8, 6)
+"""Of the sweep that is killed again and again: three times so many runs and a proof."""
 
 
 def table(out: Path) -> bytes:
@@ -26,7 +29,7 @@ def table(out: Path) -> bytes:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_sweep_in_order(tmp_path: Path, number: signal.Signals) -> None:
     """Soon, with exit code 1: what is finished is in the table, the rest is said to be missing, no process is left."""
-    file = written(tmp_path, duration_s=1000.0, repeats=1000)
+    file = written(tmp_path, duration_s=200.0, repeats=1000)
     with sweeping(file, tmp_path / "out", "-j", "2") as running:
         running.wait_for_runs(2)
         running.process.send_signal(number)
@@ -56,8 +59,9 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
     file = written(tmp_path, repeats=3, prove=1)
+    another = ("smoke", tmp_path / "b", "--set", "run.duration_s=100")
     alone = sweep(file, tmp_path / "alone")
-    with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping("smoke", tmp_path / "b", "-j", "1") as other:
+    with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping(*another, "-j", "1") as other:
         wait_until((tmp_path / "a" / "manifest.json").exists, "the first sweep's folder")
         with sweeping(file, tmp_path / "a") as second:
             code, _, errors = second.finish()
@@ -74,10 +78,11 @@ def test_a_sweep_that_is_killed_again_and_again_has_the_same_table_in_the_end(tm
     seed = secrets.randbits(32)
     print(f"moments by random.Random({seed})")
     moments = random.Random(seed)
-    file = written(tmp_path, duration_s=300.0, repeats=40, prove=1)
+    file = written(tmp_path, duration_s=300.0, repeats=REPEATS, prove=1)
+    results = len(LOSSES) * REPEATS + 1
     undisturbed = sweep(file, tmp_path / "undisturbed", "--series")
     finished = []
-    for count in [0, 0, *sorted(moments.sample(range(1, 115), KILLS - 2))]:
+    for count in [0, 0, *sorted(moments.sample(range(1, results * 2 // 3), KILLS - 2))]:
         with sweeping(file, tmp_path / "out", "--series") as running:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 running.process.wait(moments.uniform(0, 1))
@@ -85,13 +90,13 @@ def test_a_sweep_that_is_killed_again_and_again_has_the_same_table_in_the_end(tm
             running.process.kill()
             all_gone(running.mark)
             finished.append(running.finished())
-    in_between = [count for count in finished if 0 < count < 121]
+    in_between = [count for count in finished if 0 < count < results]
     assert len(in_between) >= 3, f"kills that hit nothing prove nothing: {finished}"
     manifest = sweep(file, tmp_path / "out", "--series")
     assert manifest["digest"] == undisturbed["digest"]
     for name in ("table.csv", "series.csv"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "undisturbed" / name).read_bytes(), name
-    assert len(list((tmp_path / "out" / "runs").glob("*.json"))) == 121
+    assert len(list((tmp_path / "out" / "runs").glob("*.json"))) == results
     assert not (tmp_path / "out" / "scratch").exists()
 
 

@@ -6,12 +6,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator import results
-from deltaswarm_orchestrator.launch import Swarm
-from deltaswarm_orchestrator.observer import Observer
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE
-from tests.swarms import PATIENCE_S
+from tests.swarms import PATIENCE_S, started
 
 
 class Ended(NamedTuple):
@@ -41,20 +39,15 @@ def play(
 def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
     scenario = load_scenario(scenario_name, settings)
     folder.mkdir(parents=True)
-    (folder / "scenario.toml").write_text(to_toml(scenario))
     began = time.monotonic()
     peak_mb: dict[str, float] = {}
-    with Swarm(scenario, "hostile", folder) as swarm:
-        swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0")
-        with Observer("hostile", swarm.recorder_link(), None, wire=False) as observer:
-            swarm.start_operator(publish_all=False)
-            swarm.start_agents()
-            while swarm.part(WORLD).exit_code is None:
-                assert time.monotonic() < began + PATIENCE_S, "the run does not end"
-                observer.work(0.05)
-                observer.leave_when_done()
-                for role in (WORLD, OPERATOR):
-                    peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
+    with started(scenario, "hostile", folder) as (swarm, observer):
+        while swarm.part(WORLD).exit_code is None:
+            assert time.monotonic() < began + PATIENCE_S, "the run does not end"
+            observer.work(0.05)
+            observer.leave_when_done()
+            for role in (WORLD, OPERATOR):
+                peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
     outcome = results.read_outcome(folder)
     return Ended(results.summary(outcome, scenario), outcome.world, time.monotonic() - began, peak_mb)
 

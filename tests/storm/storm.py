@@ -13,10 +13,8 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from tests.swarms import is_running
-
-MARK = "DELTASWARM_STORM"
-"""The environment variable by which all processes of a run are known."""
+from tests.swarms import is_running, parent_of
+from tests.sweeping import MARK, marked
 
 AGENTS = 6
 OVER_S = 8.0
@@ -100,7 +98,7 @@ def play(folder: Path, rng: Random) -> Seen:
     seen.wall_s = time.monotonic() - began
     seen.left = _left(mark, temporary)
     process.kill()
-    for pid in _marked(mark):
+    for pid in marked(mark, trackers=True):
         os.kill(pid, signal.SIGKILL)
     return seen
 
@@ -139,7 +137,7 @@ def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
             known = json.loads(pids.read_text())
             if target != FORK_SERVER:
                 return int(known[target])
-            return int(Path(f"/proc/{known['world']}/stat").read_text().rsplit(")", 1)[1].split()[1])
+            return parent_of(known["world"])
         except (OSError, ValueError, KeyError):
             return None
 
@@ -149,20 +147,6 @@ def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
 def _left(mark: str, temporary: Path) -> list[str]:
     """What is still there after a while."""
     deadline = time.monotonic() + GONE_WITHIN_S
-    while time.monotonic() < deadline and (_marked(mark) or any(temporary.iterdir())):
+    while time.monotonic() < deadline and (marked(mark, trackers=True) or any(temporary.iterdir())):
         time.sleep(0.05)
-    return [f"process {pid}" for pid in _marked(mark)] + [path.name for path in temporary.iterdir()]
-
-
-def _marked(mark: str) -> list[int]:
-    """Processes with this mark in their environment that have not ended."""
-    found = []
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdecimal():
-            try:
-                is_one = f"{MARK}={mark}".encode() in (folder / "environ").read_bytes().split(b"\0")
-            except OSError:
-                continue
-            if is_one and is_running(int(folder.name)):
-                found.append(int(folder.name))
-    return found
+    return [f"process {pid}" for pid in marked(mark, trackers=True)] + [path.name for path in temporary.iterdir()]
