@@ -1,6 +1,7 @@
 """A run that was cut off goes on from its newest checkpoint: what its folder must hold, and how it is made ready."""
 
 import json
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from deltaswarm_wire.settings import Scenario
 
 BEFORE = ".before"
 """What a recording is called that another one is copied from."""
+
+LEFTOVERS_S = 10.0
 
 OPERATOR_STATE = "operator-state.json"
 
@@ -59,6 +62,26 @@ def check_code(folder: Path, scenario: Scenario) -> None:
     begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
         raise FolderError("other code than this began the run, and only that can go on with it")
+
+
+def wait_for_leftovers(folder: Path) -> None:
+    """Wait for processes of the run before, which end by themselves once they miss their orchestrator.
+
+    Raises:
+        FolderError: one of them does not.
+    """
+    deadline = time.monotonic() + LEFTOVERS_S
+    while left := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
+        if time.monotonic() >= deadline:
+            raise FolderError(f"{folder} is still written by processes of the run before: {', '.join(left)}")
+        time.sleep(0.1)
+
+
+def _is_log_of(folder: Path, standard_error: Path) -> bool:
+    try:
+        return standard_error.readlink().parent == folder / "logs"
+    except OSError:  # it has ended, or is another user's
+        return False
 
 
 def make_ready(folder: Path, resumed: Resumed) -> dict[str, Path]:

@@ -69,6 +69,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
             resume.newest(options.out)  # before the folder is touched
             resume.check_code(options.out, scenario)
             with ResumedFolder(options.out) as folder:
+                resume.wait_for_leftovers(folder.path)
                 return _Run(scenario, options, folder, reporter, stop, resume.newest(folder.path)).do()
         with RunFolder(options.out, force=options.force) as folder:
             return _Run(scenario, options, folder, reporter, stop).do()
