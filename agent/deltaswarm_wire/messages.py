@@ -4,6 +4,7 @@ Frame and act cross the fabric once per agent and step, so they are MessagePack 
 clock, workload and status are few and read by tools and people, so they are maps with named fields.
 """
 
+from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
 
@@ -234,6 +235,7 @@ def encode_report(report: Report) -> bytes:
     return pack({"v": PROTOCOL_VERSION, **report._asdict()})
 
 
+@lru_cache(maxsize=128)  # in one process the agent's shell and the operator decode the same
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
     raw = fields(unpack(data), _REPORT_FIELDS, "report")
