@@ -21,7 +21,7 @@ from tests.sweeping import LOSSES, made, sweep, tasks_of, written
 WINDOW_S = 20.0
 CSV = ("table.csv", "series.csv")
 
-OF_THE_RUN = ("wall_s", "steps_per_s", "real_time_factor", "exit_reason", "why", "operator_restarts")
+OF_THE_RUN = ("wall_s", "steps_per_s", "real_time_factor", "exit_reason", "why", "operator_restarts", "resumed")
 """What a summary says of a run and its machine, and not of what it shows."""
 
 

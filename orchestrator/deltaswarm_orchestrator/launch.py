@@ -6,7 +6,6 @@ import os
 import shutil
 import signal
 import sys
-import tempfile
 import threading
 import time
 import types
@@ -35,6 +34,9 @@ MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERAT
 
 PRELOADED = ["deltaswarm_orchestrator.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
+
+SECRETS = "secrets"
+"""In the run's folder until the router has read them: an orchestrator that is killed leaves them nowhere else."""
 
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
@@ -78,11 +80,13 @@ class Swarm:
         self._zenoh = (*_patience(scenario), *zenoh)
         self._checkpoint_steps, self._resumed = checkpoint_steps, resumed
         self._restarts = Counter(resumed.restarts if resumed else {})
-        self._secrets_folder = Path(tempfile.mkdtemp(prefix="deltaswarm-"))
+        self._secrets_folder = folder / SECRETS
         self._passwords: dict[str, str] = {}
         self._context = multiprocessing.get_context("forkserver")
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
         (folder / "logs").mkdir(parents=True, exist_ok=True)
+        self._forget_secrets()
+        self._secrets_folder.mkdir(mode=0o700)
 
     def __enter__(self) -> Self:
         return self

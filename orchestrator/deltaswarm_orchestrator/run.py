@@ -123,7 +123,6 @@ class _Run:
                 try:
                     self._do_steps(recorder)
                 finally:
-                    room.give_up_reserve(folder)
                     summary = self._conclude()
                 if recorder is not None:
                     recorder.close(self._manifest)
@@ -135,9 +134,10 @@ class _Run:
                 shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
         except RoomError as error:
             self._why.append(str(error))
-            room.give_up_reserve(folder)
             summary = self._conclude() | {"valid": False}
             summary["invalid_because"].append(str(error))
+        finally:
+            room.give_up_reserve(folder)  # for what follows alone: recording and tables could use it up
         results.write_json(folder / "summary.json", summary)
         self._folder.write_manifest(self._manifest)
         path = self._folder.finish()

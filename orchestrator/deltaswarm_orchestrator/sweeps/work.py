@@ -29,7 +29,7 @@ IN_PROCESS, PROCESSES = "in-process", "processes"
 WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
 """What a summary says of the machine and not of the swarm; it is another one each time."""
 
-PRINTED = ("folder", "exit_reason", "why", "operator_restarts")
+PRINTED = ("folder", "exit_reason", "why", "operator_restarts", "resumed")
 """What `deltaswarm run --json` prints beside a summary: of a folder that is gone when it is read."""
 
 
