@@ -2,6 +2,8 @@
 
 import signal
 import socket
+import subprocess
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack, suppress
 from pathlib import Path
@@ -156,6 +158,23 @@ def test_a_folder_that_cannot_be_written_to_is_said_and_left(tmp_path: Path) -> 
         assert running.processes[0].wait(PATIENCE_S) == 0
         for text in ("nothing is logged to", "nothing is recorded: ", "first step", "body faulty in 0"):
             assert text in running.said(0)
+
+
+def test_two_threads_that_find_the_disk_full_say_so_once(tmp_path: Path) -> None:
+    """The second one waited while the first gave the file up; its line is not lost."""
+    (tmp_path / "agent-0.log").symlink_to("/dev/full")
+    program = (
+        "import logging, sys\n"
+        "from deltaswarm_agent.board.logs import log_to\n"
+        "from deltaswarm_agent.board.settings import LogSettings\n"
+        "log_to(LogSettings(folder=sys.argv[1]), 0)\n"
+        "(files,) = [one for one in logging.getLogger().handlers if hasattr(one, 'baseFilename')]\n"
+        "logging.getLogger('one').info('first line')\n"
+        "files.handle(logging.makeLogRecord({'name': 'two', 'levelno': 20, 'levelname': 'INFO', 'msg': 'second line'}))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True)
+    said = [done.stderr.count(words) for words in ("nothing more is logged to", "first line", "second line")]
+    assert said == [1, 1, 1], done.stderr
 
 
 def test_a_log_on_a_full_disk_moves_to_standard_error(tmp_path: Path) -> None:

@@ -18,9 +18,10 @@ class _Files(logging.handlers.RotatingFileHandler):
         """Called by `logging` for a line that could not be written."""
         error = sys.exc_info()[1]
         root = logging.getLogger()
-        root.removeHandler(self)
-        _to_standard_error(logging.NOTSET)
-        log.error("nothing more is logged to %s: %s", self.baseFilename, error)
+        if self in root.handlers:  # else another thread has done so, while this one waited to write
+            root.removeHandler(self)
+            _to_standard_error(logging.NOTSET)
+            log.error("nothing more is logged to %s: %s", self.baseFilename, error)
         if record.levelno < logging.ERROR:  # others are there already
             root.handle(record)
 
