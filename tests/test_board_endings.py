@@ -167,10 +167,12 @@ def test_two_threads_that_find_the_disk_full_say_so_once(tmp_path: Path) -> None
         "import logging, sys\n"
         "from deltaswarm_agent.board.logs import log_to\n"
         "from deltaswarm_agent.board.settings import LogSettings\n"
+        "from deltaswarm_wire.logs import log_to_standard_error\n"
+        "log_to_standard_error()\n"
         "log_to(LogSettings(folder=sys.argv[1]), 0)\n"
         "(files,) = [one for one in logging.getLogger().handlers if hasattr(one, 'baseFilename')]\n"
         "logging.getLogger('one').info('first line')\n"
-        "files.handle(logging.makeLogRecord({'name': 'two', 'levelno': 20, 'levelname': 'INFO', 'msg': 'second line'}))\n"
+        "files.handle(logging.makeLogRecord({'levelno': 20, 'levelname': 'INFO', 'msg': 'second line'}))\n"
     )
     done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True)
     said = [done.stderr.count(words) for words in ("nothing more is logged to", "first line", "second line")]
