@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator import results
+from deltaswarm_orchestrator.results import Outcome
 from deltaswarm_orchestrator.scenario import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE
@@ -13,18 +14,29 @@ from tests.swarms import PATIENCE_S, started
 
 
 class Ended(NamedTuple):
-    """What is left of a run: summary, the world's totals, wall time [s] and the largest memory [MB] by part."""
+    """What is left of a run: summary, what its parts say, wall time [s] and the largest memory [MB] by part."""
 
     summary: dict[str, Any]
-    world: dict[str, Any]
+    outcome: Outcome
     wall_s: float
     peak_mb: dict[str, float]
 
+    @property
+    def world(self) -> dict[str, Any]:
+        """The world's totals."""
+        return self.outcome.world
+
 
 def play(
-    folder: Path, scenario_name: str, steps: int, attack: str = SILENCE, sessions: int = 1, step_timeout_s: float = 3.0
+    folder: Path,
+    scenario_name: str,
+    steps: int,
+    attack: str = SILENCE,
+    sessions: int = 1,
+    step_timeout_s: float = 3.0,
+    others: Sequence[str] = (),
 ) -> Ended:
-    """A whole run with this attack."""
+    """A whole run with this attack, and `others` among its settings."""
     settings = [
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",
@@ -32,6 +44,7 @@ def play(
         f"run.duration_s={steps}",
         f"run.step_timeout_s={step_timeout_s}",
         "record=off",
+        *others,
     ]
     return _run(folder, scenario_name, settings)
 
@@ -49,7 +62,7 @@ def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
             for role in (WORLD, OPERATOR):
                 peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
     outcome = results.read_outcome(folder)
-    return Ended(results.summary(outcome, scenario), outcome.world, time.monotonic() - began, peak_mb)
+    return Ended(results.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb)
 
 
 def _memory_mb(pid: int) -> float:

@@ -34,6 +34,21 @@ def test_a_flood_costs_the_flooder_alone(flood: str, sessions: int, silence: End
     assert reports["messages"] <= STEPS, "at most one in a step"
 
 
+def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
+    """A narrow one, with loss and delay: what the others do, hear and sense is as beside an agent that fell silent."""
+    uplink = ["uplink.loss=0.2", "uplink.latency_s=2", "uplink.bandwidth.receiver_bytes_per_s=400"]
+    silence = play(tmp_path / "silence", "smoke", STEPS, SILENCE, others=uplink)
+    flooded = play(tmp_path / "run", "smoke", STEPS, "reports", others=uplink)
+    assert flooded.outcome.events == silence.outcome.events
+    columns = ("agents_in_trees", "trees", "frames_sent", "bytes_sent", "frames_received", "events_active")
+    for one, other in zip(flooded.outcome.tallies, silence.outcome.tallies, strict=True):
+        assert [getattr(one, name) for name in columns] == [getattr(other, name) for name in columns]
+    assert flooded.world["excess"].keys() == {str(WHO)}
+    assert max(flooded.peak_mb[role] for role in (WORLD, OPERATOR)) < MOST_MB
+    sent = [tally.reports_sent for tally in flooded.outcome.tallies]
+    assert max(sent) <= flooded.outcome.tallies[0].agents_alive, "at most one of each agent in a step"
+
+
 def test_who_is_late_again_and_again_is_waited_for_ever_less(tmp_path: Path) -> None:
     """Each answer comes long after the step: the run goes on, at the cost of one patience or two, and counts them."""
     ended = play(tmp_path / "run", "smoke", STEPS, LATENESS, step_timeout_s=0.5)
