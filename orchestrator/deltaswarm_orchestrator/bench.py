@@ -49,12 +49,12 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
     started: list[float] = []
     memory: list[float] = []
     for _ in range(ROUNDS):
-        sockets.append(floors.sockets_steps_per_s(agents, steps))
-        zenoh.append(floors.zenoh_steps_per_s(agents, steps))
-        rate, startup_s, pss_mb = _swarm(scenario)
+        rate, startup_s, pss_mb = _swarm(scenario)  # first: what the fork server preloads is decided once
         swarm.append(rate)
         started.append(startup_s)
         memory.append(pss_mb)
+        sockets.append(floors.sockets_steps_per_s(agents, steps))
+        zenoh.append(floors.zenoh_steps_per_s(agents, steps))
         rate, shares = _in_process(scenario)
         inside.append(rate)
         parts.append(shares)
@@ -100,7 +100,8 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
                     phase = observer.status.phase if observer.status else "waiting"
                     if phase != "waiting" and not startup_s:
                         startup_s = time.monotonic() - began
-                    if observer.has_all and not pss_mb:
+                    is_half_way = observer.status is not None and 2 * observer.status.step >= scenario.run.steps
+                    if is_half_way and not pss_mb:  # while all are there: who leaves shares no more
                         pss_mb = max(_pss_mb(p.pid) for p in swarm.parts if p.role == AGENT)
                     observer.leave_when_done()
         summary = results.summary(results.read_outcome(folder), scenario)
