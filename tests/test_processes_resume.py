@@ -23,7 +23,7 @@ SETTINGS = (
     "run.duration_s=900",
     "radio.loss=0.1",
     "uplink.latency_s=2",
-    'fault=[{kind="kill", at_s=120, agents=[1]}, {kind="restart", at_s=200, duration_s=30, agents=[2]},'
+    'fault=[{kind="kill", at_s=130, agents=[1]}, {kind="restart", at_s=110, duration_s=30, agents=[2]},'
     '{kind="sensor-noisy", at_s=300, duration_s=400, noise_m=1.0, miss=0.3, agents=[4]}]',
 )
 SETS = [part for text in SETTINGS for part in ("--set", text)]

@@ -241,13 +241,14 @@ class Swarm:
 
     def carry_out(self, order: ProcessOrder) -> None:
         """Do to agents' processes what the world says; it waits for it."""
-        newest = {part.number: part for part in self.parts if part.role == AGENT}
-        parts = [newest[agent] for agent in order.agents]
-        if order.action == START:
+        if order.action == START:  # maybe of one that was dead when the run was resumed, and has no process here
             self._restarts.update(order.agents)
             self.start_agents(order.agents)
             self.write_pids()
-        elif order.action == KILL:
+            return
+        newest = {part.number: part for part in self.parts if part.role == AGENT}
+        parts = [newest[agent] for agent in order.agents]
+        if order.action == KILL:
             for part in parts:
                 part.ends_as_planned |= part.exit_code is None
                 part.send(signal.SIGKILL)
