@@ -12,6 +12,7 @@ from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import ClosedStep
 from deltaswarm_world.process import WorldProcess
+from deltaswarm_world.saving import SavedWorld
 from deltaswarm_world.waker import Taken, Token, Waker
 from deltaswarm_world.wires import Wires
 
@@ -77,7 +78,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Ta
     """However the news of one that dies and of its successor come together."""
     fabric = Fabric([[COMES, *(Token(AGENT, agent, True) for agent in range(6))], *batches])
     config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), tmp_path, tmp_path)
-    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric))
+    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric), SavedWorld.new(config))
     world.wait_for_all()
     world._core.lockstep.step, world._has_begun = LAST, True
     for step in range(LAST + 1):

@@ -8,8 +8,9 @@
 A checkpoint is unpickled, and so can do whatever a program can: go on only with runs of your own.
 """
 
-import os
 from pathlib import Path
+
+from deltaswarm_wire.files import write_whole
 
 FOLDER, NEWEST = "checkpoint", "newest.json"
 WORLD_FILE, OPERATOR_FILE = "world.pickle", "operator.json"
@@ -26,16 +27,6 @@ def agent_file(agent: int) -> str:
 
 
 def write(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all, also if the power goes. Its folder is made, the one above must be there."""
+    """Write a file whole or not at all. Its folder is made; the one above must be there."""
     file.parent.mkdir(exist_ok=True)
-    part = file.with_name(f"{file.name}.part")
-    with part.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(file)
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)
-    finally:
-        os.close(folder)
+    write_whole(file, data)

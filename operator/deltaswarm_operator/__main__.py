@@ -52,7 +52,7 @@ def parser() -> argparse.ArgumentParser:
         help="count on where an operator that was killed had come to, in the same folder",
     )
     made.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="write its part of the run's checkpoints"
+        "--checkpoint", type=int, default=0, metavar="STEPS", help="save what was counted after every STEPS steps"
     )
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)

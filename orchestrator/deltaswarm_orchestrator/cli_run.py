@@ -45,7 +45,11 @@ def add_run(command: argparse.ArgumentParser) -> None:
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
     command.add_argument(
-        "--checkpoint", type=_steps, default=0, metavar="STEPS", help="save all each time so many steps are closed"
+        "--checkpoint",
+        type=_steps,
+        default=0,
+        metavar="STEPS",
+        help="save the whole run after every STEPS steps",
     )
     command.add_argument(
         "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its newest checkpoint"

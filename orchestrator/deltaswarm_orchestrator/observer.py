@@ -69,7 +69,9 @@ class Observer:
         self._queue: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
-        self._open_step, self._confirmed, self._newest_counted = first_step, first_step - 1, first_step - 1
+        self.newest_step = first_step - 1
+        """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
+        self._open_step, self._confirmed = first_step, first_step - 1
         self._checkpoint_steps = checkpoint_steps
         try:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
@@ -117,11 +119,6 @@ class Observer:
         return True
 
     @property
-    def newest_step(self) -> int:
-        """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
-        return self._newest_counted
-
-    @property
     def records(self) -> bool:
         """Whether all that happens is taken, for a recording."""
         return self._sink is not None
@@ -131,7 +128,7 @@ class Observer:
         """Whether the run has ended, as far as can be heard, and nothing more is to come."""
         if self._sink is None:
             return self.status is not None and self.status.phase == "ended"
-        return self._last_step is not None and self._newest_counted >= self._last_step
+        return self._last_step is not None and self.newest_step >= self._last_step
 
     def confirm(self, order: ProcessOrder) -> None:
         """Tell the world that an order is carried out."""
@@ -169,9 +166,9 @@ class Observer:
             self._take_workload(decode_workload(data))
 
     def _take_workload(self, workload: Workload) -> None:
-        if workload.step <= self._newest_counted:
+        if workload.step <= self.newest_step:
             return  # of an operator that has begun anew
-        self.newest_workload, self._newest_counted = workload, workload.step
+        self.newest_workload, self.newest_step = workload, workload.step
         if self._sink is not None:
             self._sink.workload(workload)
             self._confirm()
@@ -200,7 +197,7 @@ class Observer:
         if step <= self._confirmed:
             return
         if is_due(step, self._checkpoint_steps):
-            if self._newest_counted < step or self._sink is None:
+            if self.newest_step < step or self._sink is None:
                 return
             self._sink.save()
         elif self._last_step is None and step < self._confirmed + CONFIRM_STEPS:

@@ -28,7 +28,7 @@ from deltaswarm_orchestrator.foxglove import (
     Json,
     layout,
 )
-from deltaswarm_orchestrator.records import records
+from deltaswarm_orchestrator.records import records, row_of
 from deltaswarm_orchestrator.room import RoomError, room_for
 from deltaswarm_orchestrator.scene import Scene, log_time_ns, stamp
 from deltaswarm_wire.messages import Report, Workload
@@ -106,7 +106,7 @@ class Recorder:
             if file is not None and file.name in before:
                 for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
                     if topic == "/swarm/event":
-                        self._note(EventState(**{name: _known(value) for name, value in orjson.loads(data).items()}))
+                        self._note(row_of(EventState, orjson.loads(data)))
         self.save()
 
     def save(self) -> None:
@@ -294,10 +294,6 @@ def _json(value: Any) -> bytes:
 
 def _event(event: EventState) -> Json:
     return {name: NOT_YET if value is None else value for name, value in event._asdict().items()}
-
-
-def _known(value: Any) -> Any:
-    return None if value == NOT_YET else value
 
 
 def _plain(report: Report) -> Json:

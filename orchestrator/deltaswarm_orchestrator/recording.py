@@ -3,7 +3,6 @@
 Also of a run that was killed: what had been flushed is there, and `complete` says that it is not all.
 """
 
-import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,9 +11,8 @@ from typing import Any
 import orjson
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
 
-from deltaswarm_orchestrator.foxglove import NOT_YET
 from deltaswarm_orchestrator.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
-from deltaswarm_orchestrator.records import records
+from deltaswarm_orchestrator.records import records, row_of
 from deltaswarm_wire.messages import Event, Report, Workload
 from deltaswarm_wire.truth import EventState, Tally
 
@@ -87,13 +85,13 @@ class _Reader:
                 state = orjson.loads(data)
                 self._state[state["step"]] = state
             case "/swarm/event":
-                event: EventState = _row(EventState, orjson.loads(data))
+                event: EventState = row_of(EventState, orjson.loads(data))
                 self._events[event.event] = event
             case "/operator/inbox":
                 inbox = orjson.loads(data)
                 self._found.reports[inbox["step"]] = tuple(_report(report) for report in inbox["reports"])
             case "/operator/workload":
-                self._found.workloads.append(_row(Workload, orjson.loads(data)))
+                self._found.workloads.append(row_of(Workload, orjson.loads(data)))
 
     def recording(self, is_whole: bool) -> Recording:
         """All that was found; of a damaged file, up to the first step that is missing or broken."""
@@ -103,19 +101,10 @@ class _Reader:
         steps = sorted(self._net.keys() & self._state)
         if not found.complete:  # damage can hide a chunk as a whole
             steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
-        found.tallies = [_row(Tally, {**self._net[step], **self._state[step]}) for step in steps]
+        found.tallies = [row_of(Tally, {**self._net[step], **self._state[step]}) for step in steps]
         return found
 
 
 def _report(values: Mapping[str, Any]) -> Report:
-    events = tuple(_row(Event, event) for event in values["events"])
+    events = tuple(row_of(Event, event) for event in values["events"])
     return Report(**{**values, "events": events})
-
-
-def _row(kind: Any, values: Mapping[str, Any]) -> Any:
-    """A named tuple of the wire from its figures; what is NOT_YET is None where None is possible."""
-    hints = _HINTS[kind]
-    return kind(*[None if values[name] == NOT_YET and hints[name] == float | None else values[name] for name in hints])
-
-
-_HINTS = {kind: typing.get_type_hints(kind) for kind in (Tally, EventState, Workload, Event)}

@@ -1,13 +1,19 @@
-"""The records of an MCAP file, whole or cut off anywhere."""
+"""The records of an MCAP file, whole or cut off anywhere, and the figures in them."""
 
 import struct
-from collections.abc import Iterator
+import typing
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.records import McapRecord
 from mcap.stream_reader import StreamReader
 from zstandard import ZstdError
+
+from deltaswarm_orchestrator.foxglove import NOT_YET
+from deltaswarm_wire.messages import Event, Workload
+from deltaswarm_wire.truth import EventState, Tally
 
 _MAGIC = b"\x89MCAP0\r\n"
 
@@ -41,3 +47,12 @@ def records(path: Path) -> Iterator[McapRecord | None]:
             if record is None:
                 return
             yield record
+
+
+def row_of(kind: Any, values: Mapping[str, Any]) -> Any:
+    """A named tuple of the wire from its figures; what is NOT_YET is None where None is possible."""
+    hints = _HINTS[kind]
+    return kind(*[None if values[name] == NOT_YET and hints[name] == float | None else values[name] for name in hints])
+
+
+_HINTS = {kind: typing.get_type_hints(kind) for kind in (Tally, EventState, Workload, Event)}

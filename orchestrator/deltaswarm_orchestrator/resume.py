@@ -46,8 +46,8 @@ def newest(folder: Path) -> Resumed:
         told = json.loads(file.read_text())
         return Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
     except FileNotFoundError:
-        told = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
-        raise FolderError(told) from None
+        reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
+        raise FolderError(reason) from None
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise FolderError(f"{file} cannot be read: {error!r}") from None
 
@@ -61,7 +61,7 @@ def check_code(folder: Path, scenario: Scenario) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
-        raise FolderError("other code than this began the run, and only that can go on with it")
+        raise FolderError(f"other code than this began {folder}, and only that can go on with it")
 
 
 def wait_for_leftovers(folder: Path) -> None:

@@ -73,7 +73,7 @@ def parser() -> argparse.ArgumentParser:
         help="who, besides the agents, must be there before the first step (default: operator)",
     )
     made.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents each time so many are closed"
+        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents after every STEPS steps"
     )
     made.add_argument("--resume", type=int, metavar="STEP", help="go on from the checkpoint after this step")
     add_boards_argument(made)

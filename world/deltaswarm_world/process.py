@@ -2,7 +2,6 @@
 
 import logging
 import time
-from collections import Counter
 from collections.abc import Callable
 
 from deltaswarm_wire.checkpoint import is_due
@@ -12,9 +11,7 @@ from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
 from deltaswarm_world import saving
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.core import WorldCore
 from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
-from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.saving import SavedWorld
@@ -30,17 +27,17 @@ STATUS_EVERY_S = 0.5
 
 
 class WorldProcess:
-    """One run of the world over its wires, or what is left of one whose world was `saved` in a checkpoint."""
+    """One run of the world over its wires, or what is left of one whose world was saved in a checkpoint."""
 
-    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld | None = None) -> None:
+    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
         self._config = config
         self._settings = config.scenario.run
-        self._core = saved.core if saved else WorldCore(config.scenario, config.boards)
+        self._core = saved.core
         self._wires = wires
         self._waker = waker
-        self._patience = saved.patience if saved else Patience(self._settings.step_timeout_s)
-        self._restarts: Counter[int] = saved.restarts if saved else Counter()
-        self._overruns_before = saved.overruns if saved else 0
+        self._patience = saved.patience
+        self._restarts = saved.restarts
+        self._overruns_before = saved.overruns
         self._handing_on = HandingOn(wires.forwarded, wires.clock)
         self._handing_on.confirm(self._core.lockstep.step)
         self._has_begun = False

@@ -27,10 +27,11 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda number, _: early.append(number))
+    saved = saved or SavedWorld.new(config)
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
     asked = config.listen or (config.link.endpoint,)
     with (
-        WorldOutput(config.out, *((saved.table_bytes, saved.wall_s) if saved else ())) as output,
+        WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output,
         open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
     ):
         waker, wires = Waker(session, keys), Wires(session, keys, len(agents))

@@ -4,27 +4,36 @@ import json
 import pickle
 import shutil
 from collections import Counter
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Self
 
 from deltaswarm_wire import checkpoint
+from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.lockstep import Patience
 
 
 @dataclass
 class SavedWorld:
-    """All of a world that goes on."""
+    """All of a world that goes on; one that has not begun is a `new` one."""
 
     core: WorldCore
     patience: Patience
-    restarts: Counter[int]
+    restarts: Counter[int] = field(default_factory=Counter)
     """How often each agent was started anew, on order."""
-    table_bytes: list[int]
-    """How long the world's tables were."""
-    wall_s: float
+    table_bytes: Sequence[int] = ()
+    """How long the world's tables were; empty: there were none."""
+    wall_s: float = 0.0
     """Wall time since the first step began, without the time in which the run was not under way [s]."""
-    overruns: int
+    overruns: int = 0
+
+    @classmethod
+    def new(cls, config: WorldConfig) -> Self:
+        """Before the first step."""
+        scenario = config.scenario
+        return cls(WorldCore(scenario, config.boards), Patience(scenario.run.step_timeout_s))
 
 
 def save(run_folder: Path, saved: SavedWorld) -> None:

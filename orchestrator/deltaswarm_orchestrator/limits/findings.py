@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.limits.effects import comparisons_of, estimates_of
 from deltaswarm_orchestrator.limits.experiments import EXPERIMENTS, Experiment
 from deltaswarm_orchestrator.limits.recovery import COLUMNS, recovery_of
 from deltaswarm_orchestrator.limits.runs import runs_of, windows_of
-from deltaswarm_orchestrator.sweeps.folder import write_whole
+from deltaswarm_wire.files import write_whole
 
 NOT_PUBLISHED = ("windows",)
 """Large, and needed by the figures only."""

@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -14,6 +13,7 @@ import orjson
 from deltaswarm_orchestrator.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
+from deltaswarm_wire.files import write_whole
 
 CHECKSUM = "checksum"
 """Of all else in a result's file, by which one is known that was cut off, edited or damaged."""
@@ -126,18 +126,3 @@ class SweepFolder:
 
 def _checksum(result: Result) -> str:
     return hashlib.blake2b(orjson.dumps(result), digest_size=16).hexdigest()
-
-
-def write_whole(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
-    part = file.with_name(f"{file.name}.part")
-    with part.open("wb") as stream:
-        stream.write(data)
-        stream.flush()
-        os.fsync(stream.fileno())
-    part.replace(file)
-    folder = os.open(file.parent, os.O_RDONLY)
-    try:
-        os.fsync(folder)  # the name, too
-    finally:
-        os.close(folder)
