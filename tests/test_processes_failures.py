@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.recording import read_recording
 from deltaswarm_orchestrator.results import read_outcome
 from deltaswarm_orchestrator.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
-from tests.swarms import COMMAND, PATIENCE_S, is_running, running, wait_until
+from tests.swarms import COMMAND, PATIENCE_S, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -175,7 +175,10 @@ def info(folder: Path) -> dict[str, Any]:
     return dict(json.loads(told.stdout))
 
 
-def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("fork_server_too", [False, True])
+def test_no_orphan_survives_the_orchestrator(
+    fork_server_too: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """SIGKILL of the orchestrator: all others end, the recording can be read, nothing else is left."""
     temporary = tempfile.TemporaryDirectory()  # a short path: there are sockets in it
     monkeypatch.setenv("TMPDIR", temporary.name)
@@ -184,6 +187,8 @@ def test_no_orphan_survives_the_orchestrator(tmp_path: Path, monkeypatch: pytest
         swarm.wait_for_steps(1500)
         pids = swarm.pids
         assert info(swarm.part)["state"] == "running"
+        if fork_server_too:
+            os.kill(parent_of(pids["world"]), signal.SIGKILL)
         os.kill(swarm.process.pid, signal.SIGKILL)
         all_gone(pids)
         assert not list(Path(temporary.name).rglob("credentials"))

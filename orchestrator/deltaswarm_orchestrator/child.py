@@ -4,11 +4,13 @@ import gc
 import importlib
 import logging
 import os
+import shutil
 import signal
 import sys
 import threading
 import time
 from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -60,7 +62,14 @@ def _follow(lifeline: Connection) -> None:
     try:
         lifeline.recv_bytes()
     except (EOFError, OSError):
+        remove_socket_folder()
         os.killpg(0, signal.SIGCONT)  # all parts: one that a fault has frozen cannot see that it should end
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(GRACE_S)
         os._exit(1)
+
+
+def remove_socket_folder() -> None:
+    """Remove the folder of the fork server's socket, which only an orchestrator that ends in order does itself."""
+    if address := getattr(forkserver._forkserver, "_forkserver_address", None):
+        shutil.rmtree(os.path.dirname(address), ignore_errors=True)

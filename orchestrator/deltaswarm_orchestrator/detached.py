@@ -6,22 +6,10 @@ sees to an orderly end. A fork server that such a signal ended would take its ch
 
 import atexit
 import os
-import shutil
-from multiprocessing import forkserver
+
+from deltaswarm_orchestrator.child import remove_socket_folder
 
 if os.getpid() != os.getsid(0):
     os.setsid()
 
-FORK_SERVER = os.getpid()
-
-
-@atexit.register
-def tidy() -> None:
-    """Remove the folder of the fork server's socket, which an orchestrator that was killed could not.
-
-    The fork server ends with the orchestrator, which in an orderly end has removed the folder before. Who its parent
-    is would tell nothing: a killed process still is the parent for a moment after its files are closed.
-    """
-    address = getattr(forkserver._forkserver, "_forkserver_address", None)
-    if os.getpid() == FORK_SERVER and address:
-        shutil.rmtree(os.path.dirname(address), ignore_errors=True)
+atexit.register(remove_socket_folder)  # its children leave by `os._exit`, it with the orchestrator
