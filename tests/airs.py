@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 import tests.strategies  # noqa: F401 (hypothesis's profile)
-from deltaswarm_orchestrator.radio_cost import ALL_ON
+from deltaswarm_orchestrator.bench.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.radio import Air, Carried

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.launch import Swarm
-from deltaswarm_orchestrator.observer import Observer
-from deltaswarm_orchestrator.scenario import to_toml
+from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_wire.settings import Scenario
 
 COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]

@@ -14,7 +14,7 @@ import tomli_w
 from deltaswarm_agent.__main__ import main
 from deltaswarm_agent.board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
-from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.boards import certificates
 from tests.boards import tls_arguments
 
 AIR = {"listen": ["tcp/127.0.0.1:0"], "connect": ["tcp/127.0.0.1:1"]}

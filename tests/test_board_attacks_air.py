@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent.board.inbox import Sent, encode_sent
-from deltaswarm_orchestrator import certificates
-from deltaswarm_orchestrator.certificates import Authority
+from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import RADIO, REPORT, Keys

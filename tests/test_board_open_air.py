@@ -13,7 +13,7 @@ import msgpack
 import pytest
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
 from tests.soak import resident_mb

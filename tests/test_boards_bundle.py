@@ -17,8 +17,8 @@ from typing import Any
 import pytest
 from packaging.utils import parse_wheel_filename
 
-from deltaswarm_orchestrator import bundle as bundles
-from deltaswarm_orchestrator.bundle import PLATFORMS, PYTHONS, BundleError, check
+from deltaswarm_orchestrator.boards import bundle as bundles
+from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS, BundleError, check
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire import __version__
 from tests.boards import run_with_board, usual_digest
@@ -149,9 +149,9 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
     [wheel] = tmp_path.glob("deltaswarm-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         archive.extractall(tmp_path / "installed")
-    code = "import sys, pathlib; from deltaswarm_orchestrator import bundle; bundle._source(pathlib.Path(sys.argv[1]))"
+    code = "from pathlib import Path\nfrom deltaswarm_orchestrator.boards import bundle\nbundle._source(Path('found'))"
     environment = {**os.environ, "PYTHONPATH": str(tmp_path / "installed")}
-    subprocess.run([sys.executable, "-P", "-c", code, str(tmp_path / "found")], env=environment, check=True)
+    subprocess.run([sys.executable, "-P", "-c", code], cwd=tmp_path, env=environment, check=True)
     bundles._source(tmp_path / "wanted")
     found, wanted = (
         {path.relative_to(top): path.read_bytes() for path in top.rglob("*") if path.is_file()}

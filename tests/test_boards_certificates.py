@@ -9,7 +9,7 @@ import pytest
 from cryptography import x509
 from cryptography.x509.oid import NameOID
 
-from deltaswarm_orchestrator import certificates
+from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.cli import main
 
 NAMES = {"ca", "world", "operator", "recorder", "agent-20", "agent-21", "agent-7"}

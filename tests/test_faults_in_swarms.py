@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent.controllers.paper.states import WALKING
-from deltaswarm_orchestrator import results
-from deltaswarm_orchestrator.in_process import InProcess, run_in_process
-from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import Clock, Frame
 from deltaswarm_wire.truth import DROP_REASONS, Tally

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from deltaswarm_orchestrator.figures import boxes, lines, messages, over_time, scale, snapshot, style, swarm
 from deltaswarm_orchestrator.figures.swarm import KINDS
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.scenario import load_scenario
 
 ROOT = Path(__file__).parents[1]
 

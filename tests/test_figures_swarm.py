@@ -13,8 +13,8 @@ from deltaswarm_orchestrator.figures import style
 from deltaswarm_orchestrator.figures.density import phi
 from deltaswarm_orchestrator.figures.snapshot import Snapshot, snapshot
 from deltaswarm_orchestrator.figures.swarm import edges, kind_of, swarm
-from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState

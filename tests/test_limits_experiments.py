@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.limits.experiments import EXPERIMENTS, MODES, Experiment
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_wire import checked

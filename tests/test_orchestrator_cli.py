@@ -11,12 +11,12 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.version import Version
 
-from deltaswarm_orchestrator import doctor
+from deltaswarm_orchestrator.bench import doctor
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.folder_lock import OWNER
-from deltaswarm_orchestrator.results import new_manifest
-from deltaswarm_orchestrator.run_folder import RunFolder
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.folder import RunFolder
+from deltaswarm_orchestrator.run.folder_lock import OWNER
+from deltaswarm_orchestrator.run.results import new_manifest
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
@@ -65,7 +65,7 @@ def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch)
     def broken(arguments: object) -> int:
         raise BrokenPipeError
 
-    monkeypatch.setattr("deltaswarm_orchestrator.cli_run.run", broken)
+    monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", broken)
     with pytest.raises(BrokenPipeError):
         main(["run", "paper-25"])
 

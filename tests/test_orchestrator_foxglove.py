@@ -6,7 +6,14 @@ from typing import Any
 import jsonschema
 import pytest
 
-from deltaswarm_orchestrator.foxglove import FIGURE_TOPICS, NET_FIELDS, SCHEMAS, STATE_FIELDS, VIEW_TOPICS, layout
+from deltaswarm_orchestrator.recording.foxglove import (
+    FIGURE_TOPICS,
+    NET_FIELDS,
+    SCHEMAS,
+    STATE_FIELDS,
+    VIEW_TOPICS,
+    layout,
+)
 from deltaswarm_wire.truth import Tally
 
 

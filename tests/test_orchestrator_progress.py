@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from deltaswarm_orchestrator import progress
-from deltaswarm_orchestrator.progress import Display
+from deltaswarm_orchestrator.run import progress
+from deltaswarm_orchestrator.run.progress import Display
 from deltaswarm_wire.messages import Status
 
 

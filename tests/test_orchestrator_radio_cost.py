@@ -4,8 +4,9 @@ from dataclasses import fields
 
 import pytest
 
-from deltaswarm_orchestrator import cli, radio_cost
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.bench import radio_cost
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 
 
@@ -52,4 +53,4 @@ def test_what_cannot_be_measured_is_refused(agents: int, steps: int, rounds: int
     with pytest.raises(ValueError, match="at least 3 agents"):
         radio_cost.measure_radio(agents, steps, rounds)
     numbers = [f"--agents={agents}", f"--steps={steps}", f"--rounds={rounds}"]
-    assert cli.main(["bench", "--radio", *numbers]) == 2
+    assert main(["bench", "--radio", *numbers]) == 2

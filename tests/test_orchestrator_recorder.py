@@ -10,10 +10,10 @@ import jsonschema
 import pytest
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator.foxglove import FIGURE_TOPICS, SCHEMAS, VIEW_TOPICS, layout
-from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.scene import EPOCH_S
+from deltaswarm_orchestrator.recording.foxglove import FIGURE_TOPICS, SCHEMAS, VIEW_TOPICS, layout
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.settings import Scenario

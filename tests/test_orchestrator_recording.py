@@ -13,9 +13,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.recorder import Recorder
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.records import RecordingError
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event, Report, Workload
@@ -187,7 +187,7 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 WRITER = """
 import sys
 from pathlib import Path
-from deltaswarm_orchestrator.recorder import Recorder
+from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.settings import Scenario
 from tests.truths import steps

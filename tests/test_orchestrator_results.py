@@ -11,9 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.progress import Quiet
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.results import (
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run.conduct import RunOptions, run
+from deltaswarm_orchestrator.run.progress import Quiet
+from deltaswarm_orchestrator.run.results import (
     OPERATOR_COLUMNS,
     Outcome,
     figures,
@@ -22,8 +23,7 @@ from deltaswarm_orchestrator.results import (
     write_json,
     write_tables,
 )
-from deltaswarm_orchestrator.run import RunOptions, run
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.messages import Workload

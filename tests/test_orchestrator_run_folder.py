@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator import results, run_folder
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.folder_lock import LOCK, is_held
-from deltaswarm_orchestrator.results import new_manifest
-from deltaswarm_orchestrator.run_folder import FolderError, FolderTakenError, RunFolder
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.run import folder as run_folder
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError, RunFolder
+from deltaswarm_orchestrator.run.folder_lock import LOCK, is_held
+from deltaswarm_orchestrator.run.results import new_manifest
+from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 
 
 def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
@@ -210,8 +211,8 @@ def test_of_two_runs_one_gets_the_folder(
 CROWD = """
 import errno, fcntl, os, sys
 from pathlib import Path
-from deltaswarm_orchestrator.folder_lock import LOCK_FILES, is_held
-from deltaswarm_orchestrator.run_folder import FolderError, RunFolder
+from deltaswarm_orchestrator.run.folder_lock import LOCK_FILES, is_held
+from deltaswarm_orchestrator.run.folder import FolderError, RunFolder
 
 def none(handle, operation):
     raise OSError(errno.ENOSYS, "Function not implemented")

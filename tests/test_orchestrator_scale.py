@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from deltaswarm_orchestrator import bench, scale
+from deltaswarm_orchestrator.bench import bench, scale
 
 
 @pytest.mark.parametrize(("agents", "tiles"), [(1, 1), (25, 1), (30, 1), (50, 2), (100, 4), (200, 8), (400, 16)])

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.foxglove import VIEW_TOPICS
-from deltaswarm_orchestrator.scene import ROLE_COLOURS, colour
+from deltaswarm_orchestrator.recording.foxglove import VIEW_TOPICS
+from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS, colour
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState

@@ -11,7 +11,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import _encoded, decode
 from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
-from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.envelope import decode_sample
 from tests.cores import controllers_of, play, swarm
 

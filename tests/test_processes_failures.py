@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.in_process import run_in_process
-from deltaswarm_orchestrator.launch import Swarm
-from deltaswarm_orchestrator.observer import Observer
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.results import read_outcome
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.results import read_outcome
+from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
 from tests.swarms import COMMAND, PATIENCE_S, is_running, parent_of, running, wait_until
 

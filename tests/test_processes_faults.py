@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
 from tests.swarms import BOUND_S, is_running, run, running, wait_until
 

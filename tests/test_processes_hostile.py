@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from deltaswarm_orchestrator import results
-from deltaswarm_orchestrator.launch import Swarm
-from deltaswarm_orchestrator.observer import Observer
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.stranger import RUBBISH

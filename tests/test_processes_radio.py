@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.in_process import InProcess, run_in_process
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.results import read_outcome
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
+from deltaswarm_orchestrator.run.results import read_outcome
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, Tally
 from tests.airs import EVERYTHING, OBSTACLES

@@ -11,10 +11,10 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.in_process import run_in_process
-from deltaswarm_orchestrator.recording import read_recording
-from deltaswarm_orchestrator.results import read_outcome
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.results import read_outcome
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.swarms import COMMAND, RunningSwarm, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator import results
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 from tests.swarms import PATIENCE_S, run, started, wait_until

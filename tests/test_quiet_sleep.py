@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.airs import EVERYTHING
 
 BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")

@@ -8,8 +8,8 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from deltaswarm_orchestrator import cli_reports
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli import reports as cli_reports
 from deltaswarm_orchestrator.reproduction import conditions
 from deltaswarm_orchestrator.reproduction.conditions import Extent
 from deltaswarm_orchestrator.reproduction.paper_claims import REMARKS

@@ -11,7 +11,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli_sweeps import described
+from deltaswarm_orchestrator.cli.sweep import described
 from deltaswarm_orchestrator.sweeps.conduct import SweepResult, conduct
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError

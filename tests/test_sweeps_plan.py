@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.in_process import run_in_process
+from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.sweeps.plan import SEED_BITS, Job, Variant, replicate_seed
 from deltaswarm_wire.settings import CLOCKS, DENSITIES, RECORDS, ComponentSettings, Scenario
 from tests.sweeping import made

@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controller import agent_rng
-from deltaswarm_orchestrator.in_process import InProcess
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire import seeds
 from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_world.environment import ARRIVALS_STREAM, START_STREAM, Environment

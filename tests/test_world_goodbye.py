@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import AGENT, OPERATOR
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig

@@ -8,7 +8,7 @@ from typing import Any
 
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator.recorder import RECORDING, Recorder
+from deltaswarm_orchestrator.recording.recorder import RECORDING, Recorder
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import NOBODY, Event, Report, Workload
 from deltaswarm_wire.settings import Scenario

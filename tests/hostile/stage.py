@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator import results
-from deltaswarm_orchestrator.results import Outcome
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE
 from tests.swarms import PATIENCE_S, started

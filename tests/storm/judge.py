@@ -4,8 +4,8 @@ import json
 import signal
 from pathlib import Path
 
-from deltaswarm_orchestrator import info
-from deltaswarm_orchestrator.recording import read_recording
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run import info
 from tests.storm.storm import ORCHESTRATOR, Seen
 
 KILL = signal.SIGKILL

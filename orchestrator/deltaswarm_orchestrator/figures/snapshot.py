@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from deltaswarm_orchestrator.figures.density import phi
 from deltaswarm_orchestrator.figures.tables import Floats
-from deltaswarm_orchestrator.in_process import InProcess
+from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState
 

@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.figures.over_time import over_time
 from deltaswarm_orchestrator.figures.snapshot import EARLY_S, EARLY_SEED, snapshot
 from deltaswarm_orchestrator.figures.swarm import swarm
 from deltaswarm_orchestrator.reproduction.conditions import DECENTRALISED, FIGURES, HIERARCHICAL, HYBRID, Extent
-from deltaswarm_orchestrator.scenario import load_scenario
+from deltaswarm_orchestrator.run.scenario import load_scenario
 
 
 def picture(number: int, extent: Extent, table: pd.DataFrame, series: pd.DataFrame) -> Picture:

@@ -10,7 +10,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.folder_lock import LOCK, FolderLock, HeldError
+from deltaswarm_orchestrator.run.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
 from deltaswarm_wire.files import write_whole

@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import runpy
 import signal
 import sys
 
@@ -17,6 +18,5 @@ def die_with_parent(number: signal.Signals, parent: int) -> None:
 
 if __name__ == "__main__":
     die_with_parent(signal.SIGTERM, int(sys.argv[1]))
-    from deltaswarm_orchestrator.cli import main
-
-    sys.exit(main(sys.argv[2:]))
+    sys.argv[1:] = sys.argv[2:]
+    runpy.run_module("deltaswarm_orchestrator", run_name="__main__")

@@ -8,8 +8,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.plugins import source_digest
@@ -128,5 +126,7 @@ class Sweep:
 
 def replicate_seed(sweep_seed: int, replicate: int) -> int:
     """The seed of replicate r, the same in every variant: so all variants see the same arrivals."""
+    import numpy as np  # slow to import, and who only reads a sweep file needs none
+
     (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
     return int(state) >> (64 - SEED_BITS)

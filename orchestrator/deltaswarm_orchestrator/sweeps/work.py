@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 import orjson
 
-from deltaswarm_orchestrator import results
 from deltaswarm_orchestrator.exits import OK, USAGE
-from deltaswarm_orchestrator.in_process import run_in_process
-from deltaswarm_orchestrator.results import OPERATOR_COLUMNS, Outcome
-from deltaswarm_orchestrator.scenario import to_toml
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.results import OPERATOR_COLUMNS, Outcome
+from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.truth import Tally
 

@@ -1,0 +1,1 @@
+"""What this machine allows, and what a swarm costs on it."""

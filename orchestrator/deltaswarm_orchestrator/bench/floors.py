@@ -1,0 +1,103 @@
+"""The floors under a lock-step swarm: the same exchange without any logic, over sockets and over Zenoh.
+
+A step is one 200-byte sample to each agent process and one back from each.
+"""
+
+import multiprocessing
+import socket
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+
+from deltaswarm_orchestrator.run.launch import PRELOADED, bare_main_module, safe_path
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+PAYLOAD = b"x" * 200
+QUEUE_SAMPLES = 64
+
+
+def sockets_steps_per_s(agents: int, steps: int) -> float:
+    """What the kernel allows: a pair of Unix sockets per agent process."""
+    pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(agents)]
+    with _children(_socket_agent, [(far, steps) for _, far in pairs]):
+        links = [near for near, _ in pairs]
+        for _, far in pairs:
+            far.close()
+        for link in links:
+            link.recv(1)  # up and running
+        began = time.perf_counter()
+        for _ in range(steps):
+            for link in links:
+                link.send(PAYLOAD)
+            for link in links:
+                link.recv(4096)
+        rate = steps / (time.perf_counter() - began)
+        for link in links:
+            link.close()
+    return rate
+
+
+def _socket_agent(link: socket.socket, steps: int) -> None:
+    link.send(b"!")
+    for _ in range(steps):
+        link.recv(4096)
+        link.send(PAYLOAD)
+
+
+def zenoh_steps_per_s(agents: int, steps: int) -> float:
+    """What Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        link = RouterLink(f"tcp/127.0.0.1:{probe.getsockname()[1]}", low_latency=True)
+    router = [("mode", "router"), ("listen/endpoints", [link.endpoint]), *quiet_pairs(low_latency=True)]
+    with zenoh.open(configured(zenoh.Config, router, link)) as session:
+        up = session.declare_subscriber("floor/up/*", zenoh.handlers.FifoChannel(4 * agents))
+        downs = [
+            session.declare_publisher(f"floor/down/{agent}", congestion_control=zenoh.CongestionControl.BLOCK)
+            for agent in range(agents)
+        ]
+        with _children(_zenoh_agent, [(agent, steps, link) for agent in range(agents)]):
+            for _ in range(agents):
+                up.recv()  # up and running
+            began = time.perf_counter()
+            for _ in range(steps):
+                for down in downs:
+                    down.put(PAYLOAD)
+                for _ in range(agents):
+                    up.recv().payload.to_bytes()
+            rate = steps / (time.perf_counter() - began)
+            for down in downs:
+                down.put(PAYLOAD)  # the agents may end
+    return rate
+
+
+def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
+    with zenoh.open(configured(zenoh.Config, client_pairs(link), link)) as session:
+        down = session.declare_subscriber(f"floor/down/{agent}", zenoh.handlers.FifoChannel(QUEUE_SAMPLES))
+        session.put(f"floor/up/{agent}", PAYLOAD, congestion_control=zenoh.CongestionControl.BLOCK)
+        up = session.declare_publisher(f"floor/up/{agent}", congestion_control=zenoh.CongestionControl.BLOCK)
+        for _ in range(steps):
+            down.recv().payload.to_bytes()
+            up.put(PAYLOAD)
+        down.recv()
+
+
+@contextmanager
+def _children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
+    """Processes from the same fork server as a run's, ended with the block."""
+    context = multiprocessing.get_context("forkserver")
+    started = [context.Process(target=target, args=entry, daemon=True) for entry in arguments]
+    with bare_main_module(), safe_path():
+        context.set_forkserver_preload([*PRELOADED, __name__])
+        for process in started:
+            process.start()
+    try:
+        yield
+    finally:
+        for process in started:
+            process.join(5)
+            process.kill()
+            process.join()

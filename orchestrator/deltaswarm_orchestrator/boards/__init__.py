@@ -1,0 +1,1 @@
+"""Boards: what each is given, and the certificates of those that take part."""

@@ -1,0 +1,147 @@
+"""Hardware in the loop: what each board of a run is given, in one folder, and how it is started."""
+
+import ipaddress
+import os
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import tomli_w
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.access import TLS, user_name
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
+from deltaswarm_wire.keys import AGENT, WORLD
+from deltaswarm_wire.session import Tls
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import TO_PROCESSES
+
+CERTIFICATE_DAYS = 365
+
+
+@dataclass(frozen=True)
+class Boards:
+    """Agents of a run that are started elsewhere: their numbers, where they reach the world, and their folder.
+
+    The folder is for what is copied to boards. What signs their certificates, and what the world shows, is kept apart
+    in a folder beside it (`authority_folder`).
+    """
+
+    agents: tuple[int, ...]
+    listen: str
+    folder: Path
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Make the folder and, where the world is reached over TLS, certificates that are missing.
+
+        Raises:
+            SettingsError: there is no such agent, no address to reach the world at, a fault that needs the process;
+                or the folder cannot be made.
+        """
+        found = []
+        if self.agents[-1] >= scenario.agents.count:
+            allowed = f"0 to {scenario.agents.count - 1} is allowed (agents.count)"
+            found.append(Problem("--boards", str(self.agents[-1]), allowed))
+        if problem := endpoint_problem(self.listen, connects=True):
+            found.append(Problem("--listen", repr(self.listen), problem))
+        elif protocol_of(self.listen) not in WITH_PORT or _is_any(self._host):
+            found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
+        found += [
+            Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
+            for number, fault in enumerate(scenario.fault)
+            if fault.kind in TO_PROCESSES
+        ]
+        if found:
+            raise SettingsError(found)
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            if self._is_over_tls:
+                self._make_certificates()
+        except (OSError, ValueError) as error:
+            raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
+
+    def _make_certificates(self) -> None:
+        from deltaswarm_orchestrator.boards import certificates  # others need no cryptography
+
+        authority = authority_folder(self.folder)
+        authority.mkdir(mode=0o700, exist_ok=True)
+        authority.chmod(0o700)
+        if (self.folder / "ca.key").exists():  # made by hand in the folder of the boards
+            for file in (*self.folder.glob("*.pem"), *self.folder.glob("*.key")):
+                file.replace(authority / file.name)
+        for ending in ("pem", "key"):  # the world's is for this address, whatever it was
+            (authority / f"{WORLD}.{ending}").unlink(missing_ok=True)
+        certificates.make(authority, self.agents, [self._host], CERTIFICATE_DAYS)
+        for name in ("ca.pem", *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
+            shutil.copyfile(authority / name, self.folder / name)
+        for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
+            _write_secret(self.folder / name, (authority / name).read_text())
+
+    @property
+    def tls(self) -> Tls | None:
+        """The world's certificate, over TLS."""
+        folder = authority_folder(self.folder)
+        files = [str(folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
+        return Tls(*files) if self._is_over_tls else None
+
+    @property
+    def _is_over_tls(self) -> bool:
+        return protocol_of(self.listen) == TLS
+
+    @property
+    def _host(self) -> str:
+        return host_and_port(self.listen)[0]
+
+    def write(self, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]) -> list[Path]:
+        """Each board's settings, and its password where it goes by one; the settings' files."""
+        return [self._write_one(agent, run, endpoint, scenario, password) for agent in self.agents]
+
+    def _write_one(
+        self, agent: int, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]
+    ) -> Path:
+        name = user_name(AGENT, agent)
+        air: dict[str, object] = {"mode": "client", "connect": [endpoint]}
+        if self._is_over_tls:
+            air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+        else:
+            air["credentials_file"] = f"{name}.password"
+            _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
+        told = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}}
+        file = self.folder / f"{agent}.toml"
+        file.write_text(tomli_w.dumps({**told, "agent": checked.plain(scenario.for_agent(agent))}))
+        return file
+
+
+def authority_folder(boards: Path) -> Path:
+    """Where the keys stay that no board is given: beside the boards' folder, so that copying that takes none of them.
+
+    Raises:
+        ValueError: the boards' folder is the root of the file system.
+    """
+    folder = boards.resolve()
+    return folder.with_name(f"{folder.name}.authority")
+
+
+def _is_any(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_unspecified
+    except ValueError:
+        return not host
+
+
+def _write_secret(file: Path, text: str) -> None:
+    """Readable by its owner alone from the first byte on."""
+    file.unlink(missing_ok=True)
+    with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
+        stream.write(text)
+
+
+def commands(files: Sequence[Path]) -> str:
+    """How to start the boards, for people."""
+    lines = [f"    deltaswarm-agent board {file.name}" for file in files]
+    where = files[0].parent
+    if (authority := authority_folder(where)).exists():
+        lines.append(f"the authority's private key stays on this machine: {authority / 'ca.key'}")
+    return "\n".join([f"waits for {len(files)} boards; on each, with its files of {where} beside it:", *lines])

@@ -1,0 +1,192 @@
+"""A folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
+
+Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs; each wheel is
+checked against the tags that the board's Python takes.
+"""
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+
+from packaging.tags import Tag, compatible_tags, cpython_tags
+from packaging.utils import parse_wheel_filename
+from packaging.version import Version
+
+from deltaswarm_wire import __version__
+from deltaswarm_wire.checked import Problem, SettingsError
+
+PLATFORMS = ("linux_aarch64", "linux_armv7l", "linux_x86_64")
+PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
+"""Raspberry Pi OS has 3.11 (bookworm) and 3.13 (trixie)."""
+
+AGENT, ZENOH, MSGPACK = "deltaswarm-agent", "eclipse-zenoh", "msgpack"
+
+GLIBC_MINORS = range(36, 16, -1)
+"""Of glibc 2, newest first: bookworm has 2.36, and no wheel of ours is older than manylinux_2_17."""
+
+PACKAGES = ("deltaswarm_wire", "deltaswarm_agent")
+DATA = ("pyproject.toml", "README.md", "systemd")
+"""What else the board's wheel and the bundle are made of, beside the packages in the source tree's agent/."""
+
+INSTALLED_DATA = "board"
+"""The folder of this package in which an installed deltaswarm keeps the same."""
+
+TAIL_LINES = 8
+
+
+class BundleError(Exception):
+    """No bundle was made; the text says why."""
+
+
+def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[str]:
+    """Make the folder `out`; the names of its wheels.
+
+    Raises:
+        SettingsError: the folder is there.
+        BundleError: a wheel cannot be had, or one does not fit. Nothing is left behind.
+    """
+    if out.exists():
+        raise SettingsError(
+            [Problem("--out", f"{out} is there already", "nothing is overwritten: a new one is expected")]
+        )
+    with _beside(out) as folder, tempfile.TemporaryDirectory(prefix="deltaswarm-") as name:
+        scratch = Path(name)
+        wheels = folder / "wheels"
+        wheels.mkdir()
+        source = _source(scratch / "agent")
+        _pip("wheel", "--no-deps", "--wheel-dir", str(wheels), str(source))
+        _fetch(f"{ZENOH}=={version(ZENOH)}", platform, pythons[0], wheels)
+        for python in pythons:
+            _fetch_msgpack(platform, python, wheels)
+        names = sorted(wheel.name for wheel in wheels.iterdir())
+        if problems := check(names, platform, pythons):
+            raise BundleError("; ".join(problems))
+        for item in (source / "systemd").iterdir():
+            shutil.copy(item, folder)
+        shutil.copy(source / "README.md", folder)
+        _write_sums(folder)
+    return names
+
+
+def check(names: Iterable[str], platform: str, pythons: Sequence[str]) -> list[str]:
+    """What is wrong with these wheels, if anything is: a stranger among them, or a board that none of them fits."""
+    problems = []
+    there: dict[str, list[frozenset[Tag]]] = {AGENT: [], ZENOH: [], MSGPACK: []}
+    for name in names:
+        project, _, _, tags = parse_wheel_filename(name)
+        if project not in there:
+            problems.append(f"{name} does not belong into a bundle")
+        elif not any(tags & board_tags(platform, python) for python in pythons):
+            problems.append(f"{name} does not fit {platform}")
+        else:
+            there[project].append(tags)
+    for wanted, found in there.items():
+        problems += [
+            f"no wheel of {wanted} for Python {python} on {platform}"
+            for python in pythons
+            if not any(tags & board_tags(platform, python) for tags in found)
+        ]
+    return problems
+
+
+def board_tags(platform: str, python: str) -> frozenset[Tag]:
+    """The tags that a board's CPython takes (PEP 425), from its platform and its version such as `3.11`."""
+    numbers = Version(python).release
+    platforms = wheel_platforms(platform)
+    interpreter = f"cp{numbers[0]}{numbers[1]}"
+    return frozenset((*cpython_tags(numbers, platforms=platforms), *compatible_tags(numbers, interpreter, platforms)))
+
+
+def wheel_platforms(platform: str) -> list[str]:
+    """The platform tags that `linux_<machine>` takes, best first (PEP 600)."""
+    machine = platform.removeprefix("linux_")
+    return [*(f"manylinux_2_{minor}_{machine}" for minor in GLIBC_MINORS), f"manylinux2014_{machine}", platform]
+
+
+def _fetch(requirement: str, platform: str, python: str, wheels: Path) -> None:
+    platforms = [option for tag in wheel_platforms(platform) for option in ("--platform", tag)]
+    _pip(
+        *("download", "--no-deps", "--only-binary", ":all:", "--implementation", "cp", "--python-version", python),
+        *(*platforms, "--dest", str(wheels), requirement),
+    )
+
+
+def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
+    """A compiled wheel, or where there is none the pure-Python one, built here from its source."""
+    wanted = version(MSGPACK)
+    if (wheels / f"{MSGPACK}-{wanted}-py3-none-any.whl").exists():
+        return
+    try:
+        _fetch(f"{MSGPACK}=={wanted}", platform, python, wheels)
+    except BundleError:
+        _pip(
+            *("wheel", "--no-deps", "--no-cache-dir", "--no-binary", MSGPACK, "--wheel-dir", str(wheels)),
+            f"{MSGPACK}=={wanted}",
+            environment={"MSGPACK_PUREPYTHON": "1"},
+        )
+
+
+def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:
+    """Run pip.
+
+    Raises:
+        BundleError: it failed; with the end of what it said.
+    """
+    argv = [sys.executable, "-P", "-m", "pip", command, "--quiet", "--disable-pip-version-check", *arguments]
+    done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
+    if done.returncode:
+        lines = (done.stdout + done.stderr).splitlines()
+        errors = [line.strip() for line in lines if "ERROR" in line or "error:" in line]
+        raise BundleError(f"pip {command} {arguments[-1]} failed:\n" + "\n".join((errors or lines)[-TAIL_LINES:]))
+
+
+def _source(folder: Path) -> Path:
+    """A copy of what the board's wheel is made of, from the source tree or from this installation."""
+    origins = [Path(_origin(package)).parent for package in PACKAGES]
+    data = origins[0].parent
+    if not all((data / name).exists() for name in DATA):
+        data = Path(__file__).parents[1] / INSTALLED_DATA
+    for origin in origins:
+        shutil.copytree(origin, folder / origin.name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in DATA:
+        if not (data / name).exists():
+            raise BundleError(f"{data / name} is missing: this installation of deltaswarm {__version__} is not whole")
+        (shutil.copytree if (data / name).is_dir() else shutil.copy)(data / name, folder / name)
+    return folder
+
+
+def _origin(package: str) -> str:
+    spec = importlib.util.find_spec(package)
+    if spec is None or spec.origin is None:
+        raise BundleError(f"{package} is not installed")
+    return spec.origin
+
+
+def _write_sums(folder: Path) -> None:
+    files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+    lines = [f"{hashlib.sha256((folder / file).read_bytes()).hexdigest()}  {file}\n" for file in files]
+    (folder / "SHA256SUMS").write_text("".join(lines))
+
+
+@contextmanager
+def _beside(out: Path) -> Iterator[Path]:
+    """A folder that takes its name only when it is whole."""
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))
+    except OSError as error:
+        raise BundleError(str(error)) from None
+    try:
+        yield folder
+        folder.chmod(0o755)
+        folder.rename(out)
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)

@@ -1,0 +1,89 @@
+"""The command `deltaswarm`: one module per command, imported only when it is asked for."""
+
+import argparse
+import difflib
+import importlib
+import os
+import select
+import sys
+from collections.abc import Sequence
+
+from deltaswarm_orchestrator.exits import FAILED, USAGE, complain
+from deltaswarm_orchestrator.stopping import raise_on_signals
+from deltaswarm_wire import __version__
+from deltaswarm_wire.checked import SettingsError
+
+COMMANDS = {
+    "run": "run a scenario with real processes",
+    "sweep": "many runs that differ in some keys, in one table",
+    "report": "a sweep's tables, tests and figures as one page",
+    "reproduce": "the paper's figures and claims, from own runs",
+    "limits": "how the modes fare when communication is limited",
+    "info": "show a finished or interrupted run, from its folder",
+    "why": "whether an agent could hear another at a time of a run, and why not",
+    "bench": "measure this machine: the swarm beside the floors under it",
+    "doctor": "check what this machine has and lacks",
+    "bundle": "make a folder that installs an agent on a board, offline",
+    "certificates": "make certificates for agents that reach the world over TLS",
+}
+"""Each is a module of this package with a function `add` that completes its parser and sets `func`."""
+
+PARTS = ("agent", "world", "operator")
+"""Commands that start one part by hand; the part's own module reads their arguments."""
+
+
+def parser(command: str = "") -> argparse.ArgumentParser:
+    """The command line with all commands, and the arguments of one of them."""
+    made = argparse.ArgumentParser(
+        prog="deltaswarm",
+        description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
+        epilog="Exit codes: 0 success, 1 a run failed, 2 usage or scenario, 3 a claim missed its tolerance.",
+    )
+    made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
+    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, summary in COMMANDS.items():
+        own = commands.add_parser(name, help=summary)
+        if name == command:
+            importlib.import_module(f"{__name__}.{name}").add(own)
+    for part in PARTS:
+        commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command; its exit code."""
+    argv = list(sys.argv[1:] if argv is None else argv)
+    command = argv[0] if argv else ""
+    if command in PARTS:
+        raise_on_signals()
+        return int(importlib.import_module(f"deltaswarm_{command}.__main__").main(argv[1:]))
+    if command not in COMMANDS and (close := difflib.get_close_matches(command, [*COMMANDS, *PARTS], n=1)):
+        complain(f"there is no command {command!r}; did you mean {close[0]!r}?")
+        return USAGE
+    arguments = parser(command).parse_args(argv)
+    if command != "run":  # which has its own way with signals
+        raise_on_signals()
+    try:
+        code = int(arguments.func(arguments))
+        sys.stdout.flush()
+        return code
+    except SettingsError as error:
+        for problem in error.problems:
+            complain(str(problem))
+        return USAGE
+    except BrokenPipeError:
+        if not _reader_is_gone():
+            raise
+        return FAILED
+    except KeyboardInterrupt:
+        return FAILED
+
+
+def _reader_is_gone() -> bool:
+    """Whether nobody reads standard output any more, as `head` does not; what is left of it then goes nowhere."""
+    output = select.poll()
+    output.register(sys.stdout.fileno(), 0)
+    if not output.poll(0):
+        return False
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return True

@@ -1,0 +1,35 @@
+"""`deltaswarm bundle`."""
+
+import argparse
+from pathlib import Path
+
+from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_wire import __version__
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm bundle`."""
+    from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS
+
+    command.description = "Make a folder from which an agent is installed on a board without internet."
+    command.add_argument("--platform", required=True, choices=PLATFORMS, help="the board's")
+    command.add_argument(
+        "--python", action="append", choices=PYTHONS, help="the board's; may be repeated (default: all of these)"
+    )
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: deltaswarm-agent-VERSION-PLATFORM")
+    command.set_defaults(func=bundle)
+
+
+def bundle(arguments: argparse.Namespace) -> int:
+    """Make the folder."""
+    from deltaswarm_orchestrator.boards import bundle as bundles
+
+    out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
+    pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
+    try:
+        names = bundles.bundle(out, arguments.platform, pythons)
+    except bundles.BundleError as error:
+        complain(str(error))
+        return FAILED
+    print("\n".join([*(f"  {name}" for name in names), str(out)]))
+    return OK

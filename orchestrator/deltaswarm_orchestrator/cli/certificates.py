@@ -1,0 +1,49 @@
+"""`deltaswarm certificates`."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from deltaswarm_orchestrator.exits import OK, USAGE, complain
+from deltaswarm_wire.arguments import agent_numbers
+
+MAX_DAYS = 36_500
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm certificates`."""
+    command.description = (
+        "Make an authority and certificates signed by it, for the world, the operator, the recorder and each agent. "
+        "A folder that holds some already is added to."
+    )
+    command.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for NAME.pem and NAME.key")
+    command.add_argument("--agents", type=agent_numbers, required=True, metavar="N-M,...", help="such as 20-24 or 3,7")
+    command.add_argument(
+        "--host", action="append", default=[], metavar="HOST", help="name or address of the world's machine; repeatable"
+    )
+    command.add_argument("--days", type=_days, default=365, metavar="N", help="how long they are valid (default: 365)")
+    command.set_defaults(func=certificates)
+
+
+def _days(text: str) -> int:
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_DAYS:
+        raise argparse.ArgumentTypeError(f"{text!r}: 1 to {MAX_DAYS} days are allowed")
+    return int(text)
+
+
+def certificates(arguments: argparse.Namespace) -> int:
+    """Make what is missing."""
+    from deltaswarm_orchestrator.boards.certificates import make
+
+    try:
+        files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
+    except (ValueError, OSError) as error:
+        complain(str(error))
+        return USAGE
+    print("\n".join(map(str, files)) if files else f"{arguments.out}: all of them are there")
+    print(
+        f"{arguments.out / 'ca.key'} signs for everybody: it stays on this machine. "
+        "A board gets ca.pem, its own .pem and its own .key",
+        file=sys.stderr,
+    )
+    return OK

@@ -1,0 +1,5 @@
+"""`deltaswarm report`."""
+
+from deltaswarm_orchestrator.cli.reports import add_report as add
+
+__all__ = ["add"]

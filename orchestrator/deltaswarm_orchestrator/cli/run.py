@@ -1,0 +1,153 @@
+"""`deltaswarm run`."""
+
+import argparse
+import json
+from datetime import datetime
+from pathlib import Path
+
+from deltaswarm_orchestrator.cli import boards as cli_boards
+from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.run.scenario import BUILT_IN, load_scenario, to_toml
+from deltaswarm_wire.arguments import listens_on, override
+from deltaswarm_wire.settings import RECORDS, Scenario
+
+DEFAULT_SCENARIO = "paper-25"
+
+ANYWHERE = "tcp/127.0.0.1:0"
+"""On this machine, any free port."""
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm run`."""
+    command.add_argument(
+        "scenario",
+        nargs="?",
+        metavar="SCENARIO",
+        help=f"TOML file or {', '.join(BUILT_IN)} (default: {DEFAULT_SCENARIO})",
+    )
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
+    command.add_argument("--seed", type=int, help="all randomness comes from it")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
+    command.add_argument("--force", action="store_true", help="replace the run folder if it is there")
+    command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
+    command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
+    command.add_argument(
+        "--listen",
+        default=ANYWHERE,
+        type=listens_on,
+        metavar="ENDPOINT",
+        help=f"where the router listens (default: {ANYWHERE})",
+    )
+    cli_boards.add_hardware_in_the_loop(command)
+    command.add_argument(
+        "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
+    )
+    command.add_argument(
+        "--checkpoint",
+        type=_steps,
+        default=0,
+        metavar="STEPS",
+        help="save the whole run after every STEPS steps",
+    )
+    command.add_argument(
+        "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its newest checkpoint"
+    )
+    command.add_argument("--dry-run", action="store_true", help="check and print the effective scenario only")
+    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    command.set_defaults(func=run)
+
+
+def _steps(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        raise argparse.ArgumentTypeError(f"{text!r}: a number of steps, at least 1, is expected")
+    return int(text)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """`deltaswarm run`."""
+    if problem := _resume_problem(arguments):
+        complain(problem)
+        return USAGE
+    scenario = _scenario_of(arguments)
+    if arguments.dry_run:
+        print(to_toml(scenario), end="")
+        return OK
+    from deltaswarm_orchestrator.bench.doctor import can_start_parts
+
+    if not arguments.in_process and not can_start_parts():
+        return FAILED
+    from rich.console import Console
+
+    from deltaswarm_orchestrator.run.conduct import RunOptions
+    from deltaswarm_orchestrator.run.conduct import run as run_scenario
+    from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError
+    from deltaswarm_orchestrator.run.progress import Display, result_table
+
+    out = arguments.resume or arguments.out or _default_folder(scenario)
+    boards = cli_boards.boards_of(arguments, out)
+    listen = ANYWHERE if boards else arguments.listen
+    options = RunOptions(
+        out,
+        arguments.in_process,
+        arguments.force,
+        listen,
+        tuple(arguments.zenoh),
+        boards,
+        arguments.checkpoint,
+        resume=arguments.resume is not None,
+    )
+    try:
+        with Display(scenario.run.step_s) as display:
+            result = run_scenario(scenario, options, display)
+    except FolderError as error:
+        complain(str(error))
+        return FAILED if isinstance(error, FolderTakenError) else USAGE
+    for message in result.messages:
+        complain(message)
+    if arguments.json:
+        print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
+    elif not result.summary["steps"]:
+        complain(f"{result.exit_reason}: no step was made; see {result.folder}")
+        return FAILED
+    else:
+        Console().print(result_table(result.summary))
+        print(result.folder)
+    if overruns := result.summary["realtime_overruns"]:
+        complain(f"{overruns} steps missed the pace of real time")
+    for reason in result.summary["invalid_because"]:
+        complain(f"not valid: {reason}")
+    return OK if result.summary["valid"] else FAILED
+
+
+def _resume_problem(arguments: argparse.Namespace) -> str | None:
+    """What does not go together with --resume or --checkpoint, if anything."""
+    if arguments.resume is None:
+        elsewhere = {"--in-process": arguments.in_process, "--boards": arguments.boards}
+        given = [name for name, value in elsewhere.items() if arguments.checkpoint and value]
+        return f"--checkpoint saves processes of this machine; {given[0]} is not allowed with it" if given else None
+    names = ("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run")
+    given = [name for name in names if getattr(arguments, name) not in (None, False, 0, [])]
+    if given:
+        shown = ", ".join(name.upper() if name == "scenario" else f"--{name.replace('_', '-')}" for name in given)
+        return f"--resume goes on with the run as it was begun; {shown} is not allowed with it"
+    if not (arguments.resume / "scenario.toml").is_file():
+        return f"--resume {arguments.resume}: the folder of a run that was begun is expected"
+    return None
+
+
+def _scenario_of(arguments: argparse.Namespace) -> Scenario:
+    overrides = list(arguments.set)
+    if arguments.record is not None:
+        overrides.append(f"record={arguments.record}")
+    if arguments.resume:
+        return load_scenario(str(arguments.resume / "scenario.toml"))
+    return load_scenario(arguments.scenario or DEFAULT_SCENARIO, overrides, arguments.seed)
+
+
+def _default_folder(scenario: Scenario) -> Path:
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    mode = scenario.control.mode.replace(":", "-")
+    base = Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}"
+    numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
+    free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
+    return next(free)

@@ -1,0 +1,43 @@
+"""`deltaswarm why`."""
+
+import argparse
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_wire.keys import OPERATOR
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm why`."""
+    command.description = "Repeats the run in one process up to a time, and says whether B could hear A then."
+    command.add_argument("folder", type=Path, metavar="RUN")
+    command.add_argument("sender", type=int, metavar="A", help="the agent that sends")
+    command.add_argument("receiver", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
+    command.add_argument("--at", type=float, required=True, metavar="T", help="when [s]")
+    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    command.set_defaults(func=why)
+
+
+def _receiver(text: str) -> int | str:
+    try:
+        return text if text == OPERATOR else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r}: an agent's number or {OPERATOR!r} is expected") from None
+
+
+def why(arguments: argparse.Namespace) -> int:
+    """Say whether one agent could hear another, and why not."""
+    from deltaswarm_orchestrator.run import info, why
+
+    try:
+        answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
+    except info.NotARunError as error:
+        complain(str(error))
+        return USAGE
+    print(json.dumps(asdict(answer)) if arguments.json else why.text(answer))
+    if answer.differs_from_step is not None:
+        complain(f"the run was disturbed: from step {answer.differs_from_step} on this is another one than it was")
+        return FAILED
+    return OK

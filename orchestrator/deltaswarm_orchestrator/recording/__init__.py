@@ -1,0 +1,1 @@
+"""A run's recording: written as MCAP, and read again."""

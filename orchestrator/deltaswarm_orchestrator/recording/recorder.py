@@ -1,0 +1,300 @@
+"""The recorder: everything about a run that is worth keeping, as MCAP, while it happens.
+
+It transcodes to JSON, which every viewer reads. File input and output only: who calls it has the clock
+of the run and the connection.
+"""
+
+import math
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import orjson
+import tomli_w
+from mcap.records import Channel, Message
+from mcap.writer import Writer
+
+from deltaswarm_orchestrator.recording.foxglove import (
+    FIGURE_TOPICS,
+    NET_FIELDS,
+    NOT_YET,
+    SCHEMAS,
+    STATE_FIELDS,
+    VIEW_TOPICS,
+    Json,
+    layout,
+)
+from deltaswarm_orchestrator.recording.records import records, row_of
+from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
+from deltaswarm_orchestrator.run.room import RoomError, room_for
+from deltaswarm_wire.messages import Report, Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import EventState, Truth
+
+RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
+SCENARIO_ATTACHMENT, LAYOUT_ATTACHMENT, MANIFEST = "scenario.toml", "layout.json", "manifest"
+
+CHUNK_BYTES = 256 * 1024
+FLUSH_EVERY_S = 1.0
+"""A kill loses at most what came within this wall time."""
+
+VIEW_RATE_HZ = 10.0
+"""At most so many messages per topic and second of playback are there to be looked at."""
+
+
+class Recorder:
+    """Writes `recording.mcap` into `folder`, and with `wire` the raw frames into `wire.mcap`.
+
+    Until `close` the files are called `.part`. Leaving the context without `close` keeps that name: the
+    file can be read, and is marked incomplete.
+
+    Args:
+        folder: the run's folder, which must be there.
+        scenario_table: the effective scenario as a plain table, kept as TOML.
+        scenario: the same, checked.
+        wire: whether raw frames are kept.
+        wall: a wall clock [s].
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        scenario_table: Mapping[str, Any],
+        scenario: Scenario,
+        wire: bool = False,
+        wall: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._wall = wall
+        self._started_s = self._flushed_s = wall()
+        self._scene = Scene(scenario)
+        self._view_every = _steps_between_views(scenario.run.step_s)
+        self._step_s = scenario.run.step_s
+        self._steps = 0
+        self._step = 0
+        self._time_s = 0.0
+        self._open_events: dict[int, EventState] = {}
+
+        shown = orjson.dumps(layout(scenario.arena.width_m, scenario.arena.height_m), option=orjson.OPT_INDENT_2)
+        (folder / LAYOUT_ATTACHMENT).write_bytes(shown)
+        self._file = _File(folder / RECORDING)
+        self._wire = _File(folder / WIRE) if wire else None
+        self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
+        self._file.attach(LAYOUT_ATTACHMENT, "application/json", shown)
+        self._file.register({**VIEW_TOPICS, **FIGURE_TOPICS})
+        self._file.flush()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end(None)
+
+    def take_over(self, before: Mapping[str, Path], step: int) -> None:
+        """Begin with what other recordings hold up to a step, by the names of the files that they go on in.
+
+        Raises:
+            RecordingError: one of them is no MCAP file.
+        """
+        self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
+        for file in (self._file, self._wire):
+            if file is not None and file.name in before:
+                for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
+                    if topic == "/swarm/event":
+                        self._note(row_of(EventState, orjson.loads(data)))
+        self.save()
+
+    def save(self) -> None:
+        """Have all that was said so far on disk, whatever becomes of the machine."""
+        for file in (self._file, self._wire):
+            if file is not None:
+                file.save()
+
+    def step(self, truth: Truth, reports: Sequence[Report]) -> None:
+        """One closed step: its truth, and the reports that reached the operator in it."""
+        self._step, self._time_s = truth.step, truth.time_s
+        tally = truth.tally._asdict()
+        head = {"step": truth.step, "time_s": truth.time_s}
+        wall_s = round(self._wall() - self._started_s, 3)
+        self._write("/net/stats", {**head, **{name: tally[name] for name in NET_FIELDS}})
+        state = {name: tally[name] for name in STATE_FIELDS}
+        if state["covered_area_m2"] is None:
+            state["covered_area_m2"] = NOT_YET
+        self._write("/swarm/state", {**head, **state, "wall_s": wall_s})
+        self._write("/operator/inbox", {**head, "count": len(reports), "reports": [_plain(r) for r in reports]})
+        self._write_events(truth.events)
+        if self._steps % self._view_every == 0:
+            for topic, message in self._scene.messages(truth):
+                self._write(topic, message)
+        self._steps += 1
+        self.flush_when_due()
+
+    def workload(self, workload: Workload) -> None:
+        """What the operator counted in one step."""
+        self._file.write("/operator/workload", workload.step, workload.time_s, workload._asdict())
+        self.flush_when_due()
+
+    def log(self, level: int, name: str, text: str, time_s: float) -> None:
+        """A line of a part's log; `level` as Python's logging has it, time simulated [s]."""
+        message = {
+            "timestamp": stamp(time_s),
+            "level": min(5, max(0, level // 10)),
+            "message": text.encode(errors="replace").decode(),  # JSON refuses what no UTF-8 can say
+            "name": name,
+            "file": "",
+            "line": 0,
+        }
+        self._file.write("/log", self._step, time_s, message)
+        self.flush_when_due()
+
+    def radio(self, step: int, agent: int, data: bytes) -> None:
+        """A radio frame as its sender made it; kept only with `wire`."""
+        if self._wire:
+            self._wire.write_raw(f"/agent/{agent}/radio", step, step * self._step_s, data)
+
+    def report_bytes(self, step: int, agent: int, data: bytes) -> None:
+        """A report as its sender made it; kept only with `wire`."""
+        if self._wire:
+            self._wire.write_raw(f"/agent/{agent}/report", step, step * self._step_s, data)
+
+    def flush_when_due(self) -> None:
+        """Flush if FLUSH_EVERY_S has passed. Every step and line of log does; who waits long may, too."""
+        now_s = self._wall()
+        if now_s - self._flushed_s >= FLUSH_EVERY_S:
+            self._flushed_s = now_s
+            self._file.flush()
+            if self._wire:
+                self._wire.flush()
+
+    def close(self, manifest: Mapping[str, Any]) -> None:
+        """Add the manifest, finish, and give the files their names. What is no text in it becomes JSON."""
+        self._end(
+            {name: value if isinstance(value, str) else _json(value).decode() for name, value in manifest.items()}
+        )
+
+    def _write(self, topic: str, message: Json) -> None:
+        self._file.write(topic, self._step, self._time_s, message)
+
+    def _write_events(self, events: Sequence[EventState]) -> None:
+        """Those that arrived, were first sensed or completed in this step."""
+        for event in events:
+            before = self._open_events.get(event.event)
+            if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
+                self._write("/swarm/event", _event(event))
+            self._note(event)
+
+    def _note(self, event: EventState) -> None:
+        if event.completed_s is None:
+            self._open_events[event.event] = event
+        else:
+            self._open_events.pop(event.event, None)
+
+    def _end(self, manifest: dict[str, str] | None) -> None:
+        if self._file.is_closed:
+            return
+        with suppress(RoomError) if manifest is None else nullcontext():
+            for event in self._open_events.values():  # once more, for the work done since
+                self._write("/swarm/event", _event(event))
+        for file in (self._file, self._wire):
+            if file:
+                with suppress(RoomError) if manifest is None else nullcontext():
+                    file.close(manifest)
+
+
+class _File:
+    """One MCAP file, called `.part` until it is whole."""
+
+    def __init__(self, path: Path) -> None:
+        self.is_closed = False
+        self.name = path.name
+        self._path = path
+        self._part = path.with_name(path.name + PART)
+        self._stream = self._part.open("wb")
+        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+        self._writer.start()
+        self._channels: dict[str, int] = {}
+
+    def attach(self, name: str, media_type: str, data: bytes) -> None:
+        self._writer.add_attachment(0, log_time_ns(0.0), name, media_type, data)
+
+    def register(self, topics: Mapping[str, str]) -> None:
+        """Announce topics and their schemas."""
+        schemas = {
+            name: self._writer.register_schema(name, "jsonschema", _json(SCHEMAS[name]))
+            for name in dict.fromkeys(topics.values())
+        }
+        for topic, name in topics.items():
+            self._channels[topic] = self._writer.register_channel(topic, "json", schemas[name])
+
+    def write(self, topic: str, step: int, time_s: float, message: Json) -> None:
+        self._add(self._channels[topic], step, time_s, _json(message))
+
+    def write_raw(self, topic: str, step: int, time_s: float, data: bytes) -> None:
+        """MessagePack without a schema, on a channel that comes into being with its first message."""
+        if topic not in self._channels:
+            self._channels[topic] = self._writer.register_channel(topic, "msgpack", 0)
+        self._add(self._channels[topic], step, time_s, data)
+
+    def _add(self, channel: int, step: int, time_s: float, data: bytes) -> None:
+        now_ns = log_time_ns(time_s)
+        with room_for(self._part):
+            self._writer.add_message(channel, now_ns, data, now_ns, step)
+
+    def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, bytes]]:
+        """Add the messages of another file up to a time; topic and data of each."""
+        topics: dict[int, str] = {}
+        for record in records(before):
+            if isinstance(record, Channel):
+                topics[record.id] = record.topic
+                if record.topic not in self._channels:
+                    channel = self._writer.register_channel(record.topic, record.message_encoding, 0)
+                    self._channels[record.topic] = channel
+            elif isinstance(record, Message) and record.log_time <= until_ns:
+                topic = topics[record.channel_id]
+                with room_for(self._part):
+                    self._writer.add_message(
+                        self._channels[topic], record.log_time, record.data, record.publish_time, record.sequence
+                    )
+                yield topic, record.data
+
+    def flush(self) -> None:
+        with room_for(self._part):
+            self._writer.flush()
+
+    def save(self) -> None:
+        self.flush()
+        with room_for(self._part):
+            os.fsync(self._stream.fileno())
+
+    def close(self, manifest: dict[str, str] | None) -> None:
+        """Finish the file; with a manifest it is whole and gets its name."""
+        self.is_closed = True
+        with room_for(self._part), self._stream:
+            if manifest is not None:
+                self._writer.flush()  # the manifest follows what it is about
+                self._writer.add_metadata(MANIFEST, manifest)
+            self._writer.finish()
+        if manifest is not None:
+            self._part.replace(self._path)
+
+
+def _steps_between_views(step_s: float) -> int:
+    """How many steps one view stands for: 1, unless that were more views a second than allowed."""
+    return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
+
+
+def _json(value: Any) -> bytes:
+    return orjson.dumps(value)
+
+
+def _event(event: EventState) -> Json:
+    return {name: NOT_YET if value is None else value for name, value in event._asdict().items()}
+
+
+def _plain(report: Report) -> Json:
+    return {**report._asdict(), "events": [event._asdict() for event in report.events]}

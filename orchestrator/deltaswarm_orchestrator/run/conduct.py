@@ -1,0 +1,235 @@
+"""One run from scenario to summary, by real processes or in one process."""
+
+import json
+import secrets
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.boards.boards import Boards, commands
+from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.run import results, resume, room
+from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
+from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.progress import Reporter
+from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.resume import Resumed
+from deltaswarm_orchestrator.run.room import RoomError
+from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_orchestrator.stopping import Stop, stoppable
+from deltaswarm_wire import checked, checkpoint
+from deltaswarm_wire.settings import Scenario
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How a run is done, apart from what it is (the scenario)."""
+
+    out: Path
+    in_process: bool = False
+    force: bool = False
+    listen: str = "tcp/127.0.0.1:0"
+    zenoh: tuple[tuple[str, str], ...] = ()
+    boards: Boards | None = None
+    """Agents that are started elsewhere, by hand."""
+    checkpoint_steps: int = 0
+    """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
+    resume: bool = False
+    """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a finished run gives its caller."""
+
+    folder: Path
+    summary: dict[str, Any]
+    exit_reason: str
+    messages: tuple[str, ...]
+    """What the user should know: what was lost, and the last lines of the logs."""
+
+
+def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
+    """Do one run and write its folder.
+
+    Raises:
+        FolderError: the folder cannot be had, or there is nothing in it to go on from.
+        FolderTakenError: it could not get its name in the end.
+        SettingsError: the scenario cannot be run with these boards.
+    """
+    with stoppable() as stop:
+        if options.boards:
+            options.boards.prepare(scenario)
+        if options.resume:
+            resume.newest(options.out)  # before the folder is touched
+            resume.check_code(options.out, scenario)
+            with ResumedFolder(options.out) as folder:
+                resume.wait_for_leftovers(folder.path)
+                return _Run(scenario, options, folder, reporter, stop, resume.newest(folder.path)).do()
+        with RunFolder(options.out, force=options.force) as folder:
+            return _Run(scenario, options, folder, reporter, stop).do()
+
+
+class _Run:
+    """One run, and what becomes of it."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        options: RunOptions,
+        folder: RunFolder,
+        reporter: Reporter,
+        stop: Stop,
+        resumed: Resumed | None = None,
+    ) -> None:
+        self._scenario = scenario
+        self._options = options
+        self._folder = folder
+        self._reporter = reporter
+        self._stop = stop
+        self._resumed = resumed
+        self._outcome: Outcome | None = None
+        self._why: list[str] = []
+        """Why it ended too early, or what was lost on the way; each a line."""
+        self._logs: list[str] = []
+        self._operator_restarts = 0
+        if resumed:
+            self._manifest = json.loads((folder.path / "manifest.json").read_text())
+            self._manifest |= {"exit_reason": results.RUNNING}
+            self._manifest["resumed"] = [*self._manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
+            folder.write_manifest(self._manifest)
+        else:
+            engine = "in-process" if options.in_process else "processes"
+            self._manifest = results.new_manifest(scenario, engine, scenario.record)
+            self._manifest |= {"checkpoint_steps": options.checkpoint_steps, "resumed": []}
+            folder.begin(scenario, self._manifest)
+        self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
+
+    def do(self) -> RunResult:
+        """All steps, then tables, summary and manifest."""
+        folder = self._folder.path
+        if warning := room.shortage(folder, self._scenario):
+            self._reporter.say(f"warning: {warning}")
+        summary: dict[str, Any] = {}
+        can_go_on = False
+        try:
+            room.keep_reserve(folder)
+            with self._recorder() as recorder:
+                try:
+                    self._do_steps(recorder)
+                finally:
+                    summary = self._conclude()
+                if recorder is not None:
+                    recorder.close(self._manifest)
+            assert self._outcome is not None
+            can_go_on = not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
+            with room.room_for(folder):
+                results.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
+            if not can_go_on:
+                shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
+        except RoomError as error:
+            self._why.append(str(error))
+            summary = self._conclude() | {"valid": False}
+            summary["invalid_because"].append(str(error))
+        finally:
+            room.give_up_reserve(folder)  # for what follows alone: recording and tables could use it up
+        results.write_json(folder / "summary.json", summary)
+        self._folder.write_manifest(self._manifest)
+        path = self._folder.finish()
+        hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if can_go_on else []
+        messages = (*self._why, *self._logs, *hint)
+        return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
+
+    @contextmanager
+    def _recorder(self) -> Iterator[Recorder | None]:
+        """The recorder that the scenario asks for, if any; it goes on where a run that is resumed does."""
+        folder, scenario = self._folder.path, self._scenario
+        before = resume.make_ready(folder, self._resumed) if self._resumed else {}
+        if scenario.record == "off":
+            yield None
+            return
+        with Recorder(folder, checked.plain(scenario), scenario, wire=scenario.record == "wire") as recorder:
+            if self._resumed:
+                recorder.take_over(before, self._resumed.step)
+                for file in before.values():
+                    file.unlink()
+            yield recorder
+
+    def _do_steps(self, recorder: Recorder | None) -> None:
+        """By real processes or in one."""
+        if self._options.in_process:
+            self._outcome = run_in_process(self._scenario, recorder, self._reporter, lambda: self._stop.by)
+            self._why += self._outcome.messages
+            return
+        try:
+            self._run_processes(recorder)
+        except (LaunchError, ConnectionError) as error:
+            self._why.append(str(error))
+        except StoppedError:
+            pass
+        except KeyboardInterrupt:
+            self._why.append("a second signal came: nothing was waited for")
+
+    def _run_processes(self, recorder: Recorder | None) -> None:
+        """Launch, watch, end.
+
+        Raises:
+            LaunchError, ConnectionError: a part did not come up.
+            StoppedError: somebody asked for the end before all were there.
+            RoomError: the recording could not be written.
+        """
+        scenario, folder, boards = self._scenario, self._folder.path, self._options.boards
+        # A board's file holds for the next run too; the router, with its own port, is one run's alone.
+        name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
+        who = boards.agents if boards else ()
+        zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
+        if every:
+            (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
+        with Swarm(scenario, name, folder, zenoh, who, lambda: self._stop.by, every, self._resumed) as swarm:
+            swarm.start_world(
+                folder / "scenario.toml",
+                listen=self._options.listen,
+                record=recorder is not None,
+                wire=wire,
+                for_boards=boards.listen if boards else "",
+                tls=boards.tls if boards else None,
+            )
+            if boards:
+                self._reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
+            first = self._resumed.step + 1 if self._resumed else 0
+            link = swarm.recorder_link()
+            with Observer(name, link, recorder, wire=wire, first_step=first, checkpoint_steps=every) as observer:
+                watch = Watch(swarm, observer, self._reporter, self._stop, scenario.run.step_timeout_s)
+                try:
+                    swarm.start_operator(publish_all=recorder is not None)
+                    swarm.start_agents()
+                    swarm.write_pids()
+                    watch.to_the_end()
+                finally:
+                    self._why += watch.why
+                    self._logs += [f"the last lines of the log of {who}:\n{tail}" for who, tail in watch.logs.items()]
+                    self._operator_restarts = watch.operator_restarts
+
+    def _conclude(self) -> dict[str, Any]:
+        """The summary; the manifest gets what agrees with it."""
+        if self._outcome is None:
+            self._outcome = results.read_outcome(self._folder.path)
+        summary = results.summary(self._outcome, self._scenario)
+        by = self._stop.by
+        reason = "finished" if summary["complete"] else f"stopped by {by}" if by else "failed"
+        if not summary["complete"]:
+            summary["invalid_because"][0] += f": {reason}"
+        ending = {
+            "exit_reason": reason,
+            "why": self._why,
+            "operator_restarts": self._operator_restarts,
+            "resumed": self._manifest["resumed"],
+        }
+        self._manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
+        return {**summary, **ending}

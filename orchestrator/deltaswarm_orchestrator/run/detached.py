@@ -1,0 +1,15 @@
+"""Imported by the fork server alone, for its effect: a session of its own, and nothing left behind.
+
+Signals to the terminal's or the orchestrator's process group then reach the orchestrator only, which
+sees to an orderly end. A fork server that such a signal ended would take its children's exit codes along.
+"""
+
+import atexit
+import os
+
+from deltaswarm_orchestrator.run.child import remove_socket_folder
+
+if os.getpid() != os.getsid(0):
+    os.setsid()
+
+atexit.register(remove_socket_folder)  # its children leave by `os._exit`, it with the orchestrator

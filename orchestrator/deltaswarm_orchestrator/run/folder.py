@@ -1,0 +1,214 @@
+"""The folder of a run under way: whose it is, what it may replace, when it gets its name."""
+
+import errno
+import os
+import secrets
+import shutil
+from collections.abc import Collection
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError, is_held
+from deltaswarm_orchestrator.run.results import write_json
+from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_wire.settings import Scenario
+
+RUN_FILES = {"manifest.json", "scenario.toml"}
+"""What every run folder has, and no sweep's."""
+
+BEGINNING = {*LOCK_FILES, "scenario.toml", "manifest.json.part"}
+"""All that is in the folder of a run that was killed before it had these."""
+
+DELETE_TRIES = 10
+
+
+class FolderError(Exception):
+    """The run folder cannot be made, is being written, or is there already and `--force` was not given."""
+
+
+class FolderTakenError(FolderError):
+    """A whole run cannot get its name, and keeps the one it was written under."""
+
+
+class RunFolder:
+    """A run's folder: written beside as `<name>.part`, renamed when whole, and this process's own meanwhile.
+
+    A `.part` is locked before it has that name, and until it has another one: so there is none that is written and not
+    locked. What a `.part` replaces is locked, too, and moved away before it is deleted. Leave the context, or call
+    `close`, to let go of it.
+
+    Raises:
+        FolderError: it cannot be had; says why, and what to do.
+    """
+
+    def __init__(self, target: Path, *, force: bool) -> None:
+        _refuse(target, force)
+        self.target = target
+        self.path = target.with_name(target.name + ".part")
+        self._force = force
+        made = _beside(self.path)
+        try:
+            made.mkdir(parents=True)
+            self._lock = FolderLock(made)
+        except OSError as error:
+            shutil.rmtree(made, ignore_errors=True)
+            raise FolderError(f"{self.path} cannot be made: {error.strerror}") from None
+        try:
+            self._move_away_what_was_left()
+            made.rename(self.path)  # fails if somebody else's is there: it is never empty
+        except OSError as error:
+            is_late = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT)
+            reason = "another run has just made it" if is_late else error.strerror
+            raise FolderError(f"{self.path} cannot be made: {reason}") from None
+        finally:
+            if not self._lock.is_at(self.path):
+                self._lock.release()
+                shutil.rmtree(made, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder."""
+        self._lock.release()
+
+    def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
+        """Write what is known before the first step."""
+        (self.path / "scenario.toml").write_text(to_toml(scenario))
+        self.write_manifest(manifest)
+
+    def write_manifest(self, manifest: dict[str, Any]) -> None:
+        """Write `manifest.json` whole."""
+        write_json(self.path / "manifest.json", manifest)
+
+    def finish(self) -> Path:
+        """Give the folder its name, and let go of it.
+
+        Raises:
+            FolderTakenError: meanwhile something appeared there that must not be replaced; all is kept.
+        """
+        kept = f"the whole run is in {self.path}; rename that folder"
+        replaced = None
+        if os.path.lexists(self.target):
+            if not (self._force and _is_replaceable(self.target)):
+                reason = "is no run folder" if self._force else "--force was not given"
+                raise FolderTakenError(f"{self.target} appeared during the run and is not replaced ({reason}): {kept}")
+            replaced = _beside(self.path)
+        try:
+            if replaced is not None:
+                self.target.rename(replaced)
+            self.path.rename(self.target)
+        except OSError as error:
+            raise FolderTakenError(f"{self.target} cannot be made ({error.strerror}): {kept}") from None
+        if replaced is not None:
+            _delete(replaced)
+        self.close()
+        with suppress(OSError):
+            (self.target / LOCK).unlink()
+        return self.target
+
+    def _move_away_what_was_left(self) -> None:
+        """Delete the folder of an interrupted run, if there is one and `--force` was given."""
+        if not os.path.lexists(self.path):
+            return
+        if not _is_replaceable(self.path, BEGINNING):
+            raise FolderError(f"{self.path} exists and is no run folder; a run needs this name until it is whole")
+        try:
+            left = FolderLock(self.path)
+        except HeldError as error:
+            raise FolderError(
+                f"{self.path} is written by a run under way{error}: end that one, or use another folder"
+            ) from None
+        try:
+            if not left.is_at(self.path):
+                raise FileExistsError(errno.EEXIST, "another run was quicker")
+            if not self._force:
+                raise FolderError(f"{self.path} exists: an interrupted run; --force replaces it")
+            away = _beside(self.path)
+            self.path.rename(away)
+            _delete(away)
+        finally:
+            left.release()
+
+
+class ResumedFolder(RunFolder):
+    """The folder of a run that was cut off, `X.part` or `X`, taken to go on with.
+
+    Raises:
+        FolderError: it is no run folder, it is being written, or the name that it needs is another's.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder = folder.resolve()
+        self.target = folder.with_name(folder.name.removesuffix(".part"))
+        self.path = self.target.with_name(f"{self.target.name}.part")
+        self._force = False
+        if not (folder.is_dir() and {path.name for path in folder.iterdir()} >= RUN_FILES):
+            raise FolderError(f"{folder} is no folder of a run that was begun")
+        for other in {self.target, self.path} - {folder}:
+            if os.path.lexists(other):
+                raise FolderError(f"{other} exists beside {folder}: which of them is to go on?")
+        try:
+            self._lock = FolderLock(folder)
+        except HeldError as error:
+            raise FolderError(f"{folder} is written by a run under way{error}") from None
+        except OSError as error:
+            raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
+        if not self._lock.is_at(folder):
+            self._lock.release()
+            raise FolderError(f"{folder} has just become another run's")
+        folder.rename(self.path)
+
+
+def is_under_way(folder: Path) -> bool | None:
+    """Whether a run writes to a folder; None where that cannot be known."""
+    return is_held(folder)
+
+
+def _beside(path: Path) -> Path:
+    """A name that nobody else uses, in the same folder."""
+    return path.with_name(f"{path.name}-{secrets.token_hex(4)}")
+
+
+def _delete(folder: Path) -> None:
+    """Delete what is nobody's any more, though somebody who came too late for its lock may be adding a lock file."""
+    for _ in range(DELETE_TRIES):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+
+
+def _refuse(target: Path, force: bool) -> None:
+    """Refuse a target that a run could not take in the end.
+
+    Raises:
+        FolderError: says why.
+    """
+    if target.is_symlink():
+        raise FolderError(f"{target} is a symbolic link (to {target.readlink()}); name the folder itself")
+    if not target.exists():
+        if target.name in ("", ".."):
+            raise FolderError(f"{target} must end in the name of the new folder")
+        return
+    if not force:
+        raise FolderError(f"{target} exists; --force replaces it")
+    if not _is_replaceable(target):
+        raise FolderError(f"{target} exists and is no run folder; --force does not replace it")
+
+
+def _is_replaceable(folder: Path, without_a_run: Collection[str] = LOCK_FILES) -> bool:
+    """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
+    if folder.name in ("", "..") or folder.is_symlink():
+        return False
+    try:
+        names = {path.name for path in folder.iterdir()}
+    except OSError:
+        return False
+    return names >= RUN_FILES or names <= set(without_a_run)

@@ -1,0 +1,151 @@
+"""All cores of a run in one process, without Zenoh: for debuggers, property tests and sweeps.
+
+The one file that joins the parts. It makes the same bytes in the same order as real processes do, so
+the digest is the same.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Callable
+from logging import WARNING
+from typing import Any
+
+from deltaswarm_agent.controller import ControllerError, make_controller
+from deltaswarm_agent.shell import Outbound, Shell
+from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.run.progress import Quiet, Reporter
+from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_wire.keys import WORLD
+from deltaswarm_wire.messages import Clock, Status
+from deltaswarm_wire.orders import START
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally
+from deltaswarm_world import tracing
+from deltaswarm_world.core import WorldCore
+
+STATUS_EVERY_STEPS = 500
+
+
+class InProcess:
+    """A whole run as one object; `step` runs one step of world, agents and operator."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        self.scenario = scenario
+        self.world = WorldCore(scenario)
+        self._restarts: Counter[int] = Counter()
+        self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
+        self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
+        self.agents_s = 0.0
+        """Wall time spent in the agents' controllers and their encoding [s]."""
+        self.failed: list[str] = []
+        """What ailed each agent whose controller failed."""
+
+    def _agent(self, agent: int) -> Shell:
+        settings = self.scenario.for_agent(agent)
+        return Shell(agent, settings.step_s, make_controller(agent, settings, self._restarts[agent]))
+
+    def _inject(self, step: int, sink: Sink | None) -> None:
+        """What fails or recovers before a step. The dead and the frozen get no frame, which is all it takes."""
+        for order in self.world.inject(step):
+            if order.action == START:
+                self._restarts.update(order.agents)
+                for agent in order.agents:
+                    self.agents[agent] = self._agent(agent)
+            if sink is not None:
+                sink.log(WARNING, WORLD, order.text, order.time_s)
+
+    def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
+        """One step, in agent order."""
+        world = self.world
+        self._inject(step, sink)
+        frames = world.begin(step, last)
+        clock = time.perf_counter
+        began = clock()
+        said: list[tuple[int, Outbound]] = []
+        for agent, frame in frames:
+            try:
+                said.append((agent, self.agents[agent].step(frame)))
+            except ControllerError as error:  # as when its process ends
+                self.failed.append(f"agent {agent}: {error}")
+                world.lockstep.gone(agent)
+        self.agents_s += clock() - began
+        for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
+            if radio is not None:
+                world.inbox.take_radio(agent, counter, radio)
+                if sink is not None:
+                    sink.radio(step, agent, radio)
+            if report is not None and report_bytes is not None:
+                world.inbox.take_report(agent, report, report_bytes)
+                if sink is not None:
+                    sink.report_bytes(step, agent, report_bytes)
+            world.inbox.take_act(agent, act, act_bytes)
+        tally = world.end()
+        for forwarded in world.forwarded:
+            self.operator.take_forwarded(forwarded)
+        return tally
+
+
+def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
+    """Trace an agent's frames at another, or its reports at the operator (None), from the next step on."""
+    if receiver is None:
+        tracing.watch_uplink(swarm.world, sender)
+    else:
+        tracing.watch(swarm.world, sender, receiver)
+
+
+def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]], list[str]]:
+    """What each model says of the watched link in the last step, and what became of what was sent."""
+    answer = tracing.explain_uplink if receiver is None else tracing.explain
+    findings, outcomes = answer(swarm.world)
+    return [finding._asdict() for finding in findings], outcomes
+
+
+def run_in_process(
+    scenario: Scenario,
+    sink: Sink | None = None,
+    reporter: Reporter | None = None,
+    stopped: Callable[[], object] = lambda: None,
+) -> Outcome:
+    """A whole run, or what there is of it when `stopped` says so; what its parts say of it."""
+    reporter = reporter or Quiet()
+    outcome = Outcome()
+    try:
+        swarm = InProcess(scenario)
+    except ControllerError as error:
+        outcome.messages.append(str(error))
+        return outcome
+    steps = scenario.run.steps
+    began = time.monotonic()
+    for step in range(steps):
+        last = step == steps - 1 or bool(stopped())
+        try:
+            tally = swarm.step(step, last, sink)
+        except ControllerError as error:  # of an agent that a fault starts anew
+            outcome.messages.append(str(error))
+            break
+        workload = swarm.operator.close(Clock(step, tally.time_s, last), 0)
+        outcome.tallies.append(tally)
+        outcome.workloads.append(workload)
+        if sink is not None:
+            sink.step(swarm.world.truth(tally), swarm.operator.reports_of_closed_step)
+            sink.workload(workload)
+        if last or step % STATUS_EVERY_STEPS == 0:
+            status = Status(
+                step,
+                steps,
+                tally.time_s,
+                tally.agents_alive,
+                tally.agents_in_trees,
+                swarm.world.environment.mean_waiting_s(),
+                "ended" if last else "running",
+            )
+            reporter.update(status, workload.rate_60s_hz)
+        if last:
+            break
+    complete = len(outcome.tallies) == steps
+    outcome.messages += swarm.failed
+    outcome.events = swarm.world.environment.states()
+    outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
+    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.operator.totals}
+    return outcome

@@ -1,0 +1,119 @@
+"""What a run folder says of its run, whether it is whole or was interrupted."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar
+
+from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.run.folder import FolderError, is_under_way
+from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.resume import newest
+from deltaswarm_wire import checked
+from deltaswarm_wire.settings import Scenario
+
+SHOWN_OF_MANIFEST = {"name", "seed", "engine", "started", "exit_reason", "versions"}
+
+T = TypeVar("T")
+
+
+class NotARunError(Exception):
+    """The folder is no run folder, or one that cannot be read."""
+
+
+def describe(folder: Path) -> dict[str, Any]:
+    """Manifest, summary (computed anew if the run did not come to write it) and the files that are there.
+
+    Raises:
+        NotARunError: there is no manifest or scenario, or one of its files cannot be read.
+    """
+    scenario, outcome = read_run(folder)
+    manifest = _read(folder / "manifest.json", json.loads)
+    if not isinstance(manifest, dict) or not manifest.keys() >= SHOWN_OF_MANIFEST:
+        raise NotARunError(
+            f"{folder / 'manifest.json'} is incomplete; {', '.join(sorted(SHOWN_OF_MANIFEST))} belong in it"
+        )
+    written = folder / "summary.json"
+    summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
+    files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
+    state = _state(folder, manifest, summary)
+    return {
+        "folder": str(folder),
+        "state": state,
+        "checkpoint_step": _checkpoint_step(folder, state),
+        "manifest": manifest,
+        "summary": summary,
+        "files": files,
+    }
+
+
+def _checkpoint_step(folder: Path, state: str) -> int | None:
+    """The step after which a run that was cut off can go on, if it can."""
+    if state == results.RUNNING:
+        return None
+    try:
+        return newest(folder).step
+    except FolderError:
+        return None
+
+
+def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> str:
+    """Whether the run is complete, goes on, or ended too early, and why."""
+    if summary["complete"]:
+        return "complete"
+    if manifest["exit_reason"] != results.RUNNING:
+        return f"incomplete ({manifest['exit_reason']})"
+    died = "incomplete (killed, or its machine stopped)"
+    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_under_way(folder)]
+
+
+def read_run(folder: Path) -> tuple[Scenario, Outcome]:
+    """The scenario of a run, and what its parts left of it.
+
+    Raises:
+        NotARunError: it is no run folder, or one of its files cannot be read.
+    """
+    if not (folder / "scenario.toml").is_file():
+        is_sweep = (folder / "sweep.toml").is_file()
+        found = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
+        raise NotARunError(f"{folder} is no run folder ({found}); one that `deltaswarm run` wrote is expected")
+    scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
+    try:
+        return scenario, results.read_outcome(folder)
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise NotARunError(f"the tables in {folder} cannot be read: {error!r}") from None
+
+
+def _read(file: Path, parse: Callable[[str], T]) -> T:
+    try:
+        return parse(file.read_text())
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
+        raise NotARunError(f"{file} cannot be read: {reason}") from None
+
+
+def text(found: dict[str, Any]) -> str:
+    """The same for people."""
+    manifest, summary = found["manifest"], found["summary"]
+    waiting, workload = summary["waiting_time_s"]["mean"], summary["operator_messages_per_s"]["mean"]
+    lines = [
+        f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {found['state']}",
+        f"  started {manifest['started']}, engine {manifest['engine']}, {summary['steps']} steps",
+        f"  mean waiting time {_shown(waiting)} s, operator messages {_shown(workload)} per s",
+        f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",
+        f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
+    ]
+    lines += [f"  {line}" for why in manifest.get("why", []) for line in why.splitlines()]
+    if found["checkpoint_step"] is not None:
+        lines.append(f"  it can go on after step {found['checkpoint_step']}: deltaswarm run --resume {found['folder']}")
+    for fault in summary.get("faults", []):
+        whom = ", ".join(map(str, fault["agents"])) or "nobody"
+        lines.append(f"  fault at {fault['at_s']:g} s: {fault['kind']}: {whom}")
+    lines += [f"  not valid: {reason}" for reason in summary["invalid_because"]]
+    lines += [f"  {name}: {size:,} bytes" for name, size in found["files"].items()]
+    return "\n".join(lines)
+
+
+def _shown(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f}"

@@ -1,0 +1,341 @@
+"""The processes of one run: started from a fork server, watched, and ended without a remainder."""
+
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import sys
+import threading
+import time
+import types
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Self
+
+from deltaswarm_orchestrator.run import child
+from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.run.resume import Resumed
+from deltaswarm_wire import checkpoint
+from deltaswarm_wire.access import user_name
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
+from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
+from deltaswarm_wire.plugins import CONTROLLERS
+from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import FREEZE
+
+MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
+"""The other parts are known by module name alone."""
+
+PRELOADED = ["deltaswarm_orchestrator.run.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
+"""Imported once by the fork server and shared by all agents, as is a shipped controller."""
+
+SECRETS = "secrets"
+"""In the run's folder until the router has read them: an orchestrator that is killed leaves them nowhere else."""
+
+END_WITHIN_S = 5.0
+PYTHON_S = 8.0
+"""A process may take so long to import what it needs, before its time to come up begins."""
+
+FROZEN_LEASE_MS = 24 * 3600 * 1000
+
+
+class LaunchError(Exception):
+    """A part that must be there did not come up, or ended too early."""
+
+
+class StoppedError(Exception):
+    """Somebody asked for the end before the run had begun."""
+
+
+class Swarm:
+    """World, operator and agents of one run, as a context manager that leaves nothing behind."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        run: str,
+        folder: Path,
+        zenoh: Sequence[tuple[str, str]] = (),
+        boards: Sequence[int] = (),
+        stopped: Callable[[], object] = lambda: None,
+        checkpoint_steps: int = 0,
+        resumed: Resumed | None = None,
+    ) -> None:
+        self.parts: list[Part] = []
+        self.endpoint = ""
+        """Where the parts on this machine join."""
+        self.endpoints: list[str] = []
+        """All on which the router listens."""
+        self._boards = boards
+        self._stopped = stopped
+        self._scenario = scenario
+        self._run = run
+        self._folder = folder
+        self._zenoh = (*_patience(scenario), *zenoh)
+        self._checkpoint_steps, self._resumed = checkpoint_steps, resumed
+        self._restarts = Counter(resumed.restarts if resumed else {})
+        self._secrets_folder = folder / SECRETS
+        self._passwords: dict[str, str] = {}
+        self._context = multiprocessing.get_context("forkserver")
+        self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
+        (folder / "logs").mkdir(parents=True, exist_ok=True)
+        self._forget_secrets()
+        self._secrets_folder.mkdir(mode=0o700)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self.end(at_once=kind is KeyboardInterrupt)
+
+    def start_world(
+        self,
+        scenario_file: Path,
+        *,
+        listen: str,
+        record: bool = False,
+        wire: bool = False,
+        for_boards: str = "",
+        tls: Tls | None = None,
+    ) -> None:
+        """Start the world and wait until its router listens: here, and for boards at another endpoint, if given.
+
+        Raises:
+            LaunchError: it ended instead, with the last lines of its log; or it does not get that far in time.
+            StoppedError: somebody asked for the end.
+        """
+        credentials = self._secrets_folder / "credentials"
+        reader, writer = multiprocessing.Pipe(duplex=False)
+        argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
+        argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
+        argv += ["--listen", for_boards] if for_boards else []
+        argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
+        argv += self._told_of_boards() + self._told_of_checkpoints()
+        argv += ["--resume", str(self._resumed.step)] if self._resumed else []
+        part = self._start(
+            WORLD,
+            0,
+            [*argv, *self._overrides(), *(["--truth"] if record else []), *(["--wire"] if wire else [])],
+            stdout=writer,
+        )
+        writer.close()
+        with reader:
+            self.endpoints = self._line_of(part, reader).split()
+        if not self.endpoints:
+            wait_for([part], END_WITHIN_S)
+            raise LaunchError(f"the world did not come up:\n{part.log_tail()}")
+        self.endpoint = self.endpoints[0]
+        pairs = (line.partition(":") for line in credentials.read_text().splitlines())
+        self._passwords = {user: password for user, _, password in pairs}
+        self._forget_secrets()  # the router has read them, and a killed orchestrator could not
+
+    def _line_of(self, part: Part, reader: Connection) -> str:
+        """The first line that a part prints; what there is of it once the part has ended."""
+        text = b""
+        deadline = time.monotonic() + self._scenario.run.start_timeout_s + PYTHON_S
+        while not text.endswith(b"\n"):
+            if self._stopped():
+                raise StoppedError
+            if time.monotonic() > deadline:
+                raise LaunchError(f"{part.name}: not there after {self._scenario.run.start_timeout_s:g} s")
+            if wait([reader], 0.1):
+                if not (more := os.read(reader.fileno(), 4096)):
+                    break
+                text += more
+        return text.decode()
+
+    def start_operator(self, *, publish_all: bool, go_on: bool = False) -> None:
+        """Start the operator; `go_on` where one that was killed had come to."""
+        scenario = self._scenario
+        argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
+        argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
+        argv += self._told_of_checkpoints()
+        argv += ["--go-on"] if go_on or self._resumed else []
+        self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
+
+    def start_agents(self, agents: Iterable[int] | None = None) -> None:
+        """Start all agents that are no boards, or those given; each gets its own number, password and log.
+
+        In a run that is resumed all are those that were there, as they were.
+        """
+        resumed = self._resumed if agents is None else None
+        everyone = resumed.agents if resumed else range(self._scenario.agents.count)
+        for agent in (agent for agent in everyone if agent not in self._boards) if agents is None else agents:
+            settings = self._folder / "agents" / f"{agent}.toml"  # written by the world
+            argv = ["--id", str(agent), "--settings", str(settings), "--low-latency", *self._joining()]
+            if self._restarts[agent]:
+                argv += ["--restart", str(self._restarts[agent])]
+            if self._checkpoint_steps:
+                argv += ["--checkpoints", str(self._folder / checkpoint.FOLDER)]
+            if resumed:
+                argv += ["--resume", str(resumed.step)]
+            self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
+
+    def password(self, user: str) -> str:
+        """The password of one who may join, once the world is there."""
+        return self._passwords[user]
+
+    def recorder_link(self) -> RouterLink:
+        """How the orchestrator itself joins."""
+        return RouterLink(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
+
+    def _told_of_boards(self) -> list[str]:
+        return [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
+
+    def _told_of_checkpoints(self) -> list[str]:
+        return ["--checkpoint", str(self._checkpoint_steps)] if self._checkpoint_steps else []
+
+    def _joining(self) -> list[str]:
+        return ["--run", self._run, "--connect", self.endpoint, *self._overrides()]
+
+    def _overrides(self) -> list[str]:
+        return [f"--zenoh={key}={value}" for key, value in self._zenoh]
+
+    def _start(
+        self, role: str, number: int, argv: list[str], *, password: str = "", stdout: Connection | None = None
+    ) -> Part:
+        log_file = self._folder / "logs" / f"{role}-{number}.log"
+        environment = {PASSWORD_VARIABLE: password} if password else {}
+        process = self._context.Process(
+            target=child.main,
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD),
+            name=f"deltaswarm-{role}-{number}",
+            daemon=True,
+        )
+        with bare_main_module(), safe_path(), self._impatience():
+            self._context.set_forkserver_preload([*PRELOADED, *self._shipped_controller()])
+            try:
+                process.start()
+            except (OSError, EOFError, ValueError) as error:  # its fork server was killed
+                raise LaunchError(f"{role} {number} cannot be started: the fork server ended ({error!r})") from None
+        part = Part(role, number, process, log_file)
+        self.parts.append(part)
+        return part
+
+    @contextmanager
+    def _impatience(self) -> Iterator[None]:
+        """A fork server that has been stopped answers to nobody, and is waited for without end."""
+        timer = threading.Timer(self._scenario.run.start_timeout_s, kill_fork_server)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _shipped_controller(self) -> list[str]:
+        """The module of the scenario's controller, if it is one of ours: a stranger's is loaded by its agents alone."""
+        target = CONTROLLERS.get(self._scenario.control.mode)
+        return [target.partition(":")[0]] if target else []
+
+    def write_pids(self) -> None:
+        """`logs/pids.json`: who is who, for those who want to look at a process or to kill it."""
+        pids = {part.name: part.pid for part in self.parts}
+        (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
+
+    def carry_out(self, order: ProcessOrder) -> None:
+        """Do to agents' processes what the world says; it waits for it."""
+        if order.action == START:  # maybe of one that was dead when the run was resumed, and has no process here
+            self._restarts.update(order.agents)
+            self.start_agents(order.agents)
+            self.write_pids()
+            return
+        newest = {part.number: part for part in self.parts if part.role == AGENT}
+        parts = [newest[agent] for agent in order.agents]
+        if order.action == KILL:
+            for part in parts:
+                part.ends_as_planned |= part.exit_code is None
+                part.send(signal.SIGKILL)
+            wait_for(parts, END_WITHIN_S)
+        else:
+            for part in parts:
+                part.is_stopped = order.action == STOP
+                part.send(signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
+
+    def ended(self) -> list[Part]:
+        """The parts whose process has ended."""
+        return [part for part in self.parts if part.exit_code is not None]
+
+    def part(self, role: str) -> Part:
+        """The newest part of a role (world, operator)."""
+        return next(part for part in reversed(self.parts) if part.role == role)
+
+    def stop_world(self) -> None:
+        """Ask the world to end the run with the step that is under way."""
+        self.part(WORLD).send(signal.SIGTERM)
+
+    def join(self, within_s: float) -> list[Part]:
+        """Wait until all have ended; those which have not."""
+        return wait_for(self.parts, within_s)
+
+    def end(self, *, at_once: bool = False) -> None:
+        """End whatever still runs: a request first, then by force; `at_once`, by force alone."""
+        for part in self.parts:
+            if part.is_stopped:
+                part.ends_as_planned = True
+                part.send(signal.SIGKILL)  # it would not hear the request
+        if not at_once:
+            for part in self.join(0):
+                part.send(signal.SIGTERM)
+            self.join(END_WITHIN_S / 2)
+        for part in self.join(0):
+            part.send(signal.SIGKILL)
+        self.join(END_WITHIN_S)
+        if any(part.exit_code == UNKNOWN for part in self.parts):
+            kill_fork_server()  # it tells nothing any more: else it, or who waits for it, would stay
+        for part in self.parts:
+            part.close()
+        self._kept_end.close()
+        self._lifeline.close()
+        self._forget_secrets()
+
+    def _forget_secrets(self) -> None:
+        shutil.rmtree(self._secrets_folder, ignore_errors=True)
+
+
+def _patience(scenario: Scenario) -> list[tuple[str, str]]:
+    """An agent that a fault freezes says nothing for long, in wall time too, and is not to be cut off for it."""
+    frozen = any(fault.kind == FREEZE for fault in scenario.fault)
+    return [("transport/link/tx/lease", str(FROZEN_LEASE_MS))] if frozen else []
+
+
+def kill_fork_server() -> None:
+    """Whatever state it is in; the next process that is started gets a new one."""
+    if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@contextmanager
+def bare_main_module() -> Iterator[None]:
+    """Hide the program's own main module and arguments: every process started would get both.
+
+    With the module, each agent would import the whole command line; with the arguments, it would be told the run's
+    seed and scenario.
+    """
+    main, argv = sys.modules["__main__"], sys.argv
+    sys.modules["__main__"], sys.argv = types.ModuleType("__main__"), argv[:1]
+    try:
+        yield
+    finally:
+        sys.modules["__main__"], sys.argv = main, argv
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start the fork server without the current folder on its path: a folder `operator` may be in it."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before

@@ -1,0 +1,206 @@
+"""The orchestrator's own ear on the fabric: progress for people, and all that the recorder writes.
+
+The one file of the orchestrator that touches Zenoh.
+"""
+
+import queue
+import time
+from collections import defaultdict, deque
+from logging import WARNING
+from types import TracebackType
+from typing import Self
+
+from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.digest import RADIO
+from deltaswarm_wire.keys import RECORDER, WORLD, Keys
+from deltaswarm_wire.messages import (
+    Report,
+    Status,
+    Workload,
+    decode_clock,
+    decode_forwarded,
+    decode_report,
+    decode_status,
+    decode_workload,
+)
+from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done, encode_taken
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread, without_sources
+from deltaswarm_wire.truth import Truth, decode_truth, decode_wire
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+BATCH_SAMPLES = 20_000
+"""At most so many samples are taken in one go."""
+
+CONFIRM_STEPS = 100
+"""So often the world is told what has been taken; it does not go far ahead of that, so the queue stays short."""
+
+
+class Observer:
+    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, what agents said.
+
+    The sink has the steps before `first_step`, and saves after each `checkpoint_steps`.
+
+    Raises:
+        ConnectionError: there is no way to the world.
+    """
+
+    def __init__(
+        self,
+        run: str,
+        link: RouterLink,
+        sink: Sink | None,
+        *,
+        wire: bool,
+        first_step: int = 0,
+        checkpoint_steps: int = 0,
+    ) -> None:
+        self.status: Status | None = None
+        self.heard_at = time.monotonic()
+        """When the world last said how it is (monotonic wall time [s])."""
+        self.newest_workload: Workload | None = None
+        self.orders: deque[ProcessOrder] = deque()
+        """What the world wants done to processes, and waits for; `confirm` each."""
+        self._last_step: int | None = None
+        self._keys = keys = Keys(run)
+        self._sink = sink
+        self._queue: queue.SimpleQueue[tuple[str, bytes]] = queue.SimpleQueue()
+        self._truths: dict[int, Truth] = {}
+        self._reports: dict[int, list[Report]] = defaultdict(list)
+        self.newest_step = first_step - 1
+        """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
+        self._open_step, self._confirmed = first_step, first_step - 1
+        self._checkpoint_steps = checkpoint_steps
+        try:
+            self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
+        except zenoh.ZError as error:
+            reason = without_sources(str(error))
+            raise ConnectionError(f"the recorder cannot join the world at {link.endpoint}: {reason}") from None
+        self._done = self._session.declare_publisher(
+            keys.done,
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Done.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        wanted = [keys.status, keys.counted, keys.orders]
+        if sink is not None:
+            wanted += [keys.clock, keys.truth, keys.forwarded]
+            wanted += [keys.wire] if wire else []
+        # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
+        put = zenoh.handlers.Callback(self._put, indirect=False)
+        self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
+        self._taken = self._session.declare_publisher(
+            keys.taken(RECORDER),
+            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Taken.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+        self._token: zenoh.LivelinessToken | None = self._session.liveliness().declare_token(keys.token(RECORDER))
+
+    def _put(self, sample: zenoh.Sample) -> None:
+        self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._session.close()
+
+    def work(self, timeout_s: float) -> bool:
+        """Take what has arrived, after waiting at most `timeout_s` for the first; False if nothing came."""
+        try:
+            self._take(*self._queue.get(timeout=timeout_s))
+            for _ in range(BATCH_SAMPLES):
+                self._take(*self._queue.get_nowait())
+        except queue.Empty:
+            return False
+        return True
+
+    @property
+    def records(self) -> bool:
+        """Whether all that happens is taken, for a recording."""
+        return self._sink is not None
+
+    @property
+    def has_all(self) -> bool:
+        """Whether the run has ended, as far as can be heard, and nothing more is to come."""
+        if self._sink is None:
+            return self.status is not None and self.status.phase == "ended"
+        return self._last_step is not None and self.newest_step >= self._last_step
+
+    def confirm(self, order: ProcessOrder) -> None:
+        """Tell the world that an order is carried out."""
+        self._done.put(encode_done(order.number))
+
+    def leave_when_done(self) -> None:
+        """Once nothing more is to come, tell the world that all has been taken."""
+        if self.has_all and self._token is not None:
+            self._token.undeclare()
+            self._token = None
+
+    def _take(self, key: str, data: bytes) -> None:
+        keys = self._keys
+        if key == keys.truth:
+            truth = decode_truth(data)
+            self._truths[truth.step] = truth
+        elif key == keys.clock:
+            self._close(decode_clock(data).step, decode_clock(data).last)
+        elif key == keys.forwarded:
+            forwarded = decode_forwarded(data)
+            if forwarded.step >= self._open_step:  # else for an operator that has begun anew
+                self._reports[forwarded.step].append(decode_report(forwarded.report))
+        elif key == keys.wire:
+            self._take_wire(data)
+        elif key == keys.status:
+            self.status = decode_status(data)
+            self.heard_at = time.monotonic()
+        elif key == keys.orders:
+            order = decode_order(data)
+            if self._sink is not None:
+                self._sink.log(WARNING, WORLD, order.text, order.time_s)
+            if order.action != NOTE:
+                self.orders.append(order)
+        elif key == keys.counted:
+            self._take_workload(decode_workload(data))
+
+    def _take_workload(self, workload: Workload) -> None:
+        if workload.step <= self.newest_step:
+            return  # of an operator that has begun anew
+        self.newest_workload, self.newest_step = workload, workload.step
+        if self._sink is not None:
+            self._sink.workload(workload)
+            self._confirm()
+
+    def _take_wire(self, data: bytes) -> None:
+        if self._sink is not None:
+            step, said = decode_wire(data)
+            for agent, kind, sample in said:
+                (self._sink.radio if kind == RADIO else self._sink.report_bytes)(step, agent, sample)
+
+    def _close(self, step: int, last: bool) -> None:
+        if step < self._open_step:
+            return  # for an operator that has begun anew
+        truth = self._truths.pop(step, None)
+        reports = sorted(self._reports.pop(step, []), key=lambda report: (report.agent, report.sequence))
+        if self._sink is not None and truth is not None:
+            self._sink.step(truth, reports)
+        self._open_step = step + 1
+        if last:
+            self._last_step = step
+        self._confirm()
+
+    def _confirm(self) -> None:
+        """Tell the world now and then what has been taken, and of a checkpoint that it is on disk."""
+        step = self._open_step - 1
+        if step <= self._confirmed:
+            return
+        if is_due(step, self._checkpoint_steps):
+            if self.newest_step < step or self._sink is None:
+                return
+            self._sink.save()
+        elif self._last_step is None and step < self._confirmed + CONFIRM_STEPS:
+            return
+        self._confirmed = step
+        self._taken.put(encode_taken(step))

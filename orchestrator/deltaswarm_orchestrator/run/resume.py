@@ -1,0 +1,102 @@
+"""A run that was cut off goes on from its newest checkpoint: what its folder must hold, and how it is made ready."""
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.recording.recorder import PART, RECORDING, WIRE
+from deltaswarm_orchestrator.run.folder import FolderError
+from deltaswarm_wire import checkpoint
+from deltaswarm_wire.plugins import source_digest
+from deltaswarm_wire.settings import Scenario
+
+BEFORE = ".before"
+"""What a recording is called that another one is copied from."""
+
+LEFTOVERS_S = 10.0
+
+OPERATOR_STATE = "operator-state.json"
+
+OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json")
+"""What a run leaves when it ends, too early or not."""
+
+
+@dataclass(frozen=True)
+class Resumed:
+    """Where a run goes on."""
+
+    step: int
+    """After this one."""
+    agents: tuple[int, ...]
+    """Those that were there."""
+    restarts: dict[int, int]
+    """How often each agent had been started anew."""
+
+
+def newest(folder: Path) -> Resumed:
+    """The newest checkpoint in a run's folder.
+
+    Raises:
+        FolderError: there is none that can be read.
+    """
+    file = folder / checkpoint.FOLDER / checkpoint.NEWEST
+    try:
+        told = json.loads(file.read_text())
+        return Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
+    except FileNotFoundError:
+        reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
+        raise FolderError(reason) from None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise FolderError(f"{file} cannot be read: {error!r}") from None
+
+
+def check_code(folder: Path, scenario: Scenario) -> None:
+    """Refuse a run that other code began, whose checkpoint means nothing to this.
+
+    Raises:
+        FolderError: says so.
+    """
+    manifest = json.loads((folder / "manifest.json").read_text())
+    begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
+    if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
+        raise FolderError(f"other code than this began {folder}, and only that can go on with it")
+
+
+def wait_for_leftovers(folder: Path) -> None:
+    """Wait for processes of the run before, which end by themselves once they miss their orchestrator.
+
+    Raises:
+        FolderError: one of them does not.
+    """
+    deadline = time.monotonic() + LEFTOVERS_S
+    while left := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
+        if time.monotonic() >= deadline:
+            raise FolderError(f"{folder} is still written by processes of the run before: {', '.join(left)}")
+        time.sleep(0.1)
+
+
+def _is_log_of(folder: Path, standard_error: Path) -> bool:
+    try:
+        return standard_error.readlink().parent == folder / "logs"
+    except OSError:  # it has ended, or is another user's
+        return False
+
+
+def make_ready(folder: Path, resumed: Resumed) -> dict[str, Path]:
+    """Take back what came after the checkpoint; the recordings that the new ones begin with, by name."""
+    for name in OF_AN_END:
+        (folder / name).unlink(missing_ok=True)
+    operator = folder / checkpoint.FOLDER / str(resumed.step) / checkpoint.OPERATOR_FILE
+    checkpoint.write(folder / OPERATOR_STATE, operator.read_bytes())
+    before = {}
+    for name in (RECORDING, WIRE):
+        kept = folder / f"{name}{BEFORE}"
+        for file in (folder / name, folder / f"{name}{PART}"):
+            if file.exists() and not kept.exists():  # else it was being copied when that was cut off, too
+                file.rename(kept)
+            file.unlink(missing_ok=True)
+        if kept.exists():
+            before[name] = kept
+    return before

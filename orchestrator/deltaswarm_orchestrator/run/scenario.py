@@ -1,0 +1,195 @@
+"""Scenarios: TOML files and built-in ones, with `--set` on top, checked as a whole."""
+
+import dataclasses
+import json
+import tomllib
+import typing
+from collections.abc import Iterator, Sequence
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
+from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
+from deltaswarm_wire.settings_radio import RadioSettings
+
+BUILT_IN = ("paper-25", "paper-100", "smoke")
+
+
+def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
+    """The scenario of a file or a built-in name, with `key=value` overrides.
+
+    Raises:
+        SettingsError: every mistake in file and overrides at once.
+    """
+    table, problems = read_table(name)
+    for override in overrides:
+        problems += apply(table, override)
+    if seed is not None:
+        table["seed"] = seed
+    scenario, found = check_table(table)
+    if scenario is None or problems + found:
+        raise SettingsError(problems + found)
+    return scenario
+
+
+def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
+    """The scenario that a table describes, and all mistakes in it."""
+    scenario, problems = checked.check(Scenario, table)
+    options, found = _control_options(table)
+    problems += found
+    if scenario is not None:
+        scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
+        problems += _grid_problems(scenario)
+    return scenario, problems
+
+
+def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
+    """All options of the controller that a table asks for, written out, and all mistakes in them."""
+    control, _ = checked.check(ControlSettings, table.get("control", {}))
+    radio, _ = checked.check(RadioSettings, table.get("radio", {}))
+    if control is None:
+        return {}, []  # told with the other keys
+    shared = AgentSettings(range_m=(radio or RadioSettings()).range_m)
+    try:
+        return checked.plain(controller_settings(control.mode, control.options, shared)), []
+    except SettingsError as error:
+        return {}, error.problems
+
+
+def to_toml(settings: Scenario | AgentSettings) -> str:
+    """The effective settings, every key written out."""
+    return tomli_w.dumps(checked.plain(settings))
+
+
+def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[Problem]]:
+    """The table of a built-in scenario or of a file, unchecked; a relative path starts at `beside`.
+
+    Raises:
+        SettingsError: there is no such scenario, or it is no TOML.
+    """
+    path = beside / name
+    if name in BUILT_IN:
+        text = resources.files("deltaswarm_orchestrator").joinpath(f"scenarios/{name}.toml").read_text()
+        return tomllib.loads(text), []
+    try:
+        if not path.is_file():
+            allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
+            raise SettingsError([Problem("scenario", f"{name!r} {instead_of_file(path)}", allowed)])
+        table = tomllib.loads(path.read_text())
+    except SettingsError:
+        raise
+    except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
+        raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
+    if "schema" not in table:
+        return table, [Problem("schema", "missing", "schema = 1 is expected")]
+    _resolve_grid(table, path.parent)
+    return table, []
+
+
+def instead_of_file(path: Path) -> str:
+    """What is there where a file is expected, for an error message."""
+    try:
+        return "is a folder" if path.is_dir() else "is not there"
+    except OSError:  # a name that is too long, a folder that may not be read
+        return "is not there"
+
+
+def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
+    """A grid's file is relative to the scenario that names it."""
+    events = table.get("events", {})
+    density = events.get("density", {}) if isinstance(events, dict) else {}
+    if isinstance(density, dict) and isinstance(density.get("file"), str) and density["file"]:
+        density["file"] = str((folder / density["file"]).resolve())
+
+
+def _grid_problems(scenario: Scenario) -> list[Problem]:
+    """Whether a grid can be read, before anything is started."""
+    density = scenario.events.density
+    if density.kind != "grid":
+        return []
+    import numpy as np  # few scenarios need it, and every command would wait for it
+
+    try:
+        file = density.file
+        is_array = file.endswith(".npy")  # read as such only: np.load would take zips for arrays too
+        grid = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(file, delimiter=",", ndmin=2)
+        fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
+    except (OSError, ValueError, TypeError) as error:
+        return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "a table is expected")]
+    allowed = "a table of finite weights >= 0 with a positive sum is allowed"
+    return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
+
+
+def apply(table: dict[str, Any], override: str) -> list[Problem]:
+    """Set one dotted key from `key=value`; the value is TOML, or else a plain string."""
+    path, sign, text = override.partition("=")
+    if not sign or not all(path.strip().split(".")):
+        return [Problem("--set", repr(override), "key=value is expected")]
+    try:
+        value = tomllib.loads(f"value = {text}")["value"]
+    except (ValueError, RecursionError):
+        value = text
+    return put(table, path.strip(), value)
+
+
+def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
+    """Set one dotted key of a nested table."""
+    keys = path.split(".")
+    if not all(keys):
+        return [Problem(path or "''", "no key", "a dotted key such as control.delta is expected")]
+    for key in keys[:-1]:
+        table = table.setdefault(key, {})
+        if not isinstance(table, dict):
+            return [Problem(path, f"{key!r} is no table", "a key of a table is expected")]
+    table[keys[-1]] = value
+    return []
+
+
+def reference() -> str:
+    """Every scenario key with its default, its meaning and its source, as Markdown (docs/SCENARIO.md)."""
+    lines = [
+        "# Scenario keys",
+        "",
+        "A scenario is a TOML file with `schema = 1`; every key below can also be set by `--set key=value`. The",
+        "source says whether a default is the paper's or our reading of what the paper leaves open. `name[].key`",
+        "is a key of each table `[[name]]`.",
+        "",
+        "| key | default | meaning | source |",
+        "| --- | --- | --- | --- |",
+        *_reference_rows(Scenario(), ""),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
+    hints = typing.get_type_hints(type(settings))
+    for spec in dataclasses.fields(settings):
+        value = getattr(settings, spec.name)
+        if spec.metadata.get("rest"):
+            yield from _controller_rows(prefix)
+            continue
+        if dataclasses.is_dataclass(value):
+            yield from _reference_rows(value, f"{prefix}{spec.name}.")
+            continue
+        choices = spec.metadata["choices"]
+        meaning = spec.metadata["doc"] + (f" ({', '.join(choices)})" if choices else "")
+        shown = "" if value is None else f"`{json.dumps(checked.plain_value(value))}`"
+        yield f"| `{prefix}{spec.name}` | {shown} | {meaning} | {spec.metadata['source']} |"
+        for item in typing.get_args(hints[spec.name]):
+            if dataclasses.is_dataclass(item):
+                yield from _reference_rows(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")
+
+
+def _controller_rows(prefix: str) -> Iterator[str]:
+    """The options of each shipped controller, with the modes that have them."""
+    for target in dict.fromkeys(CONTROLLERS.values()):
+        modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "
+        for row in _reference_rows(find_controller(modes[0]).Settings(), prefix):
+            key, default, meaning = row.split(" | ", 2)
+            yield f"{key} | {default} | {whose}{meaning}"

@@ -1,0 +1,130 @@
+"""A run under way: take what is heard, do what the world asks for, notice who ends, hangs or says nothing."""
+
+import time
+
+from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
+from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.part import Part
+from deltaswarm_orchestrator.run.progress import Reporter
+from deltaswarm_orchestrator.stopping import Stop
+from deltaswarm_wire.exits import NO_ROOM
+from deltaswarm_wire.keys import OPERATOR, WORLD
+
+POLL_S = 0.1
+SILENCE_S = 8.0
+"""The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
+
+RESTARTS_WITHOUT_A_STEP = 3
+"""So often an operator may die before it has taken a single step more; then it cannot be helped."""
+
+
+class Watch:
+    """Watches a swarm to its end."""
+
+    def __init__(self, swarm: Swarm, observer: Observer, reporter: Reporter, stop: Stop, patience_s: float) -> None:
+        self.why: list[str] = []
+        """Who ended too early, and how; each a line."""
+        self.logs: dict[str, str] = {}
+        """The last lines of the logs of those who were not started again."""
+        self.operator_restarts = 0
+        self._swarm = swarm
+        self._observer = observer
+        self._reporter = reporter
+        self._stop = stop
+        self._patience_s = patience_s + SILENCE_S
+        self._noted: set[Part] = set()
+        self._deadline = float("inf")
+        """When the orchestrator waits no longer for the world to end."""
+        self._taken_before = -1
+        self._vain_restarts = 0
+
+    def to_the_end(self) -> None:
+        """Until the world has ended, or is given up."""
+        swarm, observer = self._swarm, self._observer
+        is_stopping = False
+        while True:
+            observer.work(POLL_S)
+            self._show()
+            if self._stop.by and not is_stopping:
+                is_stopping = True
+                self._end_soon()
+            while observer.orders:
+                order = observer.orders.popleft()
+                swarm.carry_out(order)
+                observer.confirm(order)
+            observer.leave_when_done()
+            self._look_after_parts(is_stopping)
+            if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
+                break
+            if time.monotonic() - observer.heard_at > self._patience_s:
+                self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
+                break
+        while observer.work(0.0):
+            pass
+        if not is_stopping:  # a world that failed just now is why others did
+            self._mourn(self._failed(), first=True)
+
+    def _show(self) -> None:
+        observer = self._observer
+        if observer.status is not None:
+            workload = observer.newest_workload
+            self._reporter.update(observer.status, workload.rate_60s_hz if workload else None)
+
+    def _end_soon(self) -> None:
+        self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S / 2)
+        self._swarm.stop_world()
+
+    def _look_after_parts(self, is_stopping: bool) -> None:
+        failed = self._failed()
+        if not failed:
+            return
+        if not self._has_begun:  # the world would wait for them in vain
+            self._swarm.stop_world()
+        if is_stopping:
+            return
+        self._mourn(failed)
+        for part in failed:
+            if part.role == OPERATOR:
+                if self._start_again(part):
+                    del self.logs[part.name]
+                else:
+                    self._end_soon()
+
+    def _start_again(self, operator: Part) -> bool:
+        """Start an operator in place of one that died; False if that does not help."""
+        taken = self._observer.newest_step
+        self._vain_restarts = self._vain_restarts + 1 if taken <= self._taken_before else 0
+        self._taken_before = taken
+        code = operator.exit_code
+        if not self._has_begun or code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
+            return False
+        try:
+            self._swarm.start_operator(publish_all=self._observer.records, go_on=True)
+        except LaunchError as error:
+            self.why.append(str(error))
+            return False
+        self._swarm.write_pids()
+        self.operator_restarts += 1
+        return True
+
+    @property
+    def _has_begun(self) -> bool:
+        """Whether the first step is under way."""
+        status = self._observer.status
+        return status is not None and status.phase != "waiting"
+
+    def _failed(self) -> list[Part]:
+        """Who has ended since, and not as planned."""
+        ended = [part for part in self._swarm.ended() if part not in self._noted]
+        self._noted.update(ended)
+        return [part for part in ended if part.exit_code != 0 and not part.ends_as_planned]
+
+    def _mourn(self, failed: list[Part], *, first: bool = False) -> None:
+        lines = [part.obituary(self._step if self._has_begun else None) for part in failed]
+        self.why[:] = [*lines, *self.why] if first else [*self.why, *lines]
+        self.logs |= {part.name: part.log_tail() for part in failed}
+
+    @property
+    def _step(self) -> int:
+        """The newest step that has been heard of."""
+        return max(self._observer.newest_step, self._observer.status.step if self._observer.status else -1)

@@ -1,0 +1,140 @@
+"""Whether one agent, or the operator, could hear another at a time in a run, and if not, why not.
+
+The run is done again in one process, up to that time: by the digest that is the same run, to the bit, and
+its rows so far are compared with those in the folder.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
+from deltaswarm_orchestrator.run.info import read_run
+from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.keys import OPERATOR
+from deltaswarm_wire.messages import Clock
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Tally
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the world says of one directed link in one step."""
+
+    sender: int
+    receiver: int | str
+    """An agent, or OPERATOR."""
+    step: int
+    time_s: float
+    reason: str | None
+    """What cuts the link; None if nothing but chance, queues and delay is in the way."""
+    findings: tuple[dict[str, Any], ...]
+    """What each model says, in the order in which a frame meets them; the first that cuts is the reason."""
+    outcomes: tuple[str, ...]
+    """What became in this step of the sender's frames, or reports, for this receiver, those under way included."""
+    differs_from_step: int | None
+    """The first step in which the run in the folder was another; None if it is the same all the way."""
+    steps_in_folder: int
+    """So many steps that run has."""
+
+
+def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
+    """Do the run again up to a time, and ask.
+
+    Raises:
+        NotARunError: the folder holds no run that can be read.
+        SettingsError: there is no such agent, or no such time in the run.
+    """
+    scenario, outcome = read_run(folder)
+    _check(scenario, sender, receiver, at_s)
+    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.tallies)
+
+
+def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:
+    count, end_s = scenario.agents.count, scenario.run.steps * scenario.run.step_s
+    allowed = f"0 to {count - 1} is allowed"
+    found = [
+        Problem(name, f"there is no agent {agent}", allowed)
+        for name, agent in (("A", sender), ("B", receiver))
+        if not isinstance(agent, str) and not 0 <= agent < count
+    ]
+    if sender == receiver:
+        found.append(Problem("B", f"{receiver}", "another agent than A is allowed"))
+    if not 0 <= at_s < end_s:
+        found.append(Problem("--at", f"{at_s:g}", f"a time from 0 to below {end_s:g} s is allowed"))
+    if found:
+        raise SettingsError(found)
+
+
+def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[Tally]) -> Answer:
+    """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
+    swarm = InProcess(scenario)
+    at = receiver if isinstance(receiver, int) else None
+    is_traced = at is not None or swarm.world.uplink is not None
+    differs = None
+    for step in range(at_step + 1):
+        if step == at_step and is_traced:
+            watch(swarm, sender, at)
+        tally = swarm.step(step, last=False)
+        if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
+            differs = step
+    findings, outcomes = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
+    cut = next((finding["reason"] for finding in findings if finding["cuts"]), None)
+    return Answer(
+        sender,
+        receiver,
+        at_step,
+        at_step * scenario.run.step_s,
+        cut,
+        tuple(findings),
+        tuple(outcomes),
+        differs,
+        len(rows),
+    )
+
+
+def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
+    """Without an uplink model: whatever an agent reports is there at once."""
+    swarm.operator.close(Clock(step, 0.0, False), 0)
+    came = [report for report in swarm.operator.reports_of_closed_step if (report.agent, report.step) == (sender, step)]
+    return ["arrived"] * len(came)
+
+
+def _air_of(tally: Tally) -> tuple[Any, ...]:
+    """What shows that a step was the same; all but measured areas, which are not in every row."""
+    return tuple(value for name, value in tally._asdict().items() if name != "covered_area_m2")
+
+
+def text(answer: Answer) -> str:
+    """The same for people."""
+    can = "could hear" if answer.reason is None else "could not hear"
+    because = "" if answer.reason is None else f": {answer.reason}"
+    is_operator = answer.receiver == OPERATOR
+    who = "the operator" if is_operator else f"agent {answer.receiver}"
+    lines = [f"At {answer.time_s:g} s (step {answer.step}) {who} {can} agent {answer.sender}{because}"]
+    if not answer.findings:
+        lines.append("  this run has no uplink model: every report arrives in the step in which it is sent")
+    lines += [
+        f"  {'CUT' if finding['cuts'] else 'ok ':3} {finding['reason']}: {finding['says']}"
+        for finding in answer.findings
+    ]
+    if answer.outcomes:
+        lines += [
+            f"  a {'report' if is_operator else 'frame'} of agent {answer.sender}: {outcome}"
+            for outcome in answer.outcomes
+        ]
+    elif is_operator:
+        lines.append(f"  agent {answer.sender} reported nothing in this step")
+    else:
+        lines.append(f"  agent {answer.sender} had sent nothing in the step before")
+    lines.append(f"  (found by doing the run again in one process{_kinship(answer)})")
+    return "\n".join(lines)
+
+
+def _kinship(answer: Answer) -> str:
+    """How far the run that was asked is the one in the folder."""
+    if answer.differs_from_step is not None:
+        return f", which from step {answer.differs_from_step} on is another run than the one in the folder"
+    if answer.step >= answer.steps_in_folder:
+        return f"; the one in the folder has {answer.steps_in_folder} steps, and did not come to this one"
+    return ", which is the same run to the bit"
