@@ -45,7 +45,7 @@ def test_the_commands_work(folder: Path) -> None:
     manifest = json.loads((folder / "runs" / "processes" / "manifest.json").read_text())
     assert manifest["controller"]["mode"] == "levy:Levy"
     assert manifest["controller"]["source"]
-    report = (folder / "sweeps" / "compare" / "report.html").read_text()
+    report = (folder / "sweeps" / "compare" / "page.html").read_text()
     assert "levy" in report
     assert "hybrid" in report
 

@@ -24,7 +24,7 @@ from tests.swarms import COMMAND
 
 Printed = pytest.CaptureFixture[str]
 
-COMMANDS = ["run", "sweep", "report", "reproduce", "why", "info", "doctor", "bench", "agent", "world", "operator"]
+COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
 COMMANDS += ["bundle", "certificates"]
 
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
@@ -270,11 +270,14 @@ def test_info_says_if_a_run_cannot_be_read(
         ("why . 0 1 --at 3", ". is no run folder (it has no scenario.toml); one that `deltaswarm run` wrote is"),
         ("info swept", "swept is no run folder (a sweep's folder: see deltaswarm report swept); one that "),
         ("info mine/summary.json", "mine/summary.json is no folder; a run folder is expected"),
-        ("report mine", "mine is no sweep's folder (it holds one run: see deltaswarm info mine); one that "),
-        ("report .", ". is no sweep's folder (it has no manifest.json); one that `deltaswarm sweep` wrote is expected"),
-        ("report swept", "swept has no table.csv; `deltaswarm sweep` goes on with the sweep and writes it"),
+        (
+            "report mine",
+            "mine must be a sweep's folder, written by `deltaswarm sweep` (it holds one run: see deltaswarm ",
+        ),
+        ("report .", ". must be a sweep's folder, written by `deltaswarm sweep` (it has no manifest.json)"),
+        ("report swept", "swept has no table.csv; `deltaswarm sweep` continues the sweep and writes it"),
         ("run .", "scenario: '.' is a folder; a TOML file or one of paper-25, paper-100, smoke is allowed"),
-        ("sweep mine", "sweep: 'mine' is a folder; a TOML file or one of paper, "),
+        ("sweep mine", "sweep: 'mine' is a folder; a TOML file or one of modes, "),
         ("sweep based.toml", "base: 'mine' is a folder; a TOML file or one of paper-25, paper-100, smoke is allowed"),
         ("run new.toml", "schema: 2; 1 is allowed"),
         ("bundle --platform linux_x86_64 --out mine", "--out: mine is there already; nothing is overwritten: a new "),

@@ -14,7 +14,15 @@ from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
-from deltaswarm_orchestrator.sweeps.table import costs_of, digest_of, finished_runs, flattened, series_of, table_of
+from deltaswarm_orchestrator.sweeps.table import (
+    PER_SENDER,
+    costs_of,
+    digest_of,
+    finished_runs,
+    flattened,
+    series_of,
+    table_of,
+)
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, work
 from tests.sweeping import LOSSES, made, sweep, tasks_of, written
 
@@ -55,15 +63,26 @@ def test_there_is_a_row_per_run_with_what_tells_it_apart(table: pd.DataFrame) ->
 
 @pytest.mark.processes
 def test_every_figure_of_a_summary_is_in_the_table(done: Path, table: pd.DataFrame, tmp_path: Path) -> None:
-    """As `deltaswarm run` writes it for the same scenario and seed, but for the speed of the machine."""
+    """As `deltaswarm run` writes it for the same scenario and seed, but for the speed of the machine.
+
+    What it has for each sender stands in `senders.csv`.
+    """
     row = table.iloc[3]
+    senders = pd.read_csv(done / "senders.csv")
+    own = senders[(senders["variant"] == row["variant"]) & (senders["replicate"] == row["replicate"])]
     (tmp_path / "scenario.toml").write_text(to_toml(load_sweep(str(done.parent / "mine.toml")).variants[1].scenario))
     arguments = ["run", str(tmp_path / "scenario.toml"), "--in-process", "--seed", str(row["seed"])]
     assert main([*arguments, "--out", str(tmp_path / "run")]) == 0
     summary = json.loads((tmp_path / "run" / "summary.json").read_text())
     figures = {name: value for name, value in flattened(summary) if name not in OF_THE_RUN}
+    by_sender = {name for name in figures if name.startswith(PER_SENDER)}
+    assert len(own) == len(by_sender) > 0
+    assert sum(figures[name] for name in by_sender if name.endswith(".messages")) == row["operator.messages"]
+    assert sorted(own["value"]) == sorted(figures[name] for name in by_sender)
     assert figures["digest"] == row["digest"]
     for name, value in figures.items():
+        if name in by_sender:
+            continue
         if value is None:
             assert pd.isna(row[name])
         else:
@@ -131,7 +150,7 @@ def test_parquet_says_the_same_as_csv(done: Path, name: str) -> None:
 def test_the_folder_holds_nothing_else(done: Path) -> None:
     """Neither scratch files nor halves of files."""
     names = {".lock", "runs", "manifest.json", "sweep.toml"}
-    names |= {f"{name}.{kind}" for name in ("table", "series", "costs") for kind in ("csv", "parquet")}
+    names |= {f"{name}.{kind}" for name in ("table", "series", "costs", "senders") for kind in ("csv", "parquet")}
     assert {file.name for file in done.iterdir()} == names
     assert all(file.suffix == ".json" for file in (done / "runs").iterdir())
 

@@ -4,7 +4,9 @@ import hashlib
 import importlib.util
 import os
 import platform
+import subprocess
 from datetime import UTC, datetime
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -34,6 +36,21 @@ def host() -> dict[str, str | int | None]:
     return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()}
 
 
+@cache
+def commit() -> str | None:
+    """The git commit of the sources, with `-dirty` if they differ from it; None outside of a git checkout."""
+    here = Path(__file__)
+    git = ["git", "-C", str(here.parent)]
+    try:
+        subprocess.run([*git, "ls-files", "--error-unmatch", here.name], capture_output=True, check=True)
+        done = subprocess.run([*git, "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40"],
+                              capture_output=True, text=True, check=True)  # fmt: skip
+    except (OSError, subprocess.CalledProcessError):
+        return None
+    return done.stdout.strip()
+
+
+@cache
 def code_digest() -> str:
     """A digest of all sources of deltaswarm, which tells apart what one version number may hold."""
     found = hashlib.blake2b(digest_size=8)

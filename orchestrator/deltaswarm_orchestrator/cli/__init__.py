@@ -16,9 +16,8 @@ from deltaswarm_wire.checked import SettingsError
 COMMANDS = {
     "run": "run a scenario with real processes",
     "sweep": "many runs that differ in some keys, in one table",
-    "report": "a sweep's tables, tests and figures as one page",
-    "reproduce": "the paper's figures and claims, from own runs",
-    "limits": "how the modes fare when communication is limited",
+    "study": "answer a question: runs, tests, verdicts and figures on one page",
+    "report": "write a page about a sweep that has no study",
     "info": "show a finished or interrupted run, from its folder",
     "why": "whether an agent could hear another at a time of a run, and why not",
     "bench": "measure this machine: the swarm beside the floors under it",

@@ -54,8 +54,8 @@ def _measured(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
         return found, bench.text(found)
     found = scale.measure_scale(arguments.sizes or scale.SIZES, arguments.steps, arguments.rounds)
     if arguments.plot:
-        from deltaswarm_orchestrator.figures.scale import scale as drawn
-        from deltaswarm_orchestrator.figures.style import save
+        from deltaswarm_orchestrator.report.plots.scale import scale as drawn
+        from deltaswarm_orchestrator.report.plots.style import save
 
         save(drawn([{**row, "rss_mb": row["peak_memory_mb"]} for row in found["sizes"]]), arguments.plot)
     return found, scale.text(found)

@@ -1,5 +1,49 @@
 """`deltaswarm report`."""
 
-from deltaswarm_orchestrator.cli.reports import add_report as add
+import argparse
+import json
+from pathlib import Path
 
-__all__ = ["add"]
+from deltaswarm_orchestrator.exits import OK, USAGE, complain
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm report`."""
+    command.description = "Write a page about a sweep: every factor's levels compared, figures, tables."
+    command.add_argument("sweep", type=Path, metavar="SWEEP", help="a sweep's folder")
+    command.add_argument("--reference", metavar="LEVEL", help="compare the others with this level (default: the first)")
+    command.add_argument(
+        "--metric", action="append", default=[], metavar="COLUMN", help="a column of table.csv to report as well"
+    )
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: the sweep's folder")
+    command.add_argument("--json", action="store_true", help="print the files written as JSON")
+    command.set_defaults(func=report)
+
+
+def report(arguments: argparse.Namespace) -> int:
+    """Report a bare sweep as a study that compares everything."""
+    from deltaswarm_orchestrator.studies.bare import bare_study
+    from deltaswarm_orchestrator.studies.page import Evidence, provenance_of, write
+    from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
+    from deltaswarm_orchestrator.sweeps.load import load_sweep
+    from deltaswarm_orchestrator.sweeps.table import read_series, read_table
+
+    folder: Path = arguments.sweep
+    try:
+        manifest = SweepFolder(folder).manifest()
+        if manifest is None or "swept" not in manifest:
+            found = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
+            raise SweepFolderError(f"{folder} must be a sweep's folder, written by `deltaswarm sweep` ({found})")
+        if not (folder / "table.csv").exists():
+            raise SweepFolderError(f"{folder} has no table.csv; `deltaswarm sweep` continues the sweep and writes it")
+        sweep = load_sweep(str(folder / "sweep.toml"))
+        table, series = read_table(folder / "table.csv"), read_series(folder / "series.csv")
+        study = bare_study(
+            sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
+        )
+        files = write(study, Evidence.of_sweep(study, table, series), provenance_of(manifest), arguments.out or folder)
+    except (SweepFolderError, OSError, ValueError) as error:
+        complain(str(error))
+        return USAGE
+    print(json.dumps([str(file) for file in files]) if arguments.json else files[0])
+    return OK

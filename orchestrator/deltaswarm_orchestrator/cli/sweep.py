@@ -107,8 +107,8 @@ def conduct_for(
         complain(f"failed: {reason}")
     for name in result.differing:
         complain(f"digests differ between one process and real processes: {name}")
-    if _is_outdated(folder / "report.md", result.manifest["digest"]):
-        complain(f"{folder / 'report.md'} is of another table; made anew by: deltaswarm report {folder}")
+    if _is_outdated(folder / "page.md", result.manifest["digest"]):
+        complain(f"{folder / 'page.md'} is of another table; made anew by: deltaswarm report {folder}")
     if result.interrupted:
         complain(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
     return result

@@ -72,6 +72,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "exit_reason": RUNNING,
         "digest": None,
         "versions": provenance.versions(),
+        "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
         "controller": {"mode": scenario.control.mode, "source": source_digest(scenario.control.mode)},

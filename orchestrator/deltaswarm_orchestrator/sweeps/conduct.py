@@ -112,6 +112,7 @@ def conduct(
         }
         tables.write_table(path / "table", table)
         tables.write_table(path / "costs", tables.costs_of(runs))
+        tables.write_table(path / "senders", tables.senders_of(runs))
         if with_series:
             tables.write_table(path / "series", series)
         folder.write_manifest(manifest)
@@ -144,6 +145,7 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
         "versions": provenance.versions(),
         "host": provenance.host(),
         "code": list(dict.fromkeys(code)),
+        "commit": provenance.commit(),
         "digest": state.get("digest"),
         "failed": state.get("failed", []),
         "proofs": state.get("proofs", {"checked": 0, "equal": 0}),

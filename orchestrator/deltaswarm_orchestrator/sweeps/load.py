@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -19,21 +20,20 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
-BUILT_IN = (
-    "paper",
-    "modes",
-    "readings",
-    "smoke",
-    "network-loss",
-    "network-range",
-    "network-latency",
-    "network-bandwidth",
-    "jamming",
-    "partition",
-    "uplink-outage",
-    "lose-a-third",
-    "lose-the-roots",
-)
+FOLDERS = ("sweeps/built_in", "studies/paper", "studies/limits")
+
+
+def files_in(folder: str) -> list[Traversable]:
+    """The TOML files of a folder of this package, by name."""
+    files = resources.files("deltaswarm_orchestrator").joinpath(folder).iterdir()
+    return sorted((file for file in files if file.name.endswith(".toml")), key=lambda file: file.name)
+
+
+BUILT_IN = {file.name.removesuffix(".toml"): file for folder in FOLDERS for file in files_in(folder)}
+"""The file of each built-in sweep; those of studies hold a sweep too."""
+
+STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "figure", "finding")
+"""What a study file has beside its sweep: for a sweep it means nothing."""
 
 OWN = ("seed", "record")
 """Scenario keys that a sweep sets for each run."""
@@ -55,7 +55,8 @@ def load_sweep(
     Raises:
         SettingsError: every mistake in file and overrides at once.
     """
-    table, beside = _read(name)
+    table, beside = read_file(name)
+    table = {name: value for name, value in table.items() if name not in STUDY_TABLES}
     own = table.setdefault("sweep", {})
     if isinstance(own, dict):
         own |= {setting: value for setting, value in (settings or {}).items() if value is not None}
@@ -99,11 +100,14 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     return Sweep(replace(file, base=kept, scenario=shared), variants, factors)
 
 
-def _read(name: str) -> tuple[dict[str, Any], Path]:
-    """The sweep's table and the folder that its paths start from."""
+def read_file(name: str) -> tuple[dict[str, Any], Path]:
+    """The table of a sweep's or study's file or built-in name, and the folder that its paths start from.
+
+    Raises:
+        SettingsError: there is no such file, or it is no TOML.
+    """
     if name in BUILT_IN:
-        text = resources.files("deltaswarm_orchestrator").joinpath(f"sweeps/built_in/{name}.toml").read_text()
-        return tomllib.loads(text), Path()
+        return tomllib.loads(BUILT_IN[name].read_text()), Path()
     path = Path(name)
     if not _is_file(path):
         allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"

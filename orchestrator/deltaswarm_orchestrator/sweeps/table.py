@@ -2,7 +2,7 @@
 
 import hashlib
 import importlib.util
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,13 @@ DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
 """The same run by other means must have the same digest: both stand in the table."""
 
 
+ORIGIN = ("code", "commit")
+"""Which version of deltaswarm did a run: a digest of its sources, and the git commit where there is one."""
+
+PER_SENDER = ("operator.per_sender.", "rejected_by_agent.", "excess_by_agent.", "late_acts_by_agent.", "boards.")
+"""What a summary has for each sender stands in a table of its own, so that `table.csv` always has the same columns."""
+
+
 def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
     """The finished runs by variant, then by replicate, by whichever means they were done."""
     order = {variant.label: index for index, variant in enumerate(sweep.variants)}
@@ -33,7 +40,21 @@ def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
     rows = []
     for job, result in runs:
         digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
-        rows.append({**_head(job), **digests, **dict(flattened(result["summary"]))})
+        origin = {name: result.get(name) for name in ORIGIN}
+        whole = {name: value for name, value in flattened(result["summary"]) if not name.startswith(PER_SENDER)}
+        rows.append({**_head(job), **origin, **digests, **whole})
+    return pd.DataFrame(rows)
+
+
+def senders_of(runs: Finished) -> pd.DataFrame:
+    """A row per run, sender and count that the summary keeps for each sender: `sender`, `name`, `value`."""
+    rows = [
+        {**_head(job), "sender": int(sender), "name": ".".join([prefix[:-1], *rest]), "value": value}
+        for job, result in runs
+        for name, value in flattened(result["summary"])
+        if (prefix := next((one for one in PER_SENDER if name.startswith(one)), None))
+        for sender, *rest in [name.removeprefix(prefix).split(".")]
+    ]
     return pd.DataFrame(rows)
 
 
@@ -91,6 +112,27 @@ def differing(table: pd.DataFrame) -> list[str]:
     both = table.dropna(subset=list(DIGESTS.values()))
     wrong = both[both[DIGESTS[IN_PROCESS]] != both[DIGESTS[PROCESSES]]]
     return [f"{row['variant']}, replicate {row['replicate']}" for _, row in wrong.iterrows()]
+
+
+def read_table(file: Path, labels: Sequence[str] = ("variant",)) -> pd.DataFrame:
+    """Read a table that `write_table` wrote; in these columns `10`, `true` and `None` are text.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it holds no table.
+    """
+    columns = pd.read_csv(file, nrows=0).columns
+    texts = {name: str for name in labels if name in columns}
+    missing = {name: [""] for name in columns if name not in texts}
+    return pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=missing)
+
+
+def read_series(file: Path) -> pd.DataFrame:
+    """The time series of a sweep; empty if it kept none."""
+    try:
+        return read_table(file)
+    except (FileNotFoundError, pd.errors.EmptyDataError):
+        return pd.DataFrame()
 
 
 def write_table(path: Path, table: pd.DataFrame) -> list[Path]:

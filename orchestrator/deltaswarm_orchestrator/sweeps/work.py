@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import orjson
 
+from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.exits import OK, USAGE
 from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.in_process import run_in_process
@@ -75,6 +76,8 @@ def work(task: Task) -> Result:
         "replicate": task.job.replicate,
         "seed": scenario.seed,
         "means": task.means,
+        "code": provenance.code_digest(),
+        "commit": provenance.commit(),
         "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK + PRINTED},
         "series": series_of(outcome, scenario.run.step_s, task.job.series_every_s),
         "cost": {

@@ -1,1 +1,0 @@
-"""What a sweep's runs say: statistics, reports and the judging of claims."""

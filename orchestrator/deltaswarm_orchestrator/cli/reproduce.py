@@ -1,5 +1,0 @@
-"""`deltaswarm reproduce`."""
-
-from deltaswarm_orchestrator.cli.reports import add_reproduce as add
-
-__all__ = ["add"]

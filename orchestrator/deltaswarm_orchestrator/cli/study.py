@@ -1,0 +1,136 @@
+"""`deltaswarm study`."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from deltaswarm_orchestrator.cli.sweep import add_engine, conduct_for
+from deltaswarm_orchestrator.exits import FAILED, MISSED, OK, USAGE, complain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from deltaswarm_orchestrator.studies.page import Evidence
+    from deltaswarm_orchestrator.studies.study import Study
+
+EXAMPLES = """\
+examples:
+  deltaswarm study paper --plan        what would be run, and what it could show
+  deltaswarm study paper               every number and claim of the paper, from 440 runs
+  deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
+  deltaswarm study my-study.toml       your own question
+  deltaswarm study paper --render      make the page again from its tables
+"""
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm study`."""
+    command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
+    command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
+    command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
+    command.add_argument("--plan", action="store_true", help="print what would be run and what it could show")
+    command.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
+    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
+    command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
+    add_engine(command)
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
+    command.add_argument("--json", action="store_true", help="print the verdicts as JSON")
+    command.set_defaults(func=study)
+
+
+def study(arguments: argparse.Namespace) -> int:
+    """Do a study, or each study of a collection."""
+    from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
+
+    names = COLLECTIONS.get(arguments.study, [arguments.study])
+    settings = {"repeats": arguments.repeats, "prove": arguments.prove}
+    studies = [load_study(name, arguments.set, settings) for name in names]
+    if arguments.plan:
+        print("\n\n".join(map(plan, studies)))
+        return OK
+    out: Path = arguments.out or Path("studies") / studies[0].name
+    if len(studies) > 1:
+        out = arguments.out or Path("studies") / arguments.study
+    codes, told = [], []
+    for one in studies:
+        code, found = _done(arguments, one, out / one.name if len(studies) > 1 else out)
+        codes.append(code)
+        told += [found] if found else []
+        if code in (FAILED, USAGE):
+            break
+    if arguments.json:
+        print(json.dumps(told if len(studies) > 1 else told[0] if told else None))
+    return max(codes, key=(OK, MISSED, FAILED, USAGE).index)
+
+
+def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any] | None]:
+    """One study's exit code, and its verdicts for JSON."""
+    from deltaswarm_orchestrator.studies.page import Evidence, write
+    from deltaswarm_orchestrator.sweeps.table import read_table
+
+    try:
+        if arguments.render:
+            evidence, provenance = Evidence.of_folder(one, folder), read_table(folder / "provenance.csv")
+        else:
+            made = _conducted(arguments, one, folder)
+            if isinstance(made, int):
+                return made, None
+            evidence, provenance = made
+        files = write(one, evidence, provenance, folder)
+    except (OSError, ValueError) as error:
+        complain(f"{one.name}: {error}")
+        return FAILED, None
+    verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
+    if not arguments.json:
+        for _, row in evidence.claims.iterrows():
+            print(f"{row['verdict']:10} {row['text']}")
+        print(f"{one.name}: {files[0]}")
+    is_whole = not arguments.set and arguments.repeats is None
+    for line in [*evidence.warnings, *(evidence.unsupported if is_whole else [])]:
+        complain(f"{one.name}: {line}")
+    for line in evidence.surprises:
+        complain(f"{one.name}: refuted, and expected to hold: {line}")
+    is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
+    return MISSED if is_missed else OK, {"study": one.name, "page": str(files[0]), "claims": verdicts}
+
+
+def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame] | int":
+    """What a study's runs show and where they come from; or an exit code."""
+    from deltaswarm_orchestrator.studies.page import Evidence, provenance_of
+    from deltaswarm_orchestrator.sweeps.shared import take_over
+
+    runs = folder / "sweep"
+    if not arguments.processes:
+        others = [found.parent for found in folder.parent.glob("*/sweep/runs")]
+        if taken := take_over(one.sweep, runs, others):
+            complain(f"{one.name}: {taken} runs are taken from other studies")
+    result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
+    if result is None:
+        return USAGE
+    if not result.is_well:
+        return FAILED
+    return Evidence.of_sweep(one, result.table, result.series), provenance_of(result.manifest)
+
+
+def plan(one: "Study") -> str:
+    """What a study would run, and what so many replicates could show."""
+    from deltaswarm_orchestrator.stats import pairs_needed, smallest_p
+    from deltaswarm_orchestrator.studies.evidence import cells
+
+    lines = [f"{one.name}: {len(one.sweep.variants)} variants x {one.repeats} replicates, {len(one.sweep.jobs())} runs"]
+    for contrast in one.file.contrast:
+        levels = len(contrast.pairs) or len(one.factors[contrast.factor]) - 1
+        others = cells(one, [contrast.factor, *([contrast.across] if contrast.across else [])])
+        family = levels * len(others) * (len(contrast.across_pairs) or 1)
+        needed = pairs_needed(family)
+        words = f"  contrast {contrast.id!r}: {family} comparisons of each metric; smallest p after Holm's correction "
+        words += f"{min(1.0, smallest_p(one.repeats) * family):.2g}"
+        lines.append(words if one.repeats >= needed else f"{words}: can show nothing, {needed} replicates are needed")
+    tested = sum(claim.kind != "value" for claim in one.file.claim)
+    if tested and one.repeats < pairs_needed(tested):
+        lines.append(f"  claims: {tested} tests; can show nothing, {pairs_needed(tested)} replicates are needed")
+    elif one.file.claim:
+        lines.append(f"  claims: {len(one.file.claim)}, {tested} of them tested as one family")
+    return "\n".join(lines)

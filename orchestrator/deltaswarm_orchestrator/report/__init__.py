@@ -1,0 +1,1 @@
+"""What a study's page is made of: tables, figures, templates."""

@@ -1,0 +1,123 @@
+"""A page from its parts: one template for HTML that needs nothing else, one for Markdown."""
+
+import base64
+import io
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import resources
+from typing import Any
+
+import jinja2
+import pandas as pd
+from markupsafe import Markup, escape
+from matplotlib.figure import Figure
+
+from deltaswarm_orchestrator.report import words
+from deltaswarm_orchestrator.report.plots import style
+
+MAX_SVG_BYTES = 400_000
+"""A drawing that is larger as SVG goes into the page as PNG."""
+
+MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "higher": "", "lower": "", "alike": "good"}
+"""The colour of a row, by its verdict; the word stands in the row too."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure with its caption."""
+
+    name: str
+    """Of its files, without a suffix."""
+    drawing: Figure
+    caption: str
+
+    @property
+    def uri(self) -> str:
+        """The drawing within the page: an image, so that the names within one drawing cannot meet those of another."""
+        kind, data = "svg+xml", _rendered(self.drawing, "svg")
+        if len(data) > MAX_SVG_BYTES:
+            kind, data = "png", _rendered(self.drawing, "png")
+        return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+
+
+@dataclass(frozen=True)
+class Table:
+    """Cells as they are shown, below their headings."""
+
+    title: str
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    numeric: Sequence[bool]
+    """Which columns are set flush right."""
+    marks: Sequence[str]
+    """A colour for each row."""
+
+
+def table(frame: pd.DataFrame, headings: Mapping[str, str], title: str = "") -> Table:
+    """A data frame's columns that have a heading, in that order; with a column `verdict` rows are coloured by it."""
+    columns = [_texts(frame[name].tolist()) for name in headings]
+    numeric = [all(_is_number(value) or _is_missing(value) for value in frame[name].tolist()) for name in headings]
+    marks = [MARKS.get(str(verdict), "") for verdict in frame["verdict"]] if "verdict" in frame else [""] * len(frame)
+    return Table(title, list(headings.values()), list(zip(*columns, strict=True)), numeric, marks)
+
+
+def render(template: str, context: Mapping[str, Any]) -> str:
+    """Fill `page.html.jinja` or `page.md.jinja`; the same context gives the same bytes.
+
+    Text between backticks is set as code; everything else is shown as it is.
+    """
+    environment = jinja2.Environment(
+        loader=jinja2.FunctionLoader(lambda name: _template(name)),
+        autoescape="html" in template,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters |= {"code": _with_code, "cell": lambda text: " ".join(text.split()).replace("|", "\\|")}
+    return environment.get_template(template).render(context) + "\n"
+
+
+def _template(name: str) -> str:
+    return resources.files(__package__).joinpath("templates", name).read_text(encoding="utf-8")
+
+
+def _texts(values: Sequence[Any]) -> list[str]:
+    """A column's cells: numbers with as many decimals as a typical one needs for three significant digits."""
+    numbers = [float(value) for value in values if _is_number(value) and not _is_missing(value)]
+    whole = all(isinstance(value, int) for value in values if _is_number(value))
+    decimals = 0 if whole else words.decimals_for(numbers)
+    return [_text(value, decimals) for value in values]
+
+
+def _text(value: Any, decimals: int) -> str:
+    if _is_missing(value):
+        return words.MISSING
+    if not _is_number(value):
+        return str(value)
+    return str(value) if math.isinf(value) else words.number(float(value), decimals)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_missing(value: Any) -> bool:
+    return value is None or (isinstance(value, float) and math.isnan(value))
+
+
+def _with_code(text: str) -> Markup:
+    """Escaped, with what stands between backticks as code."""
+    pieces = text.split("`")
+    if len(pieces) % 2 == 0:  # one backtick without its partner is only a character
+        return escape(text)
+    shown = (Markup("<code>{}</code>").format(one) if index % 2 else escape(one) for index, one in enumerate(pieces))
+    return Markup("").join(shown)
+
+
+def _rendered(figure: Figure, kind: str) -> bytes:
+    stream = io.BytesIO()
+    metadata: dict[str, dict[str, Any]] = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}
+    with style.drawing():
+        figure.savefig(stream, format=kind, metadata=metadata[kind])
+    return stream.getvalue()

@@ -1,0 +1,174 @@
+"""Metrics: one number per run, from a sweep's table or from its time series."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+from deltaswarm_wire.checked import Problem, key
+
+COLUMN, WINDOW, CONVERGENCE = "column", "window", "time_to_converge"
+ID = ["variant", "replicate", "seed"]
+"""What tells a run apart."""
+
+
+@dataclass(frozen=True)
+class Metric:
+    """How a run's number is found, and what people call it."""
+
+    title: str
+    unit: str = ""
+    column: str = ""
+    """In the sweep's table."""
+    series: str = ""
+    """In its time series, which has means over windows; empty if it has none."""
+    kind: str = COLUMN
+    of: str = ""
+    """Another metric, of which this one is taken from the series."""
+    from_s: float = 0.0
+    until_s: float = math.inf
+    share: float = 0.9
+    smooth_s: float = 600.0
+
+    def within(self, name: str, from_s: float, until_s: float | None) -> "Metric":
+        """The same, taken over a stretch of time only, if it has a series."""
+        if not self.series or (from_s == 0 and until_s is None):
+            return self
+        return replace(self, kind=WINDOW, of=name, from_s=from_s, until_s=math.inf if until_s is None else until_s)
+
+    @property
+    def label(self) -> str:
+        """Title and unit, for axes and headings."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+
+@dataclass(frozen=True)
+class MetricSettings:
+    """A table `[[metric]]` of a study file."""
+
+    name: str = key("", "by which the study refers to it")
+    title: str = key("", "for people, without the unit")
+    unit: str = key("", "its unit")
+    kind: str = key(COLUMN, "how it is found", choices=(COLUMN, WINDOW, CONVERGENCE))
+    column: str = key("", "column: of the sweep's table")
+    of: str = key("", "window, time_to_converge: the built-in metric that is followed over time")
+    from_s: float = key(0.0, "window: start [s]", low=0)
+    until_s: float | None = key(None, "window: end [s]; default: the end of the run", low=0)
+    share: float = key(0.9, "time_to_converge: reached at this share of the mean of the last third", above=0)
+    smooth_s: float = key(600.0, "time_to_converge: by the mean over so long [s]", above=0)
+
+    def problems(self) -> list[Problem]:
+        """What each kind needs."""
+        if not self.name:
+            return [Problem("name", "missing", "a metric needs a name")]
+        if self.kind == COLUMN and not self.column:
+            return [Problem("column", "missing", "a metric of kind 'column' needs it")]
+        if self.kind != COLUMN and not (self.of in BUILT_IN and BUILT_IN[self.of].series):
+            over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
+            return [Problem("of", repr(self.of), f"one of {over_time} is allowed")]
+        return []
+
+    def made(self) -> Metric:
+        """The metric."""
+        source = BUILT_IN.get(self.of)
+        unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
+        title = self.title or (source.title if source else self.column)
+        until_s = math.inf if self.until_s is None else self.until_s
+        return Metric(
+            *(title, unit, self.column, source.series if source else "", self.kind, self.of),
+            *(self.from_s, until_s, self.share, self.smooth_s),
+        )
+
+
+WAITING, WAITING_ALL = "waiting", "waiting_all"
+"""Mean waiting time of the events that were sensed; and of all, those never sensed counted to the run's end."""
+
+BUILT_IN: Mapping[str, Metric] = {
+    WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
+    WAITING_ALL: Metric(
+        "Mean waiting time of all events", "s", "waiting_time_s.mean_with_never_sensed", "waiting_time_s"
+    ),
+    "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed"),
+    "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
+    "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
+    "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
+    "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
+    "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
+    "trees": Metric("Trees", "", "trees.mean", "trees"),
+    "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
+    "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
+}
+PER_STEP = ("messages", "frames_sent", "frames_received")
+"""Of these the series has numbers per step; the metric is per second."""
+
+
+def windows_of(series: pd.DataFrame, window_s: float, step_s: float) -> pd.DataFrame:
+    """A row per run and window of `window_s` seconds: what tells the run apart, `time_s`, `events`, every metric.
+
+    Waiting is averaged over the events that arrived in the window, the rest over time. A last window that is not
+    full is left out.
+
+    Raises:
+        ValueError: If the series' own windows do not fit into windows of that length.
+    """
+    if series.empty:
+        return pd.DataFrame(columns=[*ID, "time_s", "events"])
+    times_s = np.sort(series["time_s"].unique())
+    every_s = float(np.min(np.diff(times_s))) if len(times_s) > 1 else window_s
+    if window_s % every_s:
+        raise ValueError(f"study.window_s must be a multiple of sweep.series_every_s (got {window_s:g}, {every_s:g})")
+    rows = series[ID].assign(time_s=(series["time_s"] // window_s) * window_s, events=series["events_arrived"])
+    there = {name: metric for name, metric in BUILT_IN.items() if metric.series in series and metric.series}
+    for name, metric in there.items():
+        rows[name] = series[metric.series] / (step_s if name in PER_STEP else 1.0)
+    rows[WAITING_ALL] = (rows[WAITING_ALL] * rows["events"]).fillna(0.0)
+    groups = rows.groupby([*ID, "time_s"], sort=False)
+    found = groups.agg({"events": "sum", **{name: "sum" if name == WAITING_ALL else "mean" for name in there}})
+    found[WAITING_ALL] = found[WAITING_ALL] / found["events"].where(found["events"] > 0)
+    size = groups.size()
+    whole: pd.DataFrame = found[size == size.max()].reset_index()
+    return whole
+
+
+def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, step_s: float) -> pd.Series:
+    """One number per row of the table.
+
+    Raises:
+        ValueError: If the table or the series lacks a column.
+    """
+    if metric.kind == COLUMN:
+        if metric.column not in table:
+            raise ValueError(f"the sweep's table has no column {metric.column!r}")
+        return pd.to_numeric(table[metric.column])
+    if series.empty or metric.series not in series:
+        raise ValueError(f"{metric.title!r} needs a time series: sweep.series_every_s must be above 0")
+    find = _mean_within if metric.kind == WINDOW else _time_to_converge
+    found = {run: find(metric, rows, step_s) for run, rows in series.groupby(["variant", "replicate"])}
+    return pd.Series([found.get(run, math.nan) for run in zip(table["variant"], table["replicate"], strict=True)])
+
+
+def _mean_within(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
+    """The mean from `from_s` until `until_s`: of waiting over events, of the rest over time."""
+    inside = rows[(rows["time_s"] >= metric.from_s) & (rows["time_s"] < metric.until_s)]
+    values = inside[metric.series] / (step_s if metric.of in PER_STEP else 1.0)
+    if metric.of != WAITING_ALL:
+        return float(values.mean())
+    events = float(inside["events_arrived"].sum())
+    return float((values * inside["events_arrived"]).sum()) / events if events else math.nan
+
+
+def _time_to_converge(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
+    """When the running mean first reaches a share of the mean of the last third [s]."""
+    ordered = rows.sort_values("time_s")
+    times_s, values = ordered["time_s"].to_numpy(float), ordered[metric.series].to_numpy(float)
+    window = max(1, round(metric.smooth_s / (times_s[1] - times_s[0]))) if len(times_s) > 1 else 1
+    smooth = np.convolve(values, np.ones(window) / window, mode="valid")
+    reached = np.nonzero(smooth >= metric.share * values[len(values) * 2 // 3 :].mean())[0]
+    return float(times_s[reached[0] + window // 2]) if len(reached) else math.nan
+
+
+def is_over_time(metrics: Sequence[Metric]) -> bool:
+    """Whether any of these needs the time series."""
+    return any(metric.kind != COLUMN for metric in metrics)

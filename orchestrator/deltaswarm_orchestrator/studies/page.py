@@ -1,0 +1,288 @@
+"""A study's page: what its tables and figures say, in the order in which a reader asks."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+from deltaswarm_orchestrator.report import words
+from deltaswarm_orchestrator.report.page import Picture, Table, render, table
+from deltaswarm_orchestrator.report.plots import style
+from deltaswarm_orchestrator.report.plots.charts import CHARTS
+from deltaswarm_orchestrator.report.plots.snapshot import snapshot
+from deltaswarm_orchestrator.report.plots.swarm import swarm
+from deltaswarm_orchestrator.stats import ALPHA, pairs_needed
+from deltaswarm_orchestrator.studies.evidence import (
+    claims_of,
+    contrasts_of,
+    courses_of,
+    disagreements,
+    estimates_of,
+    findings_of,
+    runs_of,
+    windows_with_levels,
+)
+from deltaswarm_orchestrator.studies.recovery import recovery_of
+from deltaswarm_orchestrator.studies.study import HOLDS, REFUTED, UNDECIDED, FigureSettings, Study
+from deltaswarm_orchestrator.sweeps.table import read_table, write_table
+from deltaswarm_wire.files import write_whole
+
+
+@dataclass(frozen=True)
+class Section:
+    """A heading and what stands below it."""
+
+    heading: str
+    text: str = ""
+    tables: list[Table] = field(default_factory=list)
+    pictures: list[Picture] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """All that follows from a study's runs, a table each."""
+
+    runs: pd.DataFrame
+    courses: pd.DataFrame
+    recovery: pd.DataFrame
+    estimates: pd.DataFrame
+    contrasts: pd.DataFrame
+    claims: pd.DataFrame
+    findings: pd.DataFrame
+    contradictions: list[str]
+    """Comparisons of waiting that turn round when events that were never sensed are counted."""
+    doubts: list[str]
+    """Contrasts with too few replicates."""
+
+    @classmethod
+    def of(cls, study: Study, runs: pd.DataFrame, courses: pd.DataFrame, recovery: pd.DataFrame) -> "Evidence":
+        """Work out from the runs what they show; what needs their time series is given."""
+        contrasts, claims = contrasts_of(study, runs), claims_of(study, runs)
+        findings = findings_of(study, claims, contrasts)
+        doubts = [*disagreements(study, runs)], too_few(contrasts)
+        return cls(runs, courses, recovery, estimates_of(study, runs), contrasts, claims, findings, *doubts)
+
+    @classmethod
+    def of_sweep(cls, study: Study, table: pd.DataFrame, series: pd.DataFrame) -> "Evidence":
+        """The same from a sweep's tables.
+
+        Raises:
+            ValueError: If they lack a column that the study needs.
+        """
+        windows = windows_with_levels(study, series)
+        return cls.of(study, runs_of(study, table, series), courses_of(study, windows), recovery_of(study, windows))
+
+    @classmethod
+    def of_folder(cls, study: Study, folder: Path) -> "Evidence":
+        """The same from the tables that `save` wrote.
+
+        Raises:
+            OSError: If there is no `runs.csv`.
+            ValueError: If a table cannot be read.
+        """
+        labels = ["variant", "metric", "level", "reference", "within", *study.factors]
+        runs = read_table(folder / "runs.csv", labels)
+        beside = [folder / f"{name}.csv" for name in ("courses", "recovery")]
+        return cls.of(study, runs, *(read_table(file, labels) if file.exists() else pd.DataFrame() for file in beside))
+
+    @property
+    def surprises(self) -> list[str]:
+        """Claims that are refuted although they were not expected to be."""
+        if self.claims.empty:
+            return []
+        wrong = self.claims[(self.claims["verdict"] == REFUTED) & (self.claims["expect"] != REFUTED)]
+        return [f"{row['claim']}: {row['text']}" for _, row in wrong.iterrows()]
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader must not miss."""
+        return [*self.contradictions, *self.doubts]
+
+    @property
+    def unsupported(self) -> list[str]:
+        """Findings that the results no longer carry, with the reason."""
+        broken = self.findings[self.findings["broken"] != ""]
+        return [f"{row['broken']}: {row['text']}" for _, row in broken.iterrows()]
+
+    def save(self, folder: Path) -> list[Path]:
+        """Write every table that has rows as CSV."""
+        frames = {
+            name: getattr(self, name) for name in ("runs", "courses", "recovery", "estimates", "contrasts", "claims")
+        }
+        return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
+
+
+def too_few(contrasts: pd.DataFrame) -> list[str]:
+    """Contrasts that could not have become significant, however large the effect."""
+    if contrasts.empty:
+        return []
+    found = []
+    for (name, family), rows in contrasts.groupby(["contrast", "family"], sort=False):
+        most, needed = rows["n"].max(), pairs_needed(int(str(family)))
+        if 0 < most < needed:
+            found.append(
+                f"{most} replicates can show nothing in the contrast {name!r}: Holm's correction over {family} "
+                f"comparisons needs at least {needed}."
+            )
+    return found
+
+
+def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[Picture]]:
+    """The page as HTML and as Markdown, and its pictures."""
+    drawn = [(figure, _drawn(study, evidence, figure)) for figure in study.file.figure]
+    pictures = [Picture(one.name, drawing, " ".join(one.caption.split())) for one, drawing in drawn if drawing]
+    supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
+    context: dict[str, Any] = {
+        "title": study.title,
+        "question": " ".join(study.file.study.question.split()),
+        "findings": [" ".join(text.split()) for text in supported],
+        "warnings": evidence.warnings,
+        "sections": [one for one in _sections(study, evidence, pictures, provenance) if one.tables or one.pictures],
+        "figures": "figures",
+    }
+    return render("page.html.jinja", context), render("page.md.jinja", context), pictures
+
+
+def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure | None:
+    """A figure; None if there is nothing to draw it from."""
+    if figure.kind == "swarm":
+        return _swarm(study, figure)
+    rows = evidence.courses if figure.kind == "time" else evidence.runs
+    if rows.empty or (figure.variants and not rows["variant"].isin(figure.variants).any()):
+        return None
+    return CHARTS[figure.kind](figure, study, rows)
+
+
+def _swarm(study: Study, figure: FigureSettings) -> Figure:
+    scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
+    shots = {name: snapshot(replace(scenarios[name], seed=figure.seed), figure.at_s) for name in figure.variants}
+    return swarm(shots)
+
+
+def _sections(study: Study, evidence: Evidence, pictures: list[Picture], provenance: pd.DataFrame) -> Iterator[Section]:
+    if len(evidence.claims):
+        yield Section("Verdicts", _counts(evidence.claims), [_claims(study, evidence.claims), *_reasons(evidence)])
+    yield Section("Figures", "", [], pictures)
+    if len(evidence.contrasts):
+        text = (
+            "Paired by replicate, since all variants see the same arrivals. Estimates are Hodges-Lehmann shifts with "
+            f"their exact 95 % intervals; verdicts are at {ALPHA:.0%} after Holm's correction within each contrast and "
+            "metric."
+        ).replace("5%", "5 %")
+        yield Section("Contrasts", text, list(_contrasts(study, evidence.contrasts)))
+    if len(evidence.recovery):
+        yield Section("Recovery", _RECOVERY, [_recovered(study, evidence.recovery)])
+    yield Section("Estimates", "Medians over the replicates with exact 95 % intervals.", [_estimates(study, evidence)])
+    yield Section("Where this comes from", "", [table(provenance, {"what": "What", "value": "Value"})])
+
+
+def _counts(claims: pd.DataFrame) -> str:
+    counts = claims["verdict"].value_counts()
+    named = ", ".join(f"{verdict} {counts.get(verdict, 0)}" for verdict in (HOLDS, REFUTED, UNDECIDED))
+    return (
+        f"Of {len(claims)} claims: {named}. A claim holds if the test shows it, or if the interval of a value lies "
+        "within the tolerance; it is refuted if the opposite is significant, or if the interval lies outside. Holm's "
+        "correction is over the claims of the same source."
+    )
+
+
+def _claims(study: Study, claims: pd.DataFrame) -> Table:
+    order = {REFUTED: 0, UNDECIDED: 1, HOLDS: 2}
+    rows = claims.sort_values("verdict", key=lambda verdicts: verdicts.map(order), kind="stable").copy()
+    units = {name: metric.unit for name, metric in study.metrics.items()}
+    rows["found"] = [_estimate(row, units[row["metric"]]) for _, row in rows.iterrows()]
+    p = rows["p_holm"].where(rows["p_holm"].notna(), rows["p_opposite_holm"])
+    rows["p"] = ["" if pd.isna(value) else words.p_value(float(value)) for value in p]
+    headings = {"text": "Claim", "verdict": "Verdict", "says": "Published", "criterion": "Criterion", "found": "Here"}
+    return table(rows, {**headings, "p": "p (Holm)", "source": "Source"})
+
+
+def _reasons(evidence: Evidence) -> Iterator[Table]:
+    rows = evidence.claims[(evidence.claims["why"] != "") & (evidence.claims["verdict"] != HOLDS)]
+    if len(rows):
+        yield table(rows[["text", "why"]], {"text": "Claim", "why": "What is known about why"})
+
+
+def _contrasts(study: Study, contrasts: pd.DataFrame) -> Iterator[Table]:
+    texts = {one.id: one.text for one in study.file.contrast}
+    for (name, metric), rows in contrasts.groupby(["contrast", "metric"], sort=False):
+        shown = rows.copy()
+        shown["found"] = [_estimate(row, study.metrics[str(metric)].unit) for _, row in rows.iterrows()]
+        shown["p"] = [words.p_value(float(p)) for p in rows["p_holm"]]
+        headings = {"level": "Level", "reference": "Against", **({"within": "Within"} if any(rows["within"]) else {})}
+        title = (
+            f"{texts[str(name)] or name}: {study.metrics[str(metric)].title.lower()} ({rows['family'].iloc[0]} tests)"
+        )
+        yield table(shown, {**headings, "n": "n", "found": "Estimate", "p": "p (Holm)", "verdict": "Verdict"}, title)
+
+
+def _recovered(study: Study, recovery: pd.DataFrame) -> Table:
+    rows = recovery.copy()
+    rows["metric"] = [study.metrics[name].title for name in rows["metric"]]
+    for name in ("back_s", "low_s", "high_s"):
+        rows[name] = ["not by the end" if value == float("inf") else words.number(value, 0) for value in rows[name]]
+    rows["interval"] = [f"{row['low_s']} to {row['high_s']}" for _, row in rows.iterrows()]
+    headings = {"metric": "Metric", "level": "Level", "reference": "Against", "within": "Within", "n": "n"}
+    return table(rows, {**headings, "back_s": "Back after [s]", "interval": "95 % interval [s]"})
+
+
+_RECOVERY = (
+    "When the mean over the replicates is again within the tolerance of the same replicates without the fault, window "
+    "by window, for as many windows in a row as the study asks for. Intervals are bootstrap intervals over replicates."
+)
+
+
+def _estimates(study: Study, evidence: Evidence) -> Table:
+    rows = evidence.estimates.copy()
+    metrics = list(dict.fromkeys(rows["metric"]))
+    rows["found"] = [
+        words.with_interval(_known(row["median"]), _known(row["low"]), _known(row["high"]))
+        for _, row in rows.iterrows()
+    ]
+    wide = rows.pivot(index="variant", columns="metric", values="found").loc[rows["variant"].unique()].reset_index()
+    wide["n"] = rows.groupby("variant")["n"].max().loc[wide["variant"]].to_numpy()
+    return table(wide, {"variant": "Variant", "n": "n", **{name: study.metrics[name].label for name in metrics}})
+
+
+def _estimate(row: Any, unit: str) -> str:
+    value, low, high = (_known(row[name]) for name in ("estimate", "low", "high"))
+    shown = words.with_interval(value, low, high)
+    if value is None:
+        return shown
+    return f"{shown} times" if row["scale"] == "ratio" else f"{shown} {unit}".rstrip()
+
+
+def _known(value: Any) -> float | None:
+    return None if pd.isna(value) else float(value)
+
+
+def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Path) -> list[Path]:
+    """Write `page.html`, `page.md`, `figures/` and every table into a folder."""
+    html, markdown, pictures = pages(study, evidence, provenance)
+    (folder / "figures").mkdir(parents=True, exist_ok=True)
+    files = [folder / "page.html", folder / "page.md"]
+    for file, text in zip(files, (html, markdown), strict=True):
+        write_whole(file, text.encode())
+    for picture in pictures:
+        files += style.save(picture.drawing, folder / "figures" / picture.name)
+    return [*files, *evidence.save(folder), *write_table(folder / "provenance", provenance)]
+
+
+def provenance_of(manifest: dict[str, Any]) -> pd.DataFrame:
+    """Where a sweep's runs come from, from its manifest."""
+    proofs = manifest["proofs"]
+    rows = {
+        "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
+        "begun": manifest["started"],
+        "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
+        "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
+        "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
+        "commit": manifest.get("commit") or "not known",
+        "digest of the code": ", ".join(manifest["code"]),
+        "digest of the sweep": manifest["digest"] or "not all runs are there",
+        "repeated with real processes": f"{proofs['checked']} runs, {proofs['equal']} with the same digest",
+    }
+    return pd.DataFrame(list(rows.items()), columns=["what", "value"])

@@ -1,0 +1,87 @@
+"""How long a swarm needs to come back after a fault: until it is again like the same swarm without one."""
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pandas as pd
+
+from deltaswarm_orchestrator.studies.evidence import cells
+from deltaswarm_orchestrator.studies.metrics import WAITING_ALL
+from deltaswarm_orchestrator.studies.study import RecoverySettings, Study
+
+RESAMPLES = 999
+TAIL = 0.025
+
+Floats = npt.NDArray[np.float64]
+
+
+def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
+    """A row per cell: n replicates, and `back_s` after `after_s` with its interval [s].
+
+    The mean over the replicates is compared, window by window, with that of the same replicates without the fault,
+    which saw the same arrivals. The swarm is back at the end of the first window from which on so many windows in a
+    row lie within the tolerance: waiting not longer, other metrics neither more nor less. `back_s` is inf if that
+    does not happen before the end, NaN if nothing is known. The interval is a percentile bootstrap over replicates.
+    """
+    rows = [
+        {
+            "metric": settings.metric,
+            "level": settings.level,
+            "reference": settings.reference,
+            "within": ", ".join(cell.values()),
+            **_cell(settings, cell, windows, study.file.study.window_s),
+        }
+        for settings in study.file.recovery
+        for cell in cells(study, [settings.factor])
+    ]
+    return pd.DataFrame(rows)
+
+
+def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFrame, window_s: float) -> dict[str, Any]:
+    after = windows[windows["time_s"] >= settings.after_s]
+    for factor, level in cell.items():
+        after = after[after[factor] == level]
+    own, reference = (after[after[settings.factor] == one] for one in (settings.level, settings.reference))
+    totals, weights = _by_replicate(own, settings.metric)
+    base_totals, base_weights = _by_replicate(reference, settings.metric)
+    shared = totals.index.intersection(base_totals.index)
+    columns = totals.columns.intersection(base_totals.columns)
+    frames = tuple(frame.loc[shared, columns].to_numpy(float) for frame in (totals, weights, base_totals, base_weights))
+    count = len(shared)
+    if not count or len(columns) < settings.windows:
+        return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
+    low_s, high_s = math.nan, math.nan
+    if count > 1:
+        generator = np.random.default_rng(0)
+        drawn = (generator.integers(count, size=count) for _ in range(RESAMPLES))
+        found = np.sort([_back_s(settings, tuple(frame[chosen] for frame in frames), window_s) for chosen in drawn])
+        # By rank, not by interpolation: there is nothing between 300 s and never.
+        ends = math.floor(TAIL * (RESAMPLES - 1)), math.ceil((1 - TAIL) * (RESAMPLES - 1))
+        low_s, high_s = (float(found[end]) for end in ends)
+    return {"n": count, "back_s": _back_s(settings, frames, window_s), "low_s": low_s, "high_s": high_s}
+
+
+def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Sums and weights, a row per replicate and a column per window: waiting by event, the rest by window."""
+    weights = rows["events"] if metric == WAITING_ALL else pd.Series(1.0, index=rows.index)
+    known = rows.assign(weight=weights.where(rows[metric].notna(), 0.0), total=(rows[metric] * weights).fillna(0.0))
+    total, weight = (
+        known.pivot_table(index="replicate", columns="time_s", values=column, dropna=False).fillna(0.0)
+        for column in ("total", "weight")
+    )
+    return total, weight
+
+
+def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], window_s: float) -> float:
+    """When the swarm is back [s], by sums and weights (replicates, windows) with the fault and without."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        own, base = (frames[i].sum(axis=0) / frames[i + 1].sum(axis=0) for i in (0, 2))
+        ratios = np.where((own == 0) & (base == 0), 1.0, own / base)
+    least = 0.0 if settings.metric == WAITING_ALL else 1 / settings.tolerance
+    well = (ratios <= settings.tolerance) & (ratios >= least)
+    for first in range(len(well) - settings.windows + 1):
+        if well[first : first + settings.windows].all():
+            return (first + 1) * window_s
+    return math.inf

@@ -1,0 +1,91 @@
+"""A small study with made-up tables for tests, so that it is known what must come out."""
+
+import tomllib
+from collections.abc import Callable
+from typing import Any
+
+import pandas as pd
+
+from deltaswarm_orchestrator.studies.study import Study, StudyFile, make_study
+from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, make_sweep
+from deltaswarm_wire import checked
+
+SWEEP = """
+schema = 1
+name = "made-up"
+base = "smoke"
+
+[sweep]
+repeats = 10
+series_every_s = 100.0
+
+[sweep.axes]
+radio.loss = [0.0, 0.5, 0.9]
+
+[[sweep.paired]]
+label = ["decentralised", "hybrid 3"]
+control.mode = ["decentralised", "hybrid"]
+"""
+OWN = """
+[study]
+factors = { loss = "frames lost [share]", mode = "control" }
+metrics = ["waiting_all", "messages"]
+window_s = 100.0
+"""
+
+Value = Callable[[str, str, int], float]
+"""Of a level of loss, a mode and a replicate."""
+
+LEVELS, MODES = ("loss=0.0", "loss=0.5", "loss=0.9"), ("decentralised", "hybrid 3")
+
+
+def made(own: str = OWN, sweep: str = SWEEP) -> Study:
+    """The study of two TOML texts."""
+    table = tomllib.loads(own)
+    assert set(table) <= set(STUDY_TABLES)
+    return make_study("made-up", checked.load(StudyFile, table), make_sweep(tomllib.loads(sweep)))
+
+
+def spread(level: str, mode: str, replicate: int) -> float:
+    """Replicates that differ as arrivals do; neither loss nor mode changes anything."""
+    return 20.0 * 1.05**replicate
+
+
+def table(waiting: Value = spread, messages: Value = spread, sensed: Value | None = None) -> pd.DataFrame:
+    """A sweep's table."""
+    rows: list[dict[str, Any]] = [
+        {
+            "variant": f"{level}, {mode}",
+            "replicate": replicate,
+            "seed": 100 + replicate,
+            "waiting_time_s.mean": (sensed or waiting)(level, mode, replicate),
+            "waiting_time_s.mean_with_never_sensed": waiting(level, mode, replicate),
+            "operator_messages_per_s.mean": messages(level, mode, replicate),
+            "agents_in_trees.mean": 12.0,
+        }
+        for level in LEVELS
+        for mode in MODES
+        for replicate in range(10)
+    ]
+    return pd.DataFrame(rows)
+
+
+def series(waiting: Callable[[str, str, int, float], float], end_s: float = 1000.0) -> pd.DataFrame:
+    """A sweep's series, with five events in each window of 100 s."""
+    rows = [
+        {
+            "variant": f"{level}, {mode}",
+            "replicate": replicate,
+            "seed": 100 + replicate,
+            "time_s": time_s,
+            "events_arrived": 5.0,
+            "waiting_time_s": waiting(level, mode, replicate, time_s),
+            "operator_messages": 4.0,
+            "agents_in_trees": min(12.0, time_s / 50),
+        }
+        for level in LEVELS
+        for mode in MODES
+        for replicate in range(10)
+        for time_s in [100.0 * window for window in range(int(end_s // 100))]
+    ]
+    return pd.DataFrame(rows)
