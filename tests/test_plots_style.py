@@ -12,10 +12,11 @@ import pandas as pd
 import pytest
 from matplotlib.figure import Figure
 
-from deltaswarm_orchestrator.report.plots import scale, snapshot, style, swarm
-from deltaswarm_orchestrator.report.plots.charts import CHARTS
+from deltaswarm_orchestrator.report.plots import scale, style, swarm
 from deltaswarm_orchestrator.report.plots.swarm import KINDS
 from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.studies import snapshot
+from deltaswarm_orchestrator.studies.charts import CHARTS
 from deltaswarm_orchestrator.studies.evidence import courses_of, runs_of, windows_with_levels
 from tests.studying import OWN, made, series, table
 

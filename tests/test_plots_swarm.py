@@ -11,10 +11,10 @@ from matplotlib.colors import to_hex
 
 from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.report.plots.density import phi
-from deltaswarm_orchestrator.report.plots.snapshot import Snapshot, snapshot
 from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.studies.snapshot import Snapshot, snapshot
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from deltaswarm_orchestrator.run import room
+from deltaswarm_orchestrator import room
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
 

@@ -30,7 +30,7 @@ from deltaswarm_orchestrator.recording.foxglove import (
 )
 from deltaswarm_orchestrator.recording.records import records, row_of
 from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
-from deltaswarm_orchestrator.run.room import RoomError, room_for
+from deltaswarm_orchestrator.room import RoomError, room_for
 from deltaswarm_wire.messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth

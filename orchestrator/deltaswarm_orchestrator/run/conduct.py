@@ -9,10 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator import provenance, room
 from deltaswarm_orchestrator.boards.boards import Boards, commands
 from deltaswarm_orchestrator.recording.recorder import Recorder
-from deltaswarm_orchestrator.run import results, resume, room
+from deltaswarm_orchestrator.room import RoomError
+from deltaswarm_orchestrator.run import results, resume
 from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
@@ -20,7 +21,6 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.progress import Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
-from deltaswarm_orchestrator.run.room import RoomError
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop, stoppable
 from deltaswarm_wire import checked, checkpoint

@@ -11,10 +11,9 @@ from matplotlib.figure import Figure
 from deltaswarm_orchestrator.report import words
 from deltaswarm_orchestrator.report.page import Picture, Table, render, table
 from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.report.plots.charts import CHARTS
-from deltaswarm_orchestrator.report.plots.snapshot import snapshot
 from deltaswarm_orchestrator.report.plots.swarm import swarm
 from deltaswarm_orchestrator.stats import ALPHA, pairs_needed
+from deltaswarm_orchestrator.studies.charts import CHARTS
 from deltaswarm_orchestrator.studies.evidence import (
     claims_of,
     contrasts_of,
@@ -26,6 +25,7 @@ from deltaswarm_orchestrator.studies.evidence import (
     windows_with_levels,
 )
 from deltaswarm_orchestrator.studies.recovery import recovery_of
+from deltaswarm_orchestrator.studies.snapshot import snapshot
 from deltaswarm_orchestrator.studies.study import HOLDS, REFUTED, UNDECIDED, FigureSettings, Study
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 from deltaswarm_wire.files import write_whole

@@ -14,14 +14,26 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch
 
 from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.report.plots.density import level_holding
-from deltaswarm_orchestrator.report.plots.snapshot import Snapshot
-from deltaswarm_wire.truth import Body
+from deltaswarm_orchestrator.report.plots.density import Floats, level_holding
+from deltaswarm_wire.truth import Body, EventState
 
 HELD = 0.95
 """The dotted line is drawn around this share of the events."""
 
 _SHADES = ListedColormap(matplotlib.colormaps["Greys"](np.linspace(0.0, 0.5, 256)))
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """A swarm at one time. Places in m, world frame; `phi` (rows, columns) is the event density [1/m2]."""
+
+    time_s: float
+    width_m: float
+    height_m: float
+    sensing_range_m: float
+    bodies: tuple[Body, ...]
+    events: tuple[EventState, ...]
+    phi: Floats
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.report.plots.charts import CHARTS, ellipse
+from deltaswarm_orchestrator.studies.charts import CHARTS, ellipse
 from deltaswarm_orchestrator.studies.evidence import courses_of, runs_of, windows_with_levels
 from tests.studying import MODES, OWN, made, series, table
 

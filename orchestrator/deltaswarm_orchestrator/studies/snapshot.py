@@ -1,11 +1,9 @@
 """A moment of a swarm at work, to be drawn: the scenario is run up to it in one process."""
 
-from dataclasses import dataclass
-
-from deltaswarm_orchestrator.report.plots.density import Floats, phi
+from deltaswarm_orchestrator.report.plots.density import phi
+from deltaswarm_orchestrator.report.plots.swarm import Snapshot
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, EventState
 
 EARLY_S = 600.0
 """When the paper's "early tree formations" are looked at, by default [s]."""
@@ -16,19 +14,6 @@ EARLY_SEED = 6
 By median over these seeds roots stand 9.6 m from the centre of the density under hierarchical control and
 5.5 m under hybrid control (delta 3), with 14 and 9.5 agents in trees; this seed has 8.7 and 4.6 m, 14 and 9 agents.
 """
-
-
-@dataclass(frozen=True)
-class Snapshot:
-    """A swarm at one time. Places in m, world frame; `phi` (rows, columns) is the event density [1/m2]."""
-
-    time_s: float
-    width_m: float
-    height_m: float
-    sensing_range_m: float
-    bodies: tuple[Body, ...]
-    events: tuple[EventState, ...]
-    phi: Floats
 
 
 def snapshot(scenario: Scenario, time_s: float = EARLY_S) -> Snapshot:
