@@ -12,9 +12,6 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import AgentSettings
 
-ENTRY_POINTS = "deltaswarm.bodies"
-"""The group in which an installed package names its bodies."""
-
 
 class Sensed(NamedTuple):
     """What a body knows at one time.

@@ -9,7 +9,7 @@ import difflib
 import math
 import types
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -164,13 +164,13 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
     allowed = _allowed(hint, limits)
     fits = type(value) is hint or (hint is float and type(value) is int)
     if not fits or not _within(value, limits):
-        return None, [Problem(path, _shown(value), _suggestion(value, limits) + allowed)]
+        return None, [Problem(path, _shown(value), did_you_mean(value, limits.get("choices") or ()) + allowed)]
     return (float(value) if hint is float else value), []
 
 
-def _suggestion(value: Any, limits: Mapping[str, Any]) -> str:
-    """The choice that was meant, if one is near."""
-    near = difflib.get_close_matches(value[:60], limits.get("choices") or (), n=1) if isinstance(value, str) else ()
+def did_you_mean(value: Any, choices: Iterable[str]) -> str:
+    """A question with the choice that was probably meant, for the start of a message; empty if none is near."""
+    near = difflib.get_close_matches(value[:60], list(choices), n=1) if isinstance(value, str) else ()
     return f"did you mean {near[0]!r}? " if near else ""
 
 

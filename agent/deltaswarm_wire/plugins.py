@@ -24,11 +24,20 @@ CONTROLLERS = {
 }
 """The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""
 
+BODIES = {
+    "kinematic": "deltaswarm_agent.bodies.kinematic:KinematicBody",
+    "mavlink": "deltaswarm_agent.bodies.mavlink:MavlinkBody",
+}
+"""The shipped bodies, by the short names that `body.kind` takes on a board. A new one is a line here."""
+
 MAX_DESCRIBED = 400
 """Characters of a strange error's text."""
 
 CONTROLLER_GROUP = "deltaswarm.controllers"
 """The group of entry points in which an installed package names its controllers."""
+
+BODY_GROUP = "deltaswarm.bodies"
+"""The same for bodies."""
 
 
 def find_class(

@@ -63,10 +63,14 @@ class WorldProcess:
         """
         expected = {(AGENT, agent) for agent in self._core.lockstep.alive}
         expected |= {(role, 0) for role in self._config.expect}
-        self._send_status(-1, "waiting")
-        if not self._wait_until(lambda: expected <= self._there, self._settings.start_timeout_s):
+        if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
             missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
             raise TimeoutError(f"not there after {self._settings.start_timeout_s:g} s: {missing}")
+
+    def _are_there(self, expected: set[tuple[str, int]]) -> bool:
+        if time.monotonic() >= self._status_due:
+            self._send_status(-1, "waiting")
+        return expected <= self._there
 
     def run(self, output: WorldOutput) -> bool:
         """All steps; True if none was cut off.
@@ -319,7 +323,7 @@ class WorldProcess:
                 max(step, 0),
                 self._settings.steps,
                 max(step, 0) * self._settings.step_s,
-                len(core.lockstep.alive),
+                len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
                 core.agents_in_trees,
                 core.environment.mean_waiting_s(),
                 phase,

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_agent.bodies.loading import SHIPPED
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
@@ -15,7 +14,7 @@ from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, Keys
-from deltaswarm_wire.plugins import controller_settings
+from deltaswarm_wire.plugins import BODIES, controller_settings
 from deltaswarm_wire.session import Pairs, RouterLink, Tls, air_pairs, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
@@ -259,7 +258,7 @@ def _checked(file: Path, table: dict[str, Any]) -> BoardSettings:
             for name in ("ca_file", "cert_file", "key_file"):
                 _find_beside(file.parent, air["tls"], name)
     body = table.get("body")
-    if type(body) is dict and str(body.get("kind", KINEMATIC)) in SHIPPED and type(body.get("options")) is dict:
+    if type(body) is dict and str(body.get("kind", KINEMATIC)) in BODIES and type(body.get("options")) is dict:
         _find_beside(file.parent, body["options"], "events")
     settings, problems = checked.check(BoardSettings, table)
     problems += _control_problems(table)

@@ -2,15 +2,9 @@
 
 from typing import Any
 
-from deltaswarm_agent.body import ENTRY_POINTS, Body, BodyContext
+from deltaswarm_agent.body import Body, BodyContext
 from deltaswarm_wire import checked
-from deltaswarm_wire.plugins import find_class
-
-SHIPPED = {
-    "kinematic": "deltaswarm_agent.bodies.kinematic:KinematicBody",
-    "mavlink": "deltaswarm_agent.bodies.mavlink:MavlinkBody",
-}
-"""The shipped bodies by short name. A new one is a line here."""
+from deltaswarm_wire.plugins import BODIES, BODY_GROUP, find_class
 
 
 def find_body(kind: str, path: str = "body.kind") -> type[Body]:
@@ -21,7 +15,7 @@ def find_body(kind: str, path: str = "body.kind") -> type[Body]:
     """
     needed = ("Settings", "REAL_TIME", "sense", "move", "close")
     body: type[Body] = find_class(
-        kind, what="body", path=path, shipped=SHIPPED, group=ENTRY_POINTS, needed=needed, others=["world"]
+        kind, what="body", path=path, shipped=BODIES, group=BODY_GROUP, needed=needed, others=["world"]
     )
     return body
 

@@ -18,6 +18,7 @@ COMMANDS = {
     "sweep": "many runs that differ in some keys, in one table",
     "study": "answer a question: runs, tests, verdicts and figures on one page",
     "report": "write a page about a sweep that has no study",
+    "list": "list scenarios, sweeps, studies, controllers and bodies",
     "info": "show a finished or interrupted run, from its folder",
     "why": "whether an agent could hear another at a time of a run, and why not",
     "bench": "measure this machine: the swarm beside the floors under it",
@@ -51,7 +52,7 @@ def parser(command: str = "") -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; its exit code."""
-    argv = list(sys.argv[1:] if argv is None else argv)
+    argv = [*(sys.argv[1:] if argv is None else argv)]  # `list` is a module of this package
     command = argv[0] if argv else ""
     if command in PARTS:
         raise_on_signals()

@@ -2,12 +2,13 @@
 
 import argparse
 import json
+import sys
 from datetime import datetime
 from pathlib import Path
 
 from deltaswarm_orchestrator.cli import boards as cli_boards
 from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
-from deltaswarm_orchestrator.run.scenario import BUILT_IN, load_scenario, to_toml
+from deltaswarm_orchestrator.run.scenario import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_wire.arguments import listens_on, override
 from deltaswarm_wire.settings import RECORDS, Scenario
 
@@ -70,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         return USAGE
     scenario = _scenario_of(arguments)
     if arguments.dry_run:
-        print(to_toml(scenario), end="")
+        print(commented_toml(scenario), end="")
         return OK
     from deltaswarm_orchestrator.bench.doctor import can_start_parts
 
@@ -97,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
         resume=arguments.resume is not None,
     )
     try:
-        with Display(scenario.run.step_s) as display:
+        with Display(scenario.run.step_s, scenario.agents.count) as display:
             result = run_scenario(scenario, options, display)
     except FolderError as error:
         complain(str(error))
@@ -112,6 +113,9 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         Console().print(result_table(result.summary))
         print(result.folder)
+        if sys.stderr.isatty():
+            recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
+            print(f"next: deltaswarm info {result.folder}{recording}", file=sys.stderr)
     if overruns := result.summary["realtime_overruns"]:
         complain(f"{overruns} steps missed the pace of real time")
     for reason in result.summary["invalid_because"]:

@@ -43,7 +43,13 @@ def add(command: argparse.ArgumentParser) -> None:
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
+    from deltaswarm_orchestrator.sweeps.load import BUILT_IN
+    from deltaswarm_wire.checked import did_you_mean
 
+    is_known = arguments.study in {*COLLECTIONS, *BUILT_IN} or Path(arguments.study).exists()
+    if not is_known and (hint := did_you_mean(arguments.study, COLLECTIONS)):
+        complain(f"there is no study {arguments.study!r}; {hint.strip()}")
+        return USAGE
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
     studies = [load_study(name, arguments.set, settings) for name in names]

@@ -16,6 +16,10 @@ SPEED_OVER_S = 0.5
 """Wall time over which a speed is measured at the least; what is shorter says nothing."""
 
 
+BAR_AND_TIME = 24
+"""Columns that the bar and the time left need at least."""
+
+
 class Reporter(Protocol):
     """Who is told how a run goes."""
 
@@ -39,7 +43,8 @@ class Quiet:
 class Display:
     """A bar on a terminal, else lines; as a context manager."""
 
-    def __init__(self, step_s: float) -> None:
+    def __init__(self, step_s: float, agents: int) -> None:
+        self._agents = agents
         self._console = Console(stderr=True)
         self._step_s = step_s
         self._first: tuple[float, float] | None = None
@@ -70,6 +75,8 @@ class Display:
     def update(self, status: Status, messages_per_s: float | None) -> None:
         """Show the newest state."""
         now = time.monotonic()
+        if status.phase == "waiting" and self._bar is not None:
+            self._bar.update(self._task, description=f"{status.agents_alive} of {self._agents} agents are up")
         if status.phase == "waiting" or status == self._shown:
             return
         self._shown = status
@@ -78,7 +85,8 @@ class Display:
         passed_s = now - self._first[0]
         speed = (status.time_s - self._first[1]) / passed_s if passed_s >= SPEED_OVER_S else None
         if self._bar is not None:
-            text = describe_briefly(status, messages_per_s, speed)
+            room = self._console.width - BAR_AND_TIME
+            text = describe_briefly(status, messages_per_s, speed, self._step_s, room)
             self._bar.update(self._task, description=text, total=status.steps, completed=status.step + 1)
         elif now >= self._line_due or status.phase == "ended":
             self._line_due = now + LINE_EVERY_S
@@ -88,22 +96,34 @@ class Display:
 def describe(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> str:
     """One line: simulated time, speed against real time, trees, workload, waiting."""
     return (
-        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {_speed(speed)} real time, "
+        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {_speed(speed, ' real time, ')}"
         f"{status.agents_alive} agents, {status.agents_in_trees} in trees, "
         f"operator {_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
     )
 
 
-def describe_briefly(status: Status, messages_per_s: float | None, speed: float | None) -> str:
-    """The same beside a bar, which needs room on 80 columns too."""
-    return (
-        f"{status.time_s:.0f} s, {_speed(speed)}, {status.agents_in_trees} in trees, "
-        f"{_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
+def describe_briefly(
+    status: Status, messages_per_s: float | None, speed: float | None, step_s: float, room: int
+) -> str:
+    """The same beside a bar: as much of it as there is room for, the time first."""
+    parts = (
+        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s",
+        _speed(speed, "").strip(),
+        f"{_rate(messages_per_s)} messages/s",
+        f"{status.agents_in_trees} in trees",
+        f"waiting {status.mean_waiting_s:.1f} s",
     )
+    text = ""
+    for part in filter(None, parts):
+        longer = f"{text}, {part}" if text else part
+        if text and len(longer) > room:
+            break
+        text = longer
+    return text
 
 
-def _speed(speed: float | None) -> str:
-    return "-x" if speed is None else f"{speed:.0f}x"
+def _speed(speed: float | None, after: str) -> str:
+    return "" if speed is None else f"{speed:.0f}x{after}"
 
 
 def _rate(messages_per_s: float | None) -> str:

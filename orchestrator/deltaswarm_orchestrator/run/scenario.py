@@ -12,7 +12,7 @@ from typing import Any
 import tomli_w
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.checked import Problem, SettingsError
+from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
@@ -66,6 +66,34 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
     return tomli_w.dumps(checked.plain(settings))
 
 
+def commented_toml(scenario: Scenario) -> str:
+    """The effective scenario, with the meaning of every key beside it."""
+    about = dict(_meanings(Scenario, ""))
+    for name, text in _meanings(find_controller(scenario.control.mode).Settings, "control."):
+        about.setdefault(name, text)
+    lines, table = [], ""
+    for line in to_toml(scenario).splitlines():
+        if line.startswith("["):
+            table = line.strip("[]") + "."
+        name, sign, _ = line.partition(" = ")
+        told = about.get(f"{table}{name}") if sign else None
+        lines.append(f"{line:<40}  # {told}" if told else line)
+    return "\n".join(lines) + "\n"
+
+
+def _meanings(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:
+    """The dotted name and the meaning of every key of a settings class."""
+    hints = typing.get_type_hints(settings)
+    for spec in dataclasses.fields(settings):
+        inner = [
+            item for item in (hints[spec.name], *typing.get_args(hints[spec.name])) if dataclasses.is_dataclass(item)
+        ]
+        for item in inner:
+            yield from _meanings(item, f"{prefix}{spec.name}.")
+        if not inner:
+            yield f"{prefix}{spec.name}", spec.metadata["doc"]
+
+
 def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[Problem]]:
     """The table of a built-in scenario or of a file, unchecked; a relative path starts at `beside`.
 
@@ -78,7 +106,7 @@ def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[P
         return tomllib.loads(text), []
     try:
         if not path.is_file():
-            allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
+            allowed = f"{did_you_mean(name, BUILT_IN)}a TOML file or one of {', '.join(BUILT_IN)} is allowed"
             raise SettingsError([Problem("scenario", f"{name!r} {instead_of_file(path)}", allowed)])
         table = tomllib.loads(path.read_text())
     except SettingsError:

@@ -110,7 +110,7 @@ def read_file(name: str) -> tuple[dict[str, Any], Path]:
         return tomllib.loads(BUILT_IN[name].read_text()), Path()
     path = Path(name)
     if not _is_file(path):
-        allowed = f"a TOML file or one of {', '.join(BUILT_IN)} is allowed"
+        allowed = f"{checked.did_you_mean(name, BUILT_IN)}a TOML file or one of {', '.join(BUILT_IN)} is allowed"
         raise SettingsError([Problem("sweep", f"{_shown(name)!r} {scenarios.instead_of_file(path)}", allowed)])
     try:
         table = tomllib.loads(path.read_text())
@@ -146,7 +146,8 @@ def _base(file: SweepFile, beside: Path, problems: list[Problem]) -> tuple[dict[
         SettingsError: there is no such scenario, or it is no TOML; after the `problems` that are known.
     """
     if file.base not in scenarios.BUILT_IN and not _is_file(beside / file.base):
-        allowed = f"a TOML file or one of {', '.join(scenarios.BUILT_IN)} is allowed"
+        known = ", ".join(scenarios.BUILT_IN)
+        allowed = f"{checked.did_you_mean(file.base, scenarios.BUILT_IN)}a TOML file or one of {known} is allowed"
         found = scenarios.instead_of_file(beside / file.base)
         raise SettingsError([*problems, Problem("base", f"{_shown(file.base)!r} {found}", allowed)])
     try:
