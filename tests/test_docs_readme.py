@@ -13,8 +13,8 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
-    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=5",
-    "sweep": "--set run.duration_s=20 --set agents.count=6 --repeats 1 --prove 0",
+    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
+    "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
     "limits network-loss": "--quick --repeats 1 --prove 0 --set run.duration_s=60 --set agents.count=6",
     "limits --quick": "lose-the-roots --repeats 1 --prove 0 --set agents.count=3 "
     "--set run.duration_s=4510 --set run.step_s=10",
