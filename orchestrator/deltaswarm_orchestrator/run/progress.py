@@ -3,7 +3,7 @@
 import sys
 import time
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -14,26 +14,6 @@ from deltaswarm_wire.messages import Status
 LINE_EVERY_S = 10.0
 SPEED_OVER_S = 0.5
 """Wall time over which a speed is measured at the least; what is shorter says nothing."""
-
-
-class Reporter(Protocol):
-    """Who is told how a run goes."""
-
-    def update(self, status: Status, messages_per_s: float | None) -> None:
-        """The newest state."""
-
-    def say(self, text: str) -> None:
-        """Something that the user has to do."""
-
-
-class Quiet:
-    """Tells nobody."""
-
-    def update(self, status: Status, messages_per_s: float | None) -> None:
-        """Nothing."""
-
-    def say(self, text: str) -> None:
-        """Nothing."""
 
 
 class Display:
