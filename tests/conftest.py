@@ -1,7 +1,8 @@
-"""How properties are searched, and what signals do, for all tests."""
+"""How properties are searched, what signals do and what is compiled only once, for all tests."""
 
 import os
 import signal
+import sys
 
 from hypothesis import HealthCheck, settings
 
@@ -15,6 +16,15 @@ settings.register_profile(
     print_blob=True,
 )
 settings.load_profile("deltaswarm")
+
+# The tests start more than a thousand processes. Without bytecode on disk each would compile deltaswarm anew, which
+# takes longer than most of their runs; and pytest would rewrite every test file in every worker.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+# OpenBLAS starts a thread per core when numpy is imported, and each spins for a while before it sleeps. Here for this
+# process; `deltaswarm` does so for its own.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 # Whoever starts the tests in the background, or by nohup, has these ignored, and so would every process of a test.
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):

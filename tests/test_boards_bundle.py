@@ -206,17 +206,26 @@ def install(bundle: Path, target: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
 
 
-def test_the_bundle_installs_offline_into_an_empty_environment(made: Path, tmp_path: Path) -> None:
-    """Nothing but what was bundled is there, and the agent tells its arguments."""
-    done = install(made / PC, tmp_path / "board")
+@pytest.fixture(scope="module")
+def installed(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment, empty before, into which the bundle for this machine was installed."""
+    environment = tmp_path_factory.mktemp("installed") / "board"
+    done = install(made / PC, environment)
     assert done.returncode == 0, done.stderr
-    python = str(tmp_path / "board" / "bin" / "python")
-    listed = subprocess.run(
-        [python, "-m", "pip", "list", "--format=freeze"], capture_output=True, text=True, check=True
-    )
-    installed = {line.split("==")[0].lower() for line in listed.stdout.splitlines()} - {"pip", "setuptools"}
-    assert installed == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
-    script = str(tmp_path / "board" / "bin" / "deltaswarm-agent")
+    return environment
+
+
+def names_of(environment: Path) -> set[str]:
+    """The distributions of an environment, apart from what every new one has."""
+    command = [str(environment / "bin" / "python"), "-m", "pip", "list", "--format=freeze"]
+    listed = subprocess.run(command, capture_output=True, text=True, check=True)
+    return {line.split("==")[0].lower() for line in listed.stdout.splitlines()} - {"pip", "setuptools"}
+
+
+def test_the_bundle_installs_offline_into_an_empty_environment(installed: Path, tmp_path: Path) -> None:
+    """Nothing but what was bundled is there, and the agent tells its arguments."""
+    assert names_of(installed) == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
+    python, script = str(installed / "bin" / "python"), str(installed / "bin" / "deltaswarm-agent")
     for command, name in (([python, "-m", "deltaswarm_agent"], "deltaswarm agent"), ([script], "deltaswarm-agent")):
         for more, shown in (([], name), (["board"], f"{name} board")):
             told = subprocess.run([*command, *more, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
@@ -234,12 +243,14 @@ def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "board").exists()
 
 
-def test_another_machines_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
-    """And says why."""
+def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -> None:
+    """It says why, and what was installed before stays."""
+    before = names_of(installed)
     other = ARM64 if os.uname().machine == "x86_64" else PC
-    done = install(made / other, tmp_path / "board")
+    done = install(made / other, installed)
     assert done.returncode == 1
     assert "no wheels for the Python of this board" in done.stderr
+    assert names_of(installed) == before
 
 
 def found_python(minor: int) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from deltaswarm_orchestrator.boards.boards import Boards, authority_folder, certificates, commands
+from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_orchestrator.boards.boards import Boards, authority_folder, commands
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError

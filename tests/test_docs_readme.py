@@ -13,10 +13,10 @@ README = (ROOT / "README.md").read_text()
 
 SHORTER = {
     "run": "--set run.duration_s=20",
-    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=5",
-    "sweep": "--set run.duration_s=20 --set agents.count=6 --repeats 1 --prove 0",
-    "study": "--repeats 1 --prove 0 --set run.duration_s=300 --set agents.count=3",
-    "study network-loss": "--plan",
+    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
+    "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
+    "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=5110 --set run.step_s=10",
+    "study network-loss": "",
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
     "bench --radio": "--agents 3 --steps 30 --rounds 1",

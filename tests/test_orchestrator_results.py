@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.conduct import RunOptions, run
-from deltaswarm_orchestrator.run.progress import Quiet
+from deltaswarm_orchestrator.run.reporter import Quiet
 from deltaswarm_orchestrator.run.results import (
     OPERATOR_COLUMNS,
     Outcome,

@@ -16,6 +16,7 @@ MODULE = '''
 import sys
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 from deltaswarm_agent.controller import Decision
 from deltaswarm_wire.checked import key
@@ -61,7 +62,8 @@ class TooLong(Well):
 
 class Sleeps(Well):
     def fail(self):
-        time.sleep(30)
+        while not Path(__file__).with_name("wake").exists():
+            time.sleep(0.05)
         return Decision()
 
 
@@ -151,6 +153,7 @@ def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
         swarm.wait_for_steps(1)
         wait_until(lambda: "goes on without agent 3" in swarm.log("world"), "a step without agent 3")
         swarm.wait_for_steps(20)
+        (module / "wake").touch()
         wait_until(lambda: "agent 3, which hung, answers again" in swarm.log("world"), "its answer")
         swarm.process.send_signal(signal.SIGINT)
         swarm.finish()

@@ -22,7 +22,7 @@ from tests.swarms import PATIENCE_S, started, wait_until
 pytestmark = pytest.mark.processes
 
 RUN = "hostile"
-STEPS = 1500
+STEPS = 500
 
 
 class Stage:
@@ -61,7 +61,7 @@ class Stage:
         }
 
 
-SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_factor=150", "record=off")
+SETTINGS = (f"run.duration_s={STEPS}", "run.clock=realtime", "run.real_time_factor=50", "record=off")
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from tests.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, wr
 pytestmark = pytest.mark.processes
 
 IS_LONG = "DELTASWARM_LONG" in os.environ
-REPEATS, KILLS = (40, 10) if IS_LONG else (8, 6)
+REPEATS, KILLS = (40, 10) if IS_LONG else (4, 6)
 """Of the sweep that is killed again and again: three times so many runs and a proof."""
 
 
@@ -59,7 +59,7 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
     file = written(tmp_path, repeats=3, prove=1)
-    another = ("smoke", tmp_path / "b", "--set", "run.duration_s=100")
+    another = ("smoke", tmp_path / "b", "--set", "run.duration_s=100", "--repeats", "1")
     alone = sweep(file, tmp_path / "alone")
     with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping(*another, "-j", "1") as other:
         wait_until((tmp_path / "a" / "manifest.json").exists, "the first sweep's folder")

@@ -1,5 +1,6 @@
 """The command `deltaswarm`, also as `python -m deltaswarm_orchestrator`."""
 
+import os
 import sys
 
 from deltaswarm_orchestrator.stopping import end_at_once_on_signals
@@ -8,6 +9,9 @@ from deltaswarm_orchestrator.stopping import end_at_once_on_signals
 def main() -> int:
     """Run one command; its exit code. What takes long to import comes after the signals."""
     end_at_once_on_signals()
+    # No array here is large enough for OpenBLAS to use a second thread, and those that it starts when numpy is imported
+    # spin for 0.1 s in every process. Set before that import; the parts of a run inherit it.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from deltaswarm_orchestrator import cli
 
     return cli.main()

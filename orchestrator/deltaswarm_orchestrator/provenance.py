@@ -7,7 +7,6 @@ import platform
 import subprocess
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
@@ -25,6 +24,8 @@ def versions() -> dict[str, str | None]:
 
 
 def _version(distribution: str) -> str | None:
+    from importlib.metadata import PackageNotFoundError, version  # slow to import, and a sweep's worker needs none
+
     try:
         return version(distribution)
     except PackageNotFoundError:

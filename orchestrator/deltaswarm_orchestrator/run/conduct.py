@@ -18,7 +18,7 @@ from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.progress import Reporter
+from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.watch import Watch

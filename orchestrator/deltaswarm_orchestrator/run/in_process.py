@@ -14,7 +14,7 @@ from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.run.progress import Quiet, Reporter
+from deltaswarm_orchestrator.run.reporter import Quiet, Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Clock, Status

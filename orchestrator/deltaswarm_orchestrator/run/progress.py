@@ -3,7 +3,7 @@
 import sys
 import time
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import Any, Self
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
@@ -18,26 +18,6 @@ SPEED_OVER_S = 0.5
 
 BAR_AND_TIME = 24
 """Columns that the bar and the time left need at least."""
-
-
-class Reporter(Protocol):
-    """Who is told how a run goes."""
-
-    def update(self, status: Status, messages_per_s: float | None) -> None:
-        """The newest state."""
-
-    def say(self, text: str) -> None:
-        """Something that the user has to do."""
-
-
-class Quiet:
-    """Tells nobody."""
-
-    def update(self, status: Status, messages_per_s: float | None) -> None:
-        """Nothing."""
-
-    def say(self, text: str) -> None:
-        """Nothing."""
 
 
 class Display:

@@ -5,7 +5,7 @@ import time
 from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.part import Part
-from deltaswarm_orchestrator.run.progress import Reporter
+from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import NO_ROOM
 from deltaswarm_wire.keys import OPERATOR, WORLD
