@@ -3,6 +3,7 @@
 import json
 import os
 import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -325,6 +326,28 @@ def test_doctor_looks_for_all_that_is_required() -> None:
     required = map(Requirement, project["dependencies"])
     least = {one.name: Version(str(one.specifier).removeprefix(">=")) for one in required}
     assert least == {name: Version(f"{major}.{minor}") for name, (major, minor) in doctor.NEEDED.items()}
+    extra = {one.name: one for one in map(Requirement, project["optional-dependencies"]["study"])}
+    for name, (major, minor) in doctor.FOR_STUDIES.items():
+        assert str(extra.pop(name).specifier) == f">={major}.{minor}"
+    assert not extra
+
+
+def test_a_lean_installation_runs_and_says_what_studies_need(tmp_path: Path) -> None:
+    """Without the extra `study`: runs, info and doctor work; a study names the package and how to get it."""
+    hidden = "import sys; sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(',')))\n"
+    code = f"{hidden}from deltaswarm_orchestrator.cli import main; sys.exit(main(sys.argv[1:]))"
+
+    def lean(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", code, ",".join(doctor.FOR_STUDIES), *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+
+    run = ("run", "smoke", "--in-process", "--set", "run.duration_s=5", "--set", "agents.count=150", "--out", "a")
+    for arguments in (run, ("info", "a"), ("doctor",), ("list",), ("study", "paper", "--render", "--help")):
+        done = lean(*arguments)
+        assert done.returncode == 0, done.stderr
+    done = lean("sweep", "smoke")
+    assert done.returncode == 2
+    assert doctor.INSTALL_STUDY in done.stderr
 
 
 def test_doctor_says_what_to_do_where_something_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:

@@ -43,7 +43,10 @@ def _squares_m2(dx_m: Floats, dy_m: Floats) -> Floats:
 
 def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
     """All pairs within the range, and some a trifle beyond: a tree rounds differently."""
-    from scipy.spatial import KDTree  # slow to import, and small swarms do without
-
+    try:
+        from scipy.spatial import KDTree  # slow to import, and small swarms do without
+    except ModuleNotFoundError:  # it comes with the extra `study`
+        first, second = np.indices((len(places_m), len(others_m))).reshape(2, -1)
+        return first, second
     found = KDTree(places_m).sparse_distance_matrix(KDTree(others_m), range_m * 1.000001, output_type="ndarray")
     return found["i"], found["j"]

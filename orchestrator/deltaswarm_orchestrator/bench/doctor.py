@@ -14,17 +14,12 @@ from deltaswarm_orchestrator.exits import complain
 NEEDED = {
     "cryptography": (42, 0),
     "eclipse-zenoh": (1, 10),
-    "jinja2": (3, 1),
-    "markupsafe": (2, 1),
-    "matplotlib": (3, 9),
     "mcap": (1, 5),
     "msgpack": (1, 0),
     "numpy": (1, 26),
     "orjson": (3, 10),
     "packaging": (24, 0),
-    "pandas": (2, 2),
     "rich": (13, 7),
-    "scipy": (1, 15),
     "tomli-w": (1, 0),
     "zstandard": (0, 22),
 }
@@ -32,6 +27,12 @@ NEEDED = {
 
 DESCRIPTORS_WANTED = 1024
 CONNECT_WITHIN_S = 5.0
+
+
+INSTALL_STUDY = "pip install 'deltaswarm[study]'"
+
+FOR_STUDIES = {"jinja2": (3, 1), "markupsafe": (2, 1), "matplotlib": (3, 9), "pandas": (2, 2), "scipy": (1, 15)}
+"""The same for the extra `study`, without which runs work, but no sweeps, studies and reports."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,8 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Look at this machine."""
-    return [_python(), *(_package(name) for name in NEEDED), _cores(), _descriptors(), _loopback(), _start_method()]
+    packages = [_package(name, least) for name, least in NEEDED.items()]
+    return [_python(), *packages, _studies(), _cores(), _descriptors(), _loopback(), _start_method()]
 
 
 def _python() -> Finding:
@@ -54,8 +56,7 @@ def _python() -> Finding:
     return Finding("Python", platform.python_version(), well, "Python 3.11 or newer is needed")
 
 
-def _package(name: str) -> Finding:
-    least = NEEDED[name]
+def _package(name: str, least: tuple[int, int]) -> Finding:
     wanted = ".".join(map(str, least))
     advice = f"python -m pip install '{name}>={wanted}'"
     try:
@@ -64,6 +65,12 @@ def _package(name: str) -> Finding:
         return Finding(name, "not installed", False, advice)
     numbers = tuple(int(part) for part in found.split(".")[:2] if part.isdecimal())
     return Finding(name, found, numbers >= least, advice)
+
+
+def _studies() -> Finding:
+    lacking = [name for name, least in FOR_STUDIES.items() if not _package(name, least).is_well]
+    found = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
+    return Finding("sweeps and studies", found, True)
 
 
 def _cores() -> Finding:

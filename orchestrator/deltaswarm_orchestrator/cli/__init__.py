@@ -71,6 +71,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         for problem in error.problems:
             complain(str(problem))
         return USAGE
+    except ModuleNotFoundError as error:
+        from deltaswarm_orchestrator.bench.doctor import FOR_STUDIES, INSTALL_STUDY
+
+        if (error.name or "").partition(".")[0] not in FOR_STUDIES:
+            raise
+        complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
+        return USAGE
     except BrokenPipeError:
         if not _reader_is_gone():
             raise
