@@ -1,6 +1,7 @@
 """The run folder: what a run's parts left, merged into tables and one summary."""
 
 import csv
+import io
 import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
@@ -12,6 +13,7 @@ import numpy as np
 
 from deltaswarm_orchestrator import provenance
 from deltaswarm_wire import digest
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.plugins import source_digest
@@ -81,9 +83,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
 
 def write_json(file: Path, value: Any) -> None:
     """Write a JSON file, whole or not at all."""
-    part = file.with_name(file.name + ".part")
-    part.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n")
-    part.rename(file)
+    write_whole(file, json.dumps(value, indent=2, allow_nan=False).encode() + b"\n")
 
 
 def read_outcome(folder: Path) -> Outcome:
@@ -151,12 +151,11 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
 
 def _write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    part = file.with_name(file.name + ".part")
-    with part.open("w", newline="") as stream:
-        table = csv.writer(stream)
-        table.writerow(header)
-        table.writerows(rows)
-    part.rename(file)
+    text = io.StringIO(newline="")
+    table = csv.writer(text)
+    table.writerow(header)
+    table.writerows(rows)
+    write_whole(file, text.getvalue().encode())
 
 
 def figures(outcome: Outcome, step_s: float) -> dict[str, Any]:

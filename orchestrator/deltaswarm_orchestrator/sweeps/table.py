@@ -140,8 +140,6 @@ def write_table(path: Path, table: pd.DataFrame) -> list[Path]:
     written = [path.with_suffix(".csv")]
     write_whole(written[0], table.to_csv(index=False).encode())
     if importlib.util.find_spec("pyarrow") is not None:
-        part, parquet = path.with_suffix(".parquet.part"), path.with_suffix(".parquet")
-        table.to_parquet(part, index=False)
-        part.replace(parquet)
-        written.append(parquet)
+        written.append(path.with_suffix(".parquet"))
+        write_whole(written[1], table.to_parquet(index=False))
     return written
