@@ -143,7 +143,7 @@ class Scene:
         events = [event for event in truth.events if event.completed_s is None]
         event_places = _rounded(events)
         yield "/scene/events", _sent(self._events(events, event_places), now)
-        yield "/points/agents", self._cloud_of(places, [_rgba(role) for role in roles], now)
+        yield "/points/agents", self._cloud_of(places, [role_rgba(role) for role in roles], now)
         yield "/points/events", self._cloud_of(event_places, [EVENT_RGBA] * len(events), now)
         standings = [body[3:] for body in truth.bodies]
         if standings != self._standings:
@@ -221,7 +221,8 @@ class Scene:
 
 
 @lru_cache(MAX_LOOKS)
-def _rgba(role: str) -> bytes:
+def role_rgba(role: str) -> bytes:
+    """The colour of a role as four octets."""
     return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 
