@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.recording.records import records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
 from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
 from deltaswarm_orchestrator.run.room import RoomError, no_room, room_for
-from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 
@@ -116,14 +116,13 @@ class Recorder:
         tally = truth.tally._asdict()
         head = {"step": truth.step, "time_s": truth.time_s}
         wall_s = round(self._wall() - self._started_s, 3)
-        self._write("/net/stats", **head, **{name: tally[name] for name in NET_FIELDS})
-        self._write("/swarm/state", **head, **{name: tally[name] for name in STATE_FIELDS}, wall_s=wall_s)
-        inbox = OURS["Inbox"](**head, count=len(reports))
+        self._write(
+            "/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]}
+        )  # what is absent is 0
+        self._write("/swarm/state", head | {name: tally[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
+        inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
         for report in reports:
-            message = inbox.reports.add()
-            _fill(message, _REPORT_HEAD, report)
-            for event in report.events:
-                _fill(message.events.add(), Event._fields, event)
+            _fill(inbox.reports.add(), report)
         self._add("/operator/inbox", inbox)
         self._write_events(truth.events)
         if self._steps % self._view_every == 0:
@@ -170,7 +169,7 @@ class Recorder:
             {name: text if isinstance(text, str) else orjson.dumps(text).decode() for name, text in manifest.items()}
         )
 
-    def _write(self, topic: str, **fields: Any) -> None:
+    def _write(self, topic: str, fields: Mapping[str, Any]) -> None:
         self._add(topic, TOPICS[topic](**fields))
 
     def _add(self, topic: str, message: Any) -> None:
@@ -181,7 +180,7 @@ class Recorder:
         for event in events:
             before = self._open_events.get(event.event)
             if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
-                self._write("/swarm/event", **event._asdict())
+                self._write("/swarm/event", event._asdict())
             self._note(event)
 
     def _note(self, event: EventState) -> None:
@@ -195,7 +194,7 @@ class Recorder:
             return
         with suppress(RoomError) if manifest is None else nullcontext():
             for event in self._open_events.values():  # once more, for the work done since
-                self._write("/swarm/event", **event._asdict())
+                self._write("/swarm/event", event._asdict())
         for file in (self._file, self._wire):
             if file:
                 with suppress(RoomError) if manifest is None else nullcontext():
@@ -280,11 +279,10 @@ def _steps_between_views(step_s: float) -> int:
     return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
 
 
-_REPORT_HEAD = Report._fields[:-1]
-"""All but its events."""
-
-
-def _fill(message: Any, names: Sequence[str], row: Sequence[Any]) -> None:
-    """Set these fields, which a row begins with; several times as fast as to make a message from a dict."""
-    for name, value in zip(names, row, strict=False):
-        setattr(message, name, value)
+def _fill(message: Any, report: Report) -> None:
+    """Field by field, which is several times as fast as to make a message from a dict."""
+    message.agent, message.sequence, message.step, message.role = report[:4]
+    message.x_m, message.y_m, message.followers = report[4:7]
+    for event in report.events:
+        sighting = message.events.add()
+        sighting.event, sighting.x_m, sighting.y_m = event
