@@ -123,7 +123,6 @@ class Scene:
             "tree": _line(LinePrimitive.LINE_LIST, _TREE_PX, colour(ROLE_COLOURS["member"], 0.8)),
             "links": _line(LinePrimitive.LINE_LIST, _LINK_PX, colour("#666666", 0.35)),
         }
-        self._cloud = _cloud()
 
     def messages(self, truth: Truth) -> Iterator[tuple[str, bytes]]:
         """Topic and message of each view of this step."""
@@ -143,8 +142,8 @@ class Scene:
         events = [event for event in truth.events if event.completed_s is None]
         event_places = _rounded(events)
         yield "/scene/events", _sent(self._events(events, event_places), now)
-        yield "/points/agents", self._cloud_of(places, [role_rgba(role) for role in roles], now)
-        yield "/points/events", self._cloud_of(event_places, [EVENT_RGBA] * len(events), now)
+        yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
+        yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
         standings = [body[3:] for body in truth.bodies]
         if standings != self._standings:
             self._standings = standings
@@ -211,14 +210,6 @@ class Scene:
         update.entities[0].cylinders.extend(self._discs[: len(events)])
         return update
 
-    def _cloud_of(self, places: list[Place], colours: list[bytes], now: Mapping[str, int]) -> bytes:
-        cloud = PointCloud()
-        cloud.CopyFrom(self._cloud)
-        _set_time(cloud.timestamp, now)
-        pack = _POINT.pack
-        cloud.data = b"".join([pack(x, y, 0.0, rgba) for (x, y), rgba in zip(places, colours, strict=True)])
-        return bytes(cloud.SerializeToString())
-
 
 @lru_cache(MAX_LOOKS)
 def role_rgba(role: str) -> bytes:
@@ -263,12 +254,22 @@ def _line(kind: Any, thickness_px: float, colour: Color, places: Iterable[Place]
     return LinePrimitive(type=kind, **line)
 
 
-def _cloud() -> PointCloud:
-    """A cloud of `_POINT`s without any."""
+def _cloud_head() -> bytes:
+    """What is the same in each cloud of `_POINT`s. One message is the bytes of its parts in a row."""
     floats = [{"name": name, "offset": 4 * i, "type": PackedElementField.FLOAT32} for i, name in enumerate("xyz")]
     names = ("red", "green", "blue", "alpha")
     octets = [{"name": name, "offset": 12 + i, "type": PackedElementField.UINT8} for i, name in enumerate(names)]
-    return PointCloud(frame_id=ARENA_FRAME, pose=_HERE, point_stride=_POINT.size, fields=[*floats, *octets])
+    head = PointCloud(frame_id=ARENA_FRAME, pose=_HERE, point_stride=_POINT.size, fields=[*floats, *octets])
+    return bytes(head.SerializeToString())
+
+
+_CLOUD_HEAD = _cloud_head()
+
+
+def _points(places: list[Place], colours: list[bytes], now: Mapping[str, int]) -> bytes:
+    pack = _POINT.pack
+    data = b"".join([pack(x, y, 0.0, rgba) for (x, y), rgba in zip(places, colours, strict=True)])
+    return _CLOUD_HEAD + bytes(PointCloud(timestamp=now, data=data).SerializeToString())
 
 
 def _agent_look(role: str, size_m: Mapping[str, float]) -> tuple[float, ...]:
