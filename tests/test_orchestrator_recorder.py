@@ -2,61 +2,47 @@
 
 import itertools
 import json
-from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
 
-import jsonschema
 import pytest
 from mcap.reader import make_reader
 
-from deltaswarm_orchestrator.recording.foxglove import FIGURE_TOPICS, SCHEMAS, VIEW_TOPICS, layout
+from deltaswarm_orchestrator.recording.layout import layout
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
+from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState
 from tests.truths import messages, on, recorded, shown, steps, truth
 
-OFFICIAL = {"foxglove.FrameTransforms", "foxglove.SceneUpdate", "foxglove.Log"}
-
 
 def scenario(**run: float) -> Scenario:
     return load(Scenario, {"run": run, "agents": {"count": 12}})
 
 
-def test_every_channel_is_json_with_a_json_schema(tmp_path: Path) -> None:
-    """Viewers draw json+jsonschema by schema name; what is not ours has its official name."""
-    with recorded(tmp_path, scenario(), 3).open("rb") as stream:
+def test_every_channel_is_protobuf_with_its_schema(tmp_path: Path) -> None:
+    """Foxglove, Lichtblick and Rerun all read it; every topic is announced, and has messages."""
+    path = recorded(tmp_path, scenario(), 30)
+    with path.open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
-    assert {c.topic for c in summary.channels.values()} == {*VIEW_TOPICS, *FIGURE_TOPICS}
-    for channel in summary.channels.values():
+    found = {channel.topic: channel for channel in summary.channels.values()}
+    assert set(found) == set(TOPICS) == {topic for topic, _, _ in messages(path)}
+    for topic, channel in found.items():
         schema = summary.schemas[channel.schema_id]
-        assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
-        assert schema.name in OFFICIAL or schema.name.startswith("deltaswarm.")
-        assert json.loads(schema.data) == SCHEMAS[schema.name]
-
-
-def test_every_message_obeys_its_schema(tmp_path: Path) -> None:
-    """Each message on each topic validates against the schema of its channel."""
-    schemas = {**VIEW_TOPICS, **FIGURE_TOPICS}
-    validators = {topic: jsonschema.Draft7Validator(SCHEMAS[name]) for topic, name in schemas.items()}
-    seen = Counter()
-    for topic, _, message in messages(recorded(tmp_path, scenario(), 30)):
-        validators[topic].validate(message)
-        assert set(message) == set(SCHEMAS[schemas[topic]]["properties"])
-        seen[topic] += 1
-    assert set(seen) == set(schemas)
+        assert (channel.message_encoding, schema.encoding) == ("protobuf", "protobuf")
+        assert schema.name == TOPICS[topic].DESCRIPTOR.full_name
 
 
 @pytest.mark.parametrize("step_s", [1.0, 0.1, 0.05, 0.03, 0.01])
 def test_views_come_at_most_ten_times_a_second(tmp_path: Path, step_s: float) -> None:
     """However short the steps: above that viewers warn and browsers run out of memory."""
     found = messages(recorded(tmp_path, scenario(step_s=step_s), round(3 / step_s)))
-    for topic in VIEW_TOPICS:
+    for topic in VIEW_TOPICS.keys() - {"/swarm/agents"}:  # which is told when it changes
         times_ns = [at for one, at, _ in found if one == topic]
         spans = [later - earlier for earlier, later in itertools.pairwise(times_ns)]
         assert min(spans) >= 100_000_000 - 1
@@ -68,17 +54,17 @@ def test_figures_are_never_thinned(tmp_path: Path, step_s: float) -> None:
     """Every step has its statistics, its inbox and its workload, also where views are thinned."""
     found = messages(recorded(tmp_path, scenario(step_s=step_s), 40))
     for topic in ("/net/stats", "/swarm/state", "/operator/inbox", "/operator/workload"):
-        assert [message["step"] for message in on(topic, found)] == list(range(40))
+        assert [message.step for message in on(topic, found)] == list(range(40))
 
 
 def test_log_time_is_simulated_time_since_2000(tmp_path: Path) -> None:
     """So that runs align, whenever they were made; stamps in messages agree."""
     for topic, log_time, message in messages(recorded(tmp_path, scenario(step_s=0.5), 5)):
-        if "time_s" in message:
-            assert log_time == (EPOCH_S + message["time_s"]) * 10**9
-        elif topic.startswith("/scene"):
-            (entity,) = message["entities"]
-            assert log_time == entity["timestamp"]["sec"] * 10**9 + entity["timestamp"]["nsec"]
+        if topic.startswith("/scene"):
+            (entity,) = message.entities
+            assert log_time == entity.timestamp.ToNanoseconds()
+        elif "time_s" in message.DESCRIPTOR.fields_by_name:
+            assert log_time == (EPOCH_S + message.time_s) * 10**9
 
 
 def test_an_event_is_told_when_it_changes(tmp_path: Path) -> None:
@@ -90,15 +76,16 @@ def test_an_event_is_told_when_it_changes(tmp_path: Path) -> None:
     other = EventState(2, 3.0, 4.0, 1.0, None, None, 0.0)
     lives = [(arrived,), (sensed, other), (later, other), (done, other), (other,)]
     told = on("/swarm/event", shown(tmp_path, *(truth(events=events) for events in lives)))
-    assert [(message["event"], message["work_agent_s"]) for message in told] == [
+    assert [(message.event, message.work_agent_s) for message in told] == [
         (1, 0.0),
         (1, 1.0),
         (2, 0.0),
         (1, 200.0),
         (2, 0.0),
     ]
-    assert (told[0]["sensed_s"], told[0]["completed_s"]) == (-1, -1)
-    assert (told[3]["sensed_s"], told[3]["completed_s"]) == (1.0, 3.0)
+    assert not told[0].HasField("sensed_s")
+    assert not told[0].HasField("completed_s")
+    assert (told[3].sensed_s, told[3].completed_s) == (1.0, 3.0)
 
 
 def test_scenario_and_layout_come_with_the_recording(tmp_path: Path) -> None:
@@ -170,8 +157,8 @@ def test_log_levels_are_those_of_the_schema(tmp_path: Path) -> None:
             recorder.log(level, "agent/3", "text", 1.5)
         recorder.close({})
     found = on("/log", messages(tmp_path / "recording.mcap"))
-    assert [message["level"] for message in found] == [1, 2, 2, 3, 4, 5, 5]
-    assert found[0]["timestamp"] == {"sec": EPOCH_S + 1, "nsec": 500_000_000}
+    assert [message.level for message in found] == [1, 2, 2, 3, 4, 5, 5]
+    assert found[0].timestamp.ToNanoseconds() == EPOCH_S * 10**9 + 1_500_000_000
 
 
 def test_a_line_of_log_may_hold_anything(tmp_path: Path) -> None:
@@ -180,7 +167,7 @@ def test_a_line_of_log_may_hold_anything(tmp_path: Path) -> None:
         recorder.log(20, "agent/3", b"caf\xe9".decode(errors="surrogateescape"), 0.0)
         recorder.close({})
     (line,) = on("/log", messages(tmp_path / "recording.mcap"))
-    assert line["message"] == "caf?"
+    assert line.message == "caf?"
 
 
 def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
@@ -212,4 +199,6 @@ def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
     with Recorder(tmp_path, {}, scenario()) as recorder:
         recorder.workload(workload)
         recorder.close({})
-    assert messages(tmp_path / "recording.mcap") == [("/operator/workload", (EPOCH_S + 7) * 10**9, workload._asdict())]
+    ((topic, log_time, message),) = messages(tmp_path / "recording.mcap")
+    assert (topic, log_time) == ("/operator/workload", (EPOCH_S + 7) * 10**9)
+    assert Workload(*(getattr(message, name) for name in Workload._fields)) == workload

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcap.writer import Writer
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
@@ -52,7 +53,7 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
     made = []
     for step in range(draw(st.integers(0, 4))):
         now_s = draw(times)
-        head, tail = [draw(counts) for _ in range(4)], [draw(counts) for _ in Tally._fields[7:]]
+        head, tail = [draw(counts) for _ in range(5)], [draw(counts) for _ in Tally._fields[8:]]
         tally = Tally(step, now_s, *head, draw(st.floats(0, MAX_ABS_M**2) | not_yet), *tail)
         shown = draw(st.lists(events, max_size=4, unique_by=lambda event: event.event))
         rates = [draw(st.floats(0, MAX_ID)) for _ in range(2)]
@@ -98,7 +99,7 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
 
 
 def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
-    """None is written as -1, and is None again."""
+    """None is absent from a message, and is None again; -1 is a number like others."""
     zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
     tally = Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None})
     event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
@@ -181,6 +182,18 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=r"notes\.txt is no MCAP file"):
         read_recording(tmp_path / "notes.txt")
     with pytest.raises(FileNotFoundError):
+        read_recording(tmp_path)
+
+
+def test_a_recording_of_an_earlier_version_is_refused(tmp_path: Path) -> None:
+    """It was in JSON; nothing is read out of it as if it were empty."""
+    with (tmp_path / "recording.mcap").open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        schema = writer.register_schema("deltaswarm.SwarmState", "jsonschema", b"{}")
+        writer.add_message(writer.register_channel("/swarm/state", "json", schema), 0, b'{"step": 0}', 0)
+        writer.finish()
+    with pytest.raises(RecordingError, match="json"):
         read_recording(tmp_path)
 
 

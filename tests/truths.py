@@ -1,12 +1,12 @@
 """For the recorder's tests: plausible truths, recordings of them, and what a viewer reads in those."""
 
-import json
 import random
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
 
 from deltaswarm_orchestrator.recording.recorder import RECORDING, Recorder
 from deltaswarm_wire.checked import plain
@@ -105,10 +105,8 @@ def recorded(folder: Path, scenario: Scenario, count: int) -> Path:
 def messages(path: Path) -> list[tuple[str, int, Any]]:
     """Topic, log time [ns] and decoded message, as a viewer reads them: through the index, in time order."""
     with path.open("rb") as stream:
-        return [
-            (channel.topic, message.log_time, json.loads(message.data))
-            for _, channel, message in make_reader(stream, validate_crcs=True).iter_messages()
-        ]
+        found = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        return [(channel.topic, message.log_time, decoded) for _, channel, message, decoded in found]
 
 
 def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:

@@ -25,7 +25,12 @@ def room_for(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise RoomError(f"{error.filename or path} could not be written: {error.strerror or error}") from None
+        raise no_room(error, path) from None
+
+
+def no_room(error: OSError, path: Path) -> RoomError:
+    """What went wrong while this file was written."""
+    return RoomError(f"{error.filename or path} could not be written: {error.strerror or error}")
 
 
 def keep_reserve(folder: Path) -> None:

@@ -21,6 +21,7 @@ COMMANDS = {
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "info": "show a finished or interrupted run, from its folder",
     "why": "whether an agent could hear another at a time of a run, and why not",
+    "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
     "bench": "measure this machine: the swarm beside the floors under it",
     "doctor": "check what this machine has and lacks",
     "bundle": "make a folder that installs an agent on a board, offline",

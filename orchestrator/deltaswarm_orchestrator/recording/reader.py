@@ -3,16 +3,14 @@
 Also of a run that was killed: what had been flushed is there, and `complete` says that it is not all.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import orjson
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata
+from mcap.records import Attachment, McapRecord, Metadata
 
 from deltaswarm_orchestrator.recording.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
-from deltaswarm_orchestrator.recording.records import records, row_of
+from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
 from deltaswarm_wire.messages import Event, Report, Workload
 from deltaswarm_wire.truth import EventState, Tally
 
@@ -37,6 +35,18 @@ class Recording:
     """Whether the recording was closed with its manifest, and nothing of it is missing."""
 
 
+FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
+"""The topics that are read."""
+
+
+def recording_in(path: Path) -> Path:
+    """The file itself, or the recording in a run's folder: the finished one, or else what there is of it."""
+    if not path.is_dir():
+        return path
+    whole = path / RECORDING
+    return whole if whole.exists() else whole.with_name(RECORDING + PART)
+
+
 def read_recording(path: Path) -> Recording:
     """The recording in a file, or in a run's folder, whether it was finished or cut off anywhere.
 
@@ -44,11 +54,8 @@ def read_recording(path: Path) -> Recording:
         FileNotFoundError: there is none.
         RecordingError: the file is no MCAP file.
     """
-    if path.is_dir():
-        whole = path / RECORDING
-        path = whole if whole.exists() else whole.with_name(RECORDING + PART)
     reader = _Reader()
-    for record in records(path):
+    for record in records(recording_in(path)):
         if record is None:
             return reader.recording(is_whole=False)
         reader.take(record)
@@ -60,38 +67,32 @@ class _Reader:
 
     def __init__(self) -> None:
         self._found = Recording()
-        self._topics: dict[int, str] = {}
+        self._messages = Messages(FIGURES)
         self._events: dict[int, EventState] = {}
-        self._net: dict[int, Mapping[str, Any]] = {}
-        self._state: dict[int, Mapping[str, Any]] = {}
+        self._net: dict[int, dict[str, Any]] = {}
+        self._state: dict[int, dict[str, Any]] = {}
 
     def take(self, record: McapRecord) -> None:
-        if isinstance(record, Message):
-            self._take_message(self._topics[record.channel_id], record.data)
-        elif isinstance(record, Channel):
-            self._topics[record.id] = record.topic
+        if found := self._messages.take(record):
+            self._take_message(*found)
         elif isinstance(record, Attachment) and record.name == SCENARIO_ATTACHMENT:
             self._found.scenario = record.data.decode()
         elif isinstance(record, Metadata) and record.name == MANIFEST:
             self._found.metadata = dict(record.metadata)
             self._found.complete = True
 
-    def _take_message(self, topic: str, data: bytes) -> None:
+    def _take_message(self, topic: str, message: Any) -> None:
         match topic:
             case "/net/stats":
-                net = orjson.loads(data)
-                self._net[net["step"]] = net
+                self._net[message.step] = values_of(message)
             case "/swarm/state":
-                state = orjson.loads(data)
-                self._state[state["step"]] = state
+                self._state[message.step] = values_of(message)
             case "/swarm/event":
-                event: EventState = row_of(EventState, orjson.loads(data))
-                self._events[event.event] = event
+                self._events[message.event] = row_of(EventState, values_of(message))
             case "/operator/inbox":
-                inbox = orjson.loads(data)
-                self._found.reports[inbox["step"]] = tuple(_report(report) for report in inbox["reports"])
+                self._found.reports[message.step] = tuple(_report(report) for report in message.reports)
             case "/operator/workload":
-                self._found.workloads.append(row_of(Workload, orjson.loads(data)))
+                self._found.workloads.append(row_of(Workload, values_of(message)))
 
     def recording(self, is_whole: bool) -> Recording:
         """All that was found; of a damaged file, up to the first step that is missing or broken."""
@@ -105,6 +106,6 @@ class _Reader:
         return found
 
 
-def _report(values: Mapping[str, Any]) -> Report:
-    events = tuple(row_of(Event, event) for event in values["events"])
-    return Report(**{**values, "events": events})
+def _report(message: Any) -> Report:
+    events = tuple(row_of(Event, values_of(event)) for event in message.events)
+    return Report(**{**values_of(message), "events": events})

@@ -1,7 +1,7 @@
 """The recorder: everything about a run that is worth keeping, as MCAP, while it happens.
 
-It transcodes to JSON, which every viewer reads. File input and output only: who calls it has the clock
-of the run and the connection.
+It transcodes to protobuf, which Foxglove, Lichtblick and Rerun read. File input and output only: the caller has
+the clock of the run and the connection.
 """
 
 import math
@@ -15,22 +15,16 @@ from typing import Any, Self
 
 import orjson
 import tomli_w
+from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.records import Channel, Message
 from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
 
-from deltaswarm_orchestrator.recording.foxglove import (
-    FIGURE_TOPICS,
-    NET_FIELDS,
-    NOT_YET,
-    SCHEMAS,
-    STATE_FIELDS,
-    VIEW_TOPICS,
-    Json,
-    layout,
-)
-from deltaswarm_orchestrator.recording.records import records, row_of
+from deltaswarm_orchestrator.recording.layout import layout
+from deltaswarm_orchestrator.recording.records import records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
-from deltaswarm_orchestrator.room import RoomError, room_for
+from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
+from deltaswarm_orchestrator.room import RoomError, no_room, room_for
 from deltaswarm_wire.messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
@@ -84,7 +78,8 @@ class Recorder:
         self._wire = _File(folder / WIRE) if wire else None
         self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
         self._file.attach(LAYOUT_ATTACHMENT, "application/json", shown)
-        self._file.register({**VIEW_TOPICS, **FIGURE_TOPICS})
+        for topic in TOPICS:  # announced even where nothing will be said
+            self._file.channel(topic)
         self._file.flush()
 
     def __enter__(self) -> Self:
@@ -106,7 +101,7 @@ class Recorder:
             if file is not None and file.name in before:
                 for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
                     if topic == "/swarm/event":
-                        self._note(row_of(EventState, orjson.loads(data)))
+                        self._note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
         self.save()
 
     def save(self) -> None:
@@ -121,46 +116,43 @@ class Recorder:
         tally = truth.tally._asdict()
         head = {"step": truth.step, "time_s": truth.time_s}
         wall_s = round(self._wall() - self._started_s, 3)
-        self._write("/net/stats", {**head, **{name: tally[name] for name in NET_FIELDS}})
-        state = {name: tally[name] for name in STATE_FIELDS}
-        if state["covered_area_m2"] is None:
-            state["covered_area_m2"] = NOT_YET
-        self._write("/swarm/state", {**head, **state, "wall_s": wall_s})
-        self._write("/operator/inbox", {**head, "count": len(reports), "reports": [_plain(r) for r in reports]})
+        self._write(
+            "/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]}
+        )  # what is absent is 0
+        self._write("/swarm/state", head | {name: tally[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
+        inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
+        for report in reports:
+            _fill(inbox.reports.add(), report)
+        self._add("/operator/inbox", inbox)
         self._write_events(truth.events)
         if self._steps % self._view_every == 0:
-            for topic, message in self._scene.messages(truth):
-                self._write(topic, message)
+            for topic, data in self._scene.messages(truth):
+                self._file.write(topic, self._step, self._time_s, data)
         self._steps += 1
         self.flush_when_due()
 
     def workload(self, workload: Workload) -> None:
         """What the operator counted in one step."""
-        self._file.write("/operator/workload", workload.step, workload.time_s, workload._asdict())
+        data = OURS["Workload"](**workload._asdict()).SerializeToString()
+        self._file.write("/operator/workload", workload.step, workload.time_s, data)
         self.flush_when_due()
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
         """A line of a part's log; `level` as Python's logging has it, time simulated [s]."""
-        message = {
-            "timestamp": stamp(time_s),
-            "level": min(5, max(0, level // 10)),
-            "message": text.encode(errors="replace").decode(),  # JSON refuses what no UTF-8 can say
-            "name": name,
-            "file": "",
-            "line": 0,
-        }
-        self._file.write("/log", self._step, time_s, message)
+        line = text.encode(errors="replace").decode()  # protobuf refuses what UTF-8 cannot encode
+        message = Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name)
+        self._file.write("/log", self._step, time_s, message.SerializeToString())
         self.flush_when_due()
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
         """A radio frame as its sender made it; kept only with `wire`."""
         if self._wire:
-            self._wire.write_raw(f"/agent/{agent}/radio", step, step * self._step_s, data)
+            self._wire.write(f"/agent/{agent}/radio", step, step * self._step_s, data)
 
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
         """A report as its sender made it; kept only with `wire`."""
         if self._wire:
-            self._wire.write_raw(f"/agent/{agent}/report", step, step * self._step_s, data)
+            self._wire.write(f"/agent/{agent}/report", step, step * self._step_s, data)
 
     def flush_when_due(self) -> None:
         """Flush if FLUSH_EVERY_S has passed. Every step and line of log does; who waits long may, too."""
@@ -174,18 +166,21 @@ class Recorder:
     def close(self, manifest: Mapping[str, Any]) -> None:
         """Add the manifest, finish, and give the files their names. What is no text in it becomes JSON."""
         self._end(
-            {name: value if isinstance(value, str) else _json(value).decode() for name, value in manifest.items()}
+            {name: text if isinstance(text, str) else orjson.dumps(text).decode() for name, text in manifest.items()}
         )
 
-    def _write(self, topic: str, message: Json) -> None:
-        self._file.write(topic, self._step, self._time_s, message)
+    def _write(self, topic: str, fields: Mapping[str, Any]) -> None:
+        self._add(topic, TOPICS[topic](**fields))
+
+    def _add(self, topic: str, message: Any) -> None:
+        self._file.write(topic, self._step, self._time_s, message.SerializeToString())
 
     def _write_events(self, events: Sequence[EventState]) -> None:
         """Those that arrived, were first sensed or completed in this step."""
         for event in events:
             before = self._open_events.get(event.event)
             if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
-                self._write("/swarm/event", _event(event))
+                self._write("/swarm/event", event._asdict())
             self._note(event)
 
     def _note(self, event: EventState) -> None:
@@ -199,7 +194,7 @@ class Recorder:
             return
         with suppress(RoomError) if manifest is None else nullcontext():
             for event in self._open_events.values():  # once more, for the work done since
-                self._write("/swarm/event", _event(event))
+                self._write("/swarm/event", event._asdict())
         for file in (self._file, self._wire):
             if file:
                 with suppress(RoomError) if manifest is None else nullcontext():
@@ -218,32 +213,34 @@ class _File:
         self._writer: Any = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start()
         self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         self._writer.add_attachment(0, log_time_ns(0.0), name, media_type, data)
 
-    def register(self, topics: Mapping[str, str]) -> None:
-        """Announce topics and their schemas."""
-        schemas = {
-            name: self._writer.register_schema(name, "jsonschema", _json(SCHEMAS[name]))
-            for name in dict.fromkeys(topics.values())
-        }
-        for topic, name in topics.items():
-            self._channels[topic] = self._writer.register_channel(topic, "json", schemas[name])
-
-    def write(self, topic: str, step: int, time_s: float, message: Json) -> None:
-        self._add(self._channels[topic], step, time_s, _json(message))
-
-    def write_raw(self, topic: str, step: int, time_s: float, data: bytes) -> None:
-        """MessagePack without a schema, on a channel that comes into being with its first message."""
+    def channel(self, topic: str) -> int:
+        """The channel of a topic, which comes into being with its first message; raw bytes have no schema."""
         if topic not in self._channels:
-            self._channels[topic] = self._writer.register_channel(topic, "msgpack", 0)
-        self._add(self._channels[topic], step, time_s, data)
+            kind = TOPICS.get(topic)
+            schema = self._schema(kind) if kind else 0
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf" if kind else "msgpack", schema)
+        return self._channels[topic]
 
-    def _add(self, channel: int, step: int, time_s: float, data: bytes) -> None:
-        now_ns = log_time_ns(time_s)
-        with room_for(self._part):
-            self._writer.add_message(channel, now_ns, data, now_ns, step)
+    def _schema(self, kind: Any) -> int:
+        name = kind.DESCRIPTOR.full_name
+        if name not in self._schemas:
+            self._schemas[name] = register_schema(self._writer, kind)
+        return self._schemas[name]
+
+    def write(self, topic: str, step: int, time_s: float, data: bytes) -> None:
+        """Add a message, encoded as its topic wants."""
+        self._add(topic, log_time_ns(time_s), step, data)
+
+    def _add(self, topic: str, now_ns: int, step: int, data: bytes) -> None:
+        try:
+            self._writer.add_message(self.channel(topic), now_ns, data, now_ns, step)
+        except OSError as error:
+            raise no_room(error, self._part) from None
 
     def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, bytes]]:
         """Add the messages of another file up to a time; topic and data of each."""
@@ -251,15 +248,9 @@ class _File:
         for record in records(before):
             if isinstance(record, Channel):
                 topics[record.id] = record.topic
-                if record.topic not in self._channels:
-                    channel = self._writer.register_channel(record.topic, record.message_encoding, 0)
-                    self._channels[record.topic] = channel
             elif isinstance(record, Message) and record.log_time <= until_ns:
                 topic = topics[record.channel_id]
-                with room_for(self._part):
-                    self._writer.add_message(
-                        self._channels[topic], record.log_time, record.data, record.publish_time, record.sequence
-                    )
+                self._add(topic, record.log_time, record.sequence, record.data)
                 yield topic, record.data
 
     def flush(self) -> None:
@@ -288,13 +279,10 @@ def _steps_between_views(step_s: float) -> int:
     return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
 
 
-def _json(value: Any) -> bytes:
-    return orjson.dumps(value)
-
-
-def _event(event: EventState) -> Json:
-    return {name: NOT_YET if value is None else value for name, value in event._asdict().items()}
-
-
-def _plain(report: Report) -> Json:
-    return {**report._asdict(), "events": [event._asdict() for event in report.events]}
+def _fill(message: Any, report: Report) -> None:
+    """Field by field, which is several times as fast as to make a message from a dict."""
+    message.agent, message.sequence, message.step, message.role = report[:4]
+    message.x_m, message.y_m, message.followers = report[4:7]
+    for event in report.events:
+        sighting = message.events.add()
+        sighting.event, sighting.x_m, sighting.y_m = event

@@ -1,19 +1,15 @@
 """The records of an MCAP file, whole or cut off anywhere, and the figures in them."""
 
 import struct
-import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from mcap.exceptions import McapError
-from mcap.records import McapRecord
+from mcap.records import Channel, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
 from zstandard import ZstdError
-
-from deltaswarm_orchestrator.recording.foxglove import NOT_YET
-from deltaswarm_wire.messages import Event, Workload
-from deltaswarm_wire.truth import EventState, Tally
 
 _MAGIC = b"\x89MCAP0\r\n"
 
@@ -49,10 +45,42 @@ def records(path: Path) -> Iterator[McapRecord | None]:
             yield record
 
 
+class Messages:
+    """Decodes what a file's records say on some topics, each message by the schema that the file itself holds."""
+
+    def __init__(self, topics: Container[str]) -> None:
+        self._topics = topics
+        self._factory = DecoderFactory()
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, tuple[str, Callable[[bytes], Any]]] = {}
+
+    def take(self, record: McapRecord) -> tuple[str, Any] | None:
+        """Topic and message, if the record is a message on one of the topics.
+
+        Raises:
+            RecordingError: such a topic is not in protobuf, as in recordings of earlier versions.
+        """
+        if isinstance(record, Message):
+            topic, decode = self._channels.get(record.channel_id, ("", None))
+            return (topic, decode(record.data)) if decode else None
+        if isinstance(record, Schema):
+            self._schemas[record.id] = record
+        elif isinstance(record, Channel) and record.topic in self._topics:
+            decode = self._factory.decoder_for(record.message_encoding, self._schemas.get(record.schema_id))
+            if decode is None:
+                raise RecordingError(f"{record.topic} is in {record.message_encoding}; protobuf is expected")
+            self._channels[record.id] = record.topic, decode
+        return None
+
+
+def values_of(message: Any) -> dict[str, Any]:
+    """The fields of a message by name; None for what is absent."""
+    return {
+        field.name: None if field.has_presence and not message.HasField(field.name) else getattr(message, field.name)
+        for field in message.DESCRIPTOR.fields
+    }
+
+
 def row_of(kind: Any, values: Mapping[str, Any]) -> Any:
-    """A named tuple of the wire from its figures; what is NOT_YET is None where None is possible."""
-    hints = _HINTS[kind]
-    return kind(*[None if values[name] == NOT_YET and hints[name] == float | None else values[name] for name in hints])
-
-
-_HINTS = {kind: typing.get_type_hints(kind) for kind in (Tally, EventState, Workload, Event)}
+    """A named tuple of the wire from the values of its fields."""
+    return kind(*[values[name] for name in kind._fields])

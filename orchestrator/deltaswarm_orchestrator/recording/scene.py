@@ -1,16 +1,29 @@
-"""What a viewer shows of one step: frames of reference, and agents, trees, links and events as shapes.
+"""What a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
 
-One entity per topic holds all its shapes: each message replaces the one before as a whole, so that
-nothing needs to be deleted, also when a viewer jumps in time.
+One entity per topic holds all its shapes: each message replaces the one before as a whole, so nothing needs to
+be deleted, also when a viewer jumps in time.
+
+Messages are kept and their numbers changed in place, since making them anew takes several times as long. Whatever
+changes its size is copied into a new message: a message gives no memory back before it ends as a whole.
 """
 
+import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from typing import Any
 
-import orjson
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.PackedElementField_pb2 import PackedElementField
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 
-from deltaswarm_orchestrator.recording.foxglove import ARENA_FRAME, ROOT_FRAME, Json
+from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, ARENA_FRAME, OURS, ROOT_FRAME
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, Body, EventState, Truth
@@ -33,185 +46,233 @@ ROLE_COLOURS = {
 OTHER_COLOURS = ("#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99", "#882255")
 """Paul Tol's muted palette, for roles of other controllers."""
 
+EVENTS = "events"
+OPAQUE = b"\xff"
+EVENT_RGBA = b"\xa0\x52\x2d" + OPAQUE
+"""Of events as points: a brown, visible on a black background and on a white one."""
+
+MAX_LOOKS = 256
+"""Roles whose look is kept ready."""
+
+PLACE_STEPS_PER_M = 1024
+"""Places are rounded to about a millimetre, and to few binary digits, which compress well."""
+
+_SIZE_OF_ARENA = {"agent": 0.014, "root": 0.022, "event": 0.018}
+"""Diameters as shares of the arena's longest side, visible in an arena of any size."""
+
+_TREE_PX, _LINK_PX, _WALL_PX = 3.0, 1.0, 2.0
+
+_POINT = struct.Struct("<fff4s")
+_UPRIGHT = {"w": 1.0}
+_HERE = {"position": {}, "orientation": _UPRIGHT}
+
+Place = tuple[float, float]
+
 
 def role_colour(role: str) -> str:
     """The colour of a role, known or not: the same in every recording."""
     return ROLE_COLOURS.get(role) or OTHER_COLOURS[zlib.crc32(role.encode()) % len(OTHER_COLOURS)]
 
 
-MAX_LOOKS = 256
-"""Roles whose look is kept ready."""
-
-LINE_LOOP, LINE_LIST = 1, 2
-
-_SIZE_OF_ARENA = {"agent": 0.014, "root": 0.022, "event": 0.018}
-"""Diameters as shares of the arena's longest side, to be seen in an arena of any size."""
-
-_TREE_PX, _LINK_PX, _WALL_PX = 3.0, 1.0, 2.0
-
-
+@lru_cache(maxsize=4)  # each message of a step asks for the same
 def log_time_ns(time_s: float) -> int:
     """Simulated time as nanoseconds since 1970, with EPOCH_S as its zero."""
     return EPOCH_S * 1_000_000_000 + round(time_s * 1e9)
 
 
 def stamp(time_s: float) -> dict[str, int]:
-    """Simulated time as the time of a Foxglove schema."""
-    seconds, nanoseconds = divmod(log_time_ns(time_s), 1_000_000_000)
-    return {"sec": seconds, "nsec": nanoseconds}
+    """Simulated time as the fields of a timestamp."""
+    seconds, nanos = divmod(log_time_ns(time_s), 1_000_000_000)
+    return {"seconds": seconds, "nanos": nanos}
 
 
-def colour(code: str, alpha: float = 1.0) -> dict[str, float]:
+def colour(code: str, alpha: float = 1.0) -> Color:
     """A Foxglove colour of `#rrggbb`."""
     red, green, blue = (round(int(code[i : i + 2], 16) / 255, 3) for i in (1, 3, 5))
-    return {"r": red, "g": green, "b": blue, "a": alpha}
-
-
-def _vector(x: float, y: float, z: float = 0.0) -> dict[str, float]:
-    return {"x": x, "y": y, "z": z}
-
-
-def _ready(value: Any) -> orjson.Fragment:
-    """Encoded once, for what is the same in every step."""
-    return orjson.Fragment(orjson.dumps(value))
-
-
-_UPRIGHT = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
-_HERE = {"position": _vector(0.0, 0.0), "orientation": _UPRIGHT}
-_NO_SHAPES = {
-    shape: _ready([]) for shape in ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
-}
+    return Color(r=red, g=green, b=blue, a=alpha)
 
 
 class Scene:
-    """Makes the messages of the view topics. Places in m, to the millimetre, in the arena's frame."""
+    """Makes the messages of the view topics. Places in m, in the arena's frame."""
 
     def __init__(self, scenario: Scenario) -> None:
         width_m, height_m = scenario.arena.width_m, scenario.arena.height_m
         self._work_agent_s = scenario.events.work_agent_s
-        self._upright = _ready(_UPRIGHT)
-        self._head = {
-            "frame_id": ARENA_FRAME,
-            "lifetime": _ready({"sec": 0, "nsec": 0}),
-            "frame_locked": True,
-            "metadata": _ready([]),
-            **_NO_SHAPES,
+        self._size_m = {kind: share * max(width_m, height_m) for kind, share in _SIZE_OF_ARENA.items()}
+        self._look = lru_cache(MAX_LOOKS)(lambda role: _agent_look(role, self._size_m))
+        self._arena = _transform(ROOT_FRAME, ARENA_FRAME, (-width_m / 2, -height_m / 2))
+        self._transforms = FrameTransforms()
+        self._points = LinePrimitive()
+        self._agents: list[int] | None = None
+        self._standings: list[tuple[Any, ...]] | None = None
+        self._times: list[Any] = []
+        """The timestamp of each frame."""
+        self._places: list[tuple[Any, Any, Any]] = []
+        """Each agent's place as a frame, as a sphere, and as an end of lines."""
+        self._looks: list[tuple[str, Any, Any]] = []
+        """The role of which each agent's sphere has the look, and size and colour."""
+        self._discs: list[CylinderPrimitive] = []
+        """As many as there have been events at a time."""
+        corners = [(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)]
+        loops: list[Sequence[Any]] = [corners, *(obstacle.corners_m for obstacle in scenario.arena.obstacles)]
+        walls = [_line(LinePrimitive.LINE_LOOP, _WALL_PX, colour("#000000"), loop) for loop in loops]
+        names = ("agents", "tree", "links", EVENTS)
+        self._updates = {name: _update(name, walls if name == "agents" else ()) for name in names}
+        """The agents' is changed in place; the others are copied."""
+        self._lines = {
+            "tree": _line(LinePrimitive.LINE_LIST, _TREE_PX, colour(ROLE_COLOURS["member"], 0.8)),
+            "links": _line(LinePrimitive.LINE_LIST, _LINK_PX, colour("#666666", 0.35)),
         }
-        self._arena = {
-            "parent_frame_id": ROOT_FRAME,
-            "child_frame_id": ARENA_FRAME,
-            "translation": _vector(-width_m / 2, -height_m / 2),
-            "rotation": self._upright,
-        }
-        corners = [_vector(x, y) for x, y in ((0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m))]
-        obstacles = [[_vector(x, y) for x, y in obstacle.corners_m] for obstacle in scenario.arena.obstacles]
-        loops = [corners, *obstacles]
-        self._walls = [_ready(_line(LINE_LOOP, loop, [], _WALL_PX, colour("#000000"))) for loop in loops]
-        size_m = {kind: share * max(width_m, height_m) for kind, share in _SIZE_OF_ARENA.items()}
-        self._size_m = size_m
-        self._looks: dict[str, Json] = {}
-        self._event_size_m = size_m["event"]
-        self._event_colours = {
-            waiting: _ready(colour("#000000", alpha)) for waiting, alpha in ((True, 1.0), (False, 0.6))
-        }
-        self._tree_colour = _ready(colour(ROLE_COLOURS["member"], 0.8))
-        self._link_colour = _ready(colour("#666666", 0.35))
-        self._names: dict[int, str] = {}
 
-    def messages(self, truth: Truth) -> Iterable[tuple[str, Json]]:
+    def messages(self, truth: Truth) -> Iterator[tuple[str, bytes]]:
         """Topic and message of each view of this step."""
-        now = _ready(stamp(truth.time_s))
-        places = [_vector(round(body.x_m, 3), round(body.y_m, 3)) for body in truth.bodies]
-        yield "/tf", {"transforms": self._transforms(truth.bodies, places, now)}
-        agents = self._agents(truth.bodies, places)
-        yield "/scene/agents", self._update("agents", now, spheres=agents, lines=self._walls)
-        points = _ready(places)
-        index = {body.agent: i for i, body in enumerate(truth.bodies)}
-        parents = ((body.agent, body.parent) for body in truth.bodies if body.parent != NOBODY)
-        tree = _between(points, _pairs(parents, index), _TREE_PX, self._tree_colour)
-        yield "/scene/tree", self._update("tree", now, lines=tree)
-        links = _between(points, _pairs(truth.links, index), _LINK_PX, self._link_colour)
-        yield "/scene/links", self._update("links", now, lines=links)
-        events = [self._event(event) for event in truth.events if event.completed_s is None]
-        yield "/scene/events", self._update("events", now, cylinders=events)
+        now = stamp(truth.time_s)
+        places = _rounded(truth.bodies)
+        agents = [body.agent for body in truth.bodies]
+        roles = [body.role for body in truth.bodies]
+        if agents != self._agents:
+            self._begin_anew(agents)
+        self._place_agents(roles, places, now)
+        yield "/tf", self._transforms.SerializeToString()
+        yield "/scene/agents", _sent(self._updates["agents"], now)
+        index = {agent: place for place, agent in enumerate(agents)}
+        parents = [(body.agent, body.parent) for body in truth.bodies if body.parent != NOBODY]
+        yield "/scene/tree", _sent(self._connected("tree", parents, index), now)
+        yield "/scene/links", _sent(self._connected("links", truth.links, index), now)
+        events = [event for event in truth.events if event.completed_s is None]
+        event_places = _rounded(events)
+        yield "/scene/events", _sent(self._events(events, event_places), now)
+        yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
+        yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
+        standings = [body[3:] for body in truth.bodies]
+        if standings != self._standings:
+            self._standings = standings
+            yield "/swarm/agents", _agents_message(truth).SerializeToString()
 
-    def _update(self, name: str, now: orjson.Fragment, **shapes: list[Any]) -> Json:
-        return {"deletions": [], "entities": [{"id": name, "timestamp": now, **self._head, **shapes}]}
+    def _begin_anew(self, agents: list[int]) -> None:
+        """Make room for these agents, in this order."""
+        self._agents, self._standings = agents, None
+        frames = [_transform(ARENA_FRAME, f"agent/{agent}", (0.0, 0.0)) for agent in agents]
+        # The arena's frame comes with each message, since a viewer may start anywhere.
+        self._transforms = FrameTransforms(transforms=[self._arena, *frames])
+        self._times = [frame.timestamp for frame in self._transforms.transforms]
+        spheres = self._updates["agents"].entities[0].spheres
+        del spheres[:]
+        spheres.extend([SpherePrimitive(pose=_HERE, size={}, color={})] * len(agents))
+        self._looks = [("", sphere.size, sphere.color) for sphere in spheres]
+        self._points = LinePrimitive(points=[{}] * len(agents))
+        translations = [frame.translation for frame in self._transforms.transforms[1:]]
+        positions = [sphere.pose.position for sphere in spheres]
+        self._places = list(zip(translations, positions, self._points.points, strict=True))
 
-    def _transforms(self, bodies: Iterable[Body], places: Iterable[Json], now: orjson.Fragment) -> list[Json]:
-        """The arena in the world, always, since a viewer may start anywhere; then each agent in the arena."""
-        transforms = [{"timestamp": now, **self._arena}]
-        transforms += [
-            {
-                "timestamp": now,
-                "parent_frame_id": ARENA_FRAME,
-                "child_frame_id": self._name(body.agent),
-                "translation": place,
-                "rotation": self._upright,
-            }
-            for body, place in zip(bodies, places, strict=True)
-        ]
-        return transforms
+    def _place_agents(self, roles: list[str], places: list[Place], now: Mapping[str, int]) -> None:
+        seconds, nanos = now["seconds"], now["nanos"]
+        for timestamp in self._times:
+            timestamp.seconds, timestamp.nanos = seconds, nanos
+        for i, (role, (shown, size, shade)) in enumerate(zip(roles, self._looks, strict=True)):
+            if role != shown:
+                size.x, shade.r, shade.g, shade.b, shade.a = self._look(role)
+                size.y = size.z = size.x
+                self._looks[i] = role, size, shade
+        for (frame, sphere, end), (x, y) in zip(self._places, places, strict=True):
+            frame.x = sphere.x = end.x = x
+            frame.y = sphere.y = end.y = y
 
-    def _name(self, agent: int) -> str:
-        name = self._names.get(agent)
-        if name is None:
-            name = self._names[agent] = f"agent/{agent}"
-        return name
+    def _connected(self, name: str, pairs: Iterable[tuple[int, int]], index: Mapping[int, int]) -> SceneUpdate:
+        """Lines from agent to agent, or none: a line without ends is an error to some viewers.
 
-    def _agents(self, bodies: Iterable[Body], places: Iterable[Json]) -> list[Json]:
-        upright = self._upright
-        return [
-            {"pose": {"position": place, "orientation": upright}, **self._look(body.role)}
-            for body, place in zip(bodies, places, strict=True)
-        ]
+        A parent is hearsay: to one that is not there, there is no line.
+        """
+        update = SceneUpdate()
+        update.CopyFrom(self._updates[name])
+        ends = [index[agent] for pair in pairs if pair[0] in index and pair[1] in index for agent in pair]
+        if ends:
+            line = update.entities[0].lines.add()
+            line.CopyFrom(self._points)
+            line.MergeFrom(self._lines[name])
+            line.indices.extend(ends)
+        return update
 
-    def _look(self, role: str) -> Json:
-        if role not in self._looks:
-            if len(self._looks) >= MAX_LOOKS:
-                self._looks.clear()
-            self._looks[role] = _agent_look(role, self._size_m)
-        return self._looks[role]
-
-    def _event(self, event: EventState) -> Json:
-        """A black disc that shrinks with the work done; paler once sensed."""
-        left = max(0.0, 1.0 - event.work_agent_s / self._work_agent_s)
-        diameter_m = round(self._event_size_m * (0.4 + 0.6 * left), 3)
-        place = _vector(round(event.x_m, 3), round(event.y_m, 3))
-        return {
-            "pose": {"position": place, "orientation": self._upright},
-            "size": _vector(diameter_m, diameter_m, 0.1),
-            "bottom_scale": 1.0,
-            "top_scale": 1.0,
-            "color": self._event_colours[event.sensed_s is None],
-        }
-
-
-def _agent_look(role: str, size_m: Mapping[str, float]) -> Json:
-    """Size and colour; a root is larger, so that it stands out without colour, too."""
-    diameter_m = size_m["root" if role == "root" else "agent"]
-    alpha = 0.4 if role == DEAD else 1.0
-    return {"size": _ready(_vector(*[diameter_m] * 3)), "color": _ready(colour(role_colour(role), alpha))}
-
-
-def _pairs(pairs: Iterable[tuple[int, int]], index: Mapping[int, int]) -> list[int]:
-    """Ends of the lines as places in a list of points. A parent is hearsay: one that is not there has no line."""
-    return [index[agent] for pair in pairs if pair[0] in index and pair[1] in index for agent in pair]
+    def _events(self, events: list[EventState], places: list[Place]) -> SceneUpdate:
+        """A black disc for each, which shrinks with the work done; paler once sensed."""
+        while len(self._discs) < len(events):
+            self._discs.append(
+                CylinderPrimitive(pose=_HERE, size={"z": 0.1}, bottom_scale=1.0, top_scale=1.0, color={})
+            )
+        for disc, event, (x, y) in zip(self._discs, events, places, strict=False):
+            left = max(0.0, 1.0 - event.work_agent_s / self._work_agent_s)
+            position, size = disc.pose.position, disc.size
+            position.x, position.y = x, y
+            size.x = size.y = round(self._size_m["event"] * (0.4 + 0.6 * left), 3)
+            disc.color.a = 1.0 if event.sensed_s is None else 0.6
+        update = SceneUpdate()
+        update.CopyFrom(self._updates[EVENTS])
+        update.entities[0].cylinders.extend(self._discs[: len(events)])
+        return update
 
 
-def _between(points: Any, indices: list[int], thickness_px: float, colour: Any) -> list[Json]:
-    """Lines from point to point, or none: a line without ends is an error to some viewers."""
-    return [_line(LINE_LIST, points, indices, thickness_px, colour)] if indices else []
+@lru_cache(MAX_LOOKS)
+def role_rgba(role: str) -> bytes:
+    """The colour of a role as four octets."""
+    return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 
-def _line(kind: int, points: Any, indices: list[int], thickness_px: float, colour: Any) -> Json:
-    return {
-        "type": kind,
-        "pose": _HERE,
-        "thickness": thickness_px,
-        "scale_invariant": True,
-        "points": points,
-        "color": colour,
-        "colors": [],
-        "indices": indices,
-    }
+def _rounded(things: Iterable[Body | EventState]) -> list[Place]:
+    steps = PLACE_STEPS_PER_M
+    return [(round(thing.x_m * steps) / steps, round(thing.y_m * steps) / steps) for thing in things]
+
+
+def _set_time(timestamp: Any, now: Mapping[str, int]) -> None:
+    timestamp.seconds, timestamp.nanos = now["seconds"], now["nanos"]
+
+
+def _sent(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
+    _set_time(update.entities[0].timestamp, now)
+    return bytes(update.SerializeToString())
+
+
+def _agents_message(truth: Truth) -> Any:
+    """What each agent says it is, in the order of the frames."""
+    columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
+    return OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
+
+
+def _transform(parent: str, child: str, place: Place) -> FrameTransform:
+    translation = {"x": place[0], "y": place[1]}
+    return FrameTransform(parent_frame_id=parent, child_frame_id=child, translation=translation, rotation=_UPRIGHT)
+
+
+def _update(name: str, lines: Iterable[LinePrimitive]) -> SceneUpdate:
+    """One entity, which lives until the next message replaces it."""
+    entity = {"id": name, "frame_id": ARENA_FRAME, "lifetime": {}, "frame_locked": True, "lines": lines}
+    return SceneUpdate(entities=[entity])
+
+
+def _line(kind: Any, thickness_px: float, colour: Color, places: Iterable[Place] = ()) -> LinePrimitive:
+    points = [{"x": x, "y": y} for x, y in places]
+    line = {"pose": _HERE, "thickness": thickness_px, "scale_invariant": True, "color": colour, "points": points}
+    return LinePrimitive(type=kind, **line)
+
+
+def _cloud_head() -> bytes:
+    """What is the same in each cloud of `_POINT`s. One message is the bytes of its parts in a row."""
+    floats = [{"name": name, "offset": 4 * i, "type": PackedElementField.FLOAT32} for i, name in enumerate("xyz")]
+    names = ("red", "green", "blue", "alpha")
+    octets = [{"name": name, "offset": 12 + i, "type": PackedElementField.UINT8} for i, name in enumerate(names)]
+    head = PointCloud(frame_id=ARENA_FRAME, pose=_HERE, point_stride=_POINT.size, fields=[*floats, *octets])
+    return bytes(head.SerializeToString())
+
+
+_CLOUD_HEAD = _cloud_head()
+
+
+def _points(places: list[Place], colours: list[bytes], now: Mapping[str, int]) -> bytes:
+    pack = _POINT.pack
+    data = b"".join([pack(x, y, 0.0, rgba) for (x, y), rgba in zip(places, colours, strict=True)])
+    return _CLOUD_HEAD + bytes(PointCloud(timestamp=now, data=data).SerializeToString())
+
+
+def _agent_look(role: str, size_m: Mapping[str, float]) -> tuple[float, ...]:
+    """Diameter and colour; a root is larger, so that it stands out without colour, too."""
+    shade = colour(role_colour(role), 0.4 if role == DEAD else 1.0)
+    return size_m["root" if role == "root" else "agent"], shade.r, shade.g, shade.b, shade.a

@@ -1,0 +1,103 @@
+"""What an export shows of a recording: the swarm as it was in each view, and the figures."""
+
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from deltaswarm_orchestrator.recording.reader import Recording, read_recording
+from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
+from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
+from deltaswarm_wire.truth import Body, EventState
+
+_TOPICS = frozenset({"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"})
+
+
+class Snapshot(NamedTuple):
+    """The swarm in one step: its agents, and the events that have arrived and are not complete."""
+
+    step: int
+    time_s: float
+    bodies: tuple[Body, ...]
+    events: tuple[EventState, ...]
+
+
+@dataclass(frozen=True)
+class Film:
+    """A recording to be exported."""
+
+    path: Path
+    figures: Recording
+    width_m: float
+    height_m: float
+    obstacles_m: list[list[tuple[float, float]]] = field(default_factory=list)
+    """The corners of each obstacle."""
+
+    def snapshots(self) -> Iterator[Snapshot]:
+        """Each view in turn, read from the file."""
+        return snapshots(self.path)
+
+    @property
+    def walls_m(self) -> list[list[tuple[float, float]]]:
+        """The arena's edge and the obstacles', as closed lines."""
+        width, height = self.width_m, self.height_m
+        loops = [[(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)], *self.obstacles_m]
+        return [[*loop, loop[0]] for loop in loops]
+
+
+def read_film(path: Path) -> Film:
+    """The recording in a file.
+
+    Raises:
+        FileNotFoundError: there is none.
+        RecordingError: it is no recording, or was cut off before it began.
+    """
+    figures = read_recording(path)
+    arena = tomllib.loads(figures.scenario).get("arena", {"width_m": 0.0, "height_m": 0.0})
+    obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
+    return Film(path, figures, arena["width_m"], arena["height_m"], obstacles)
+
+
+def snapshots(path: Path) -> Iterator[Snapshot]:
+    """Each view of a recording in turn, as far as the file can be read.
+
+    A view is whole once the next one begins: standings follow the frames if one of them changed.
+    """
+    messages = Messages(_TOPICS)
+    events: dict[int, EventState] = {}
+    step, time_s = 0, 0.0
+    view: Snapshot | None = None
+    standings: list[tuple[Any, ...]] = []
+    for record in records(path):
+        found = messages.take(record) if record is not None else None
+        if found is None:
+            continue
+        topic, message = found
+        match topic:
+            case "/swarm/state":
+                step, time_s = message.step, message.time_s
+            case "/swarm/event":
+                event = row_of(EventState, values_of(message))
+                events[event.event] = event
+                if event.completed_s is not None:
+                    del events[event.event]
+            case "/swarm/agents":
+                standings = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
+            case "/tf":
+                if view is not None:
+                    yield _with_standings(view, standings)
+                _, *frames = message.transforms
+                places = tuple(Body(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames)
+                view = Snapshot(step, time_s, places, tuple(events.values()))
+    if view is not None:
+        yield _with_standings(view, standings)
+
+
+def _with_standings(view: Snapshot, standings: list[tuple[Any, ...]]) -> Snapshot:
+    """The bodies of a view with what each says it is; none where a file was cut off in between."""
+    if len(standings) != len(view.bodies):
+        return view._replace(bodies=())
+    named = zip(view.bodies, standings, strict=True)
+    bodies = (body._replace(**dict(zip(AGENT_FIELDS, standing, strict=True))) for body, standing in named)
+    return view._replace(bodies=tuple(bodies))

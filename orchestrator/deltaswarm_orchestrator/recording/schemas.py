@@ -1,0 +1,127 @@
+"""What a recording holds: its topics, and the protobuf message of each.
+
+Viewers draw a topic by the name of its schema: Foxglove and Lichtblick the scene, Rerun the points. The
+`foxglove` messages are the published ones; the `deltaswarm` messages are made here from the wire's rows.
+"""
+
+import typing
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from foxglove_schemas_protobuf.PointCloud_pb2 import PointCloud
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto
+from google.protobuf.descriptor_pool import DescriptorPool
+from google.protobuf.message_factory import GetMessageClass
+
+from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally
+
+ROOT_FRAME = "world"
+"""The root frame has the arena's centre as its origin, where a viewer's camera looks first."""
+
+ARENA_FRAME = "arena"
+"""The frame of all places that agents and events have: from (0, 0) to the arena's width and height."""
+
+NET_FIELDS = (
+    "frames_sent",
+    "bytes_sent",
+    "frames_received",
+    "frames_duplicated",
+    "frames_in_flight",
+    *(f"dropped_{reason}" for reason in DROP_REASONS),
+    "reports_sent",
+    "reports_arrived",
+    "reports_in_flight",
+    *(f"reports_dropped_{reason}" for reason in UPLINK_REASONS),
+    "rejected",
+    "transport_lost",
+)
+"""The fields of a tally that `/net/stats` holds."""
+
+STATE_FIELDS = tuple(name for name in Tally._fields if name not in NET_FIELDS and name not in ("step", "time_s"))
+"""The fields of a tally that `/swarm/state` holds: all the others."""
+
+AGENT_FIELDS = tuple(name for name in Body._fields if name not in ("x_m", "y_m"))
+"""The fields of a body that `/swarm/agents` holds, told when one changes; places are in `/tf`."""
+
+
+def _hints(row: Any, names: Iterable[str]) -> dict[str, Any]:
+    hints = typing.get_type_hints(row)
+    return {name: hints[name] for name in names}
+
+
+_HEAD: dict[str, Any] = {"step": int, "time_s": float}
+
+_MESSAGES: dict[str, Mapping[str, Any]] = {
+    "NetStats": {**_HEAD, **_hints(Tally, NET_FIELDS)},
+    "SwarmState": {**_HEAD, **_hints(Tally, STATE_FIELDS), "wall_s": float},
+    "Agents": {**_HEAD, **{name: list[hint] for name, hint in _hints(Body, AGENT_FIELDS).items()}},  # type: ignore[valid-type]
+    "Event": _hints(EventState, EventState._fields),
+    "Sighting": _hints(Event, Event._fields),
+    "Report": _hints(Report, Report._fields),
+    "Inbox": {**_HEAD, "count": int, "reports": list[Report]},
+    "Workload": _hints(Workload, Workload._fields),
+}
+"""Our own messages, and the type of each field. In `Agents` each field has one entry per agent."""
+
+_NESTED = {Event: "Sighting", Report: "Report"}
+_SCALARS = {int: FieldDescriptorProto.TYPE_UINT32, float: FieldDescriptorProto.TYPE_DOUBLE}
+_SCALARS[str] = FieldDescriptorProto.TYPE_STRING
+
+
+def _compiled() -> dict[str, Any]:
+    """The classes of our own messages, by name."""
+    file = FileDescriptorProto(name="deltaswarm.proto", package="deltaswarm", syntax="proto3")
+    for name, hints in _MESSAGES.items():
+        message = file.message_type.add(name=name)
+        for number, (field_name, hint) in enumerate(hints.items(), 1):
+            field = message.field.add(name=field_name, number=number, label=FieldDescriptorProto.LABEL_OPTIONAL)
+            if typing.get_origin(hint) in (list, tuple):
+                hint = typing.get_args(hint)[0]
+                field.label = FieldDescriptorProto.LABEL_REPEATED
+            elif hint == float | None:  # absent where it is None
+                hint = float
+                field.proto3_optional, field.oneof_index = True, len(message.oneof_decl)
+                message.oneof_decl.add(name=f"_{field_name}")
+            if hint in _NESTED:
+                field.type, field.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".deltaswarm.{_NESTED[hint]}"
+            elif hint is int and name == "Agents":  # NOBODY is negative
+                field.type = FieldDescriptorProto.TYPE_SINT32
+            else:
+                field.type = _SCALARS[hint]
+    pool = DescriptorPool()
+    pool.Add(file)
+    return {name: GetMessageClass(pool.FindMessageTypeByName(f"deltaswarm.{name}")) for name in _MESSAGES}
+
+
+OURS = _compiled()
+"""The classes of our own messages, by name."""
+
+SCENE_TOPICS = ("/scene/agents", "/scene/tree", "/scene/links", "/scene/events")
+"""For viewers that draw shapes: Foxglove and Lichtblick."""
+
+POINT_TOPICS = ("/points/agents", "/points/events")
+"""For viewers that draw points alone: Rerun."""
+
+VIEW_TOPICS = {
+    "/tf": FrameTransforms,
+    **dict.fromkeys(SCENE_TOPICS, SceneUpdate),
+    **dict.fromkeys(POINT_TOPICS, PointCloud),
+    "/swarm/agents": OURS["Agents"],
+}
+"""Where everything is, thinned where steps are short; topic to message class."""
+
+FIGURE_TOPICS = {
+    "/net/stats": OURS["NetStats"],
+    "/swarm/state": OURS["SwarmState"],
+    "/swarm/event": OURS["Event"],
+    "/operator/inbox": OURS["Inbox"],
+    "/operator/workload": OURS["Workload"],
+    "/log": Log,
+}
+"""What there is to count, never thinned and never rounded; topic to message class."""
+
+TOPICS: dict[str, Any] = {**VIEW_TOPICS, **FIGURE_TOPICS}
