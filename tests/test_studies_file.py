@@ -36,6 +36,7 @@ def test_the_plan_says_what_so_many_replicates_could_show(capsys: pytest.Capture
     assert main(["study", "jamming", "--repeats", "6", "--plan"]) == 0
     few = capsys.readouterr().out
     assert "9 replicates are needed" in few
+    assert few.count("6 tests") == 4
     assert main(["study", "jamming", "--plan"]) == 0
     assert "needed" not in capsys.readouterr().out
 

@@ -117,3 +117,12 @@ def test_nothing_is_left_out_silently_in_a_template() -> None:
     """A name that a template lacks is an error."""
     with pytest.raises(UndefinedError):
         render("page.md.jinja", {"title": "t"})
+
+
+def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None:
+    """The page says which, and why."""
+    nothing = evidence.runs.assign(waiting=float("nan"))
+    found = Evidence.of(made(ASKED), nothing, evidence.courses, evidence.recovery)
+    _, markdown, pictures = pages(made(ASKED), found, PROVENANCE)
+    assert "boxes" not in [picture.name for picture in pictures]
+    assert "'boxes' is missing" in markdown

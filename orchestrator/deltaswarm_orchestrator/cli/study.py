@@ -42,6 +42,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
+    from deltaswarm_orchestrator.studies.plan import plan
     from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
     from deltaswarm_wire.checked import did_you_mean
@@ -118,25 +119,3 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
     if not result.is_well:
         return FAILED
     return Evidence.of_sweep(one, result.table, result.series), provenance_of(result.manifest)
-
-
-def plan(one: "Study") -> str:
-    """What a study would run, and what so many replicates could show."""
-    from deltaswarm_orchestrator.stats import pairs_needed, smallest_p
-    from deltaswarm_orchestrator.studies.evidence import cells
-
-    lines = [f"{one.name}: {len(one.sweep.variants)} variants x {one.repeats} replicates, {len(one.sweep.jobs())} runs"]
-    for contrast in one.file.contrast:
-        levels = len(contrast.pairs) or len(one.factors[contrast.factor]) - 1
-        others = cells(one, [contrast.factor, *([contrast.across] if contrast.across else [])])
-        family = levels * len(others) * (len(contrast.across_pairs) or 1)
-        needed = pairs_needed(family)
-        words = f"  contrast {contrast.id!r}: {family} comparisons of each metric; smallest p after Holm's correction "
-        words += f"{min(1.0, smallest_p(one.repeats) * family):.2g}"
-        lines.append(words if one.repeats >= needed else f"{words}: can show nothing, {needed} replicates are needed")
-    tested = sum(claim.kind != "value" for claim in one.file.claim)
-    if tested and one.repeats < pairs_needed(tested):
-        lines.append(f"  claims: {tested} tests; can show nothing, {pairs_needed(tested)} replicates are needed")
-    elif one.file.claim:
-        lines.append(f"  claims: {len(one.file.claim)}, {tested} of them tested as one family")
-    return "\n".join(lines)

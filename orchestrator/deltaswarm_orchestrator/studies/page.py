@@ -132,14 +132,19 @@ def too_few(contrasts: pd.DataFrame) -> list[str]:
 
 def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[Picture]]:
     """The page as HTML and as Markdown, and its pictures."""
-    drawn = [(figure, _drawn(study, evidence, figure)) for figure in study.file.figure]
-    pictures = [Picture(one.name, drawing, " ".join(one.caption.split())) for one, drawing in drawn if drawing]
+    pictures, lacking = [], []
+    for figure in study.file.figure:
+        try:
+            if drawing := _drawn(study, evidence, figure):
+                pictures.append(Picture(figure.name, drawing, " ".join(figure.caption.split())))
+        except ValueError as error:  # a page without a figure is better than none
+            lacking.append(f"The figure {figure.name!r} is missing: {error}.")
     supported = evidence.findings[evidence.findings["broken"] == ""]["text"]
     context: dict[str, Any] = {
         "title": study.title,
         "question": " ".join(study.file.study.question.split()),
         "findings": [" ".join(text.split()) for text in supported],
-        "warnings": evidence.warnings,
+        "warnings": [*evidence.warnings, *lacking],
         "sections": [one for one in _sections(study, evidence, pictures, provenance) if one.tables or one.pictures],
         "figures": "figures",
     }

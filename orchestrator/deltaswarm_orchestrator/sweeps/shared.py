@@ -3,24 +3,25 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 
 
 def take_over(sweep: Sweep, path: Path, others: Sequence[Path]) -> int:
-    """Copy the runs that a sweep lacks and other sweeps' folders have; how many. Same key, same run.
+    """Copy the runs that a sweep lacks and other sweeps' folders have; how many. Same key and code, same run.
 
     Raises:
         SweepFolderError: the folder is in use, holds something else, or cannot be written.
     """
-    folder = SweepFolder(path)
+    folder, code = SweepFolder(path), provenance.code_digest()
     taken = 0
     with folder.held(sweep.name):
         for job in sweep.jobs():
             if folder.has(job):
                 continue
             found = (SweepFolder(other).result(job) for other in others if other != path)
-            result = next((one for one in found if one is not None), None)
+            result = next((one for one in found if one is not None and one.get("code") == code), None)
             if result is not None:
                 folder.save(job, "in-process", result)
                 taken += 1

@@ -1,0 +1,30 @@
+"""What a study would run, and what so many replicates could show: known before hours are spent."""
+
+from collections.abc import Iterator
+
+from deltaswarm_orchestrator.stats import pairs_needed, smallest_p
+from deltaswarm_orchestrator.studies.evidence import cells
+from deltaswarm_orchestrator.studies.study import Study
+
+
+def plan(study: Study) -> str:
+    """A line about the runs, and one about each family of tests."""
+    variants, runs = len(study.sweep.variants), len(study.sweep.jobs())
+    lines = [f"{study.name}: {variants} variants x {study.repeats} replicates, {runs} runs"]
+    for name, family in families(study):
+        least = min(1.0, smallest_p(study.repeats) * family)
+        lines.append(f"  {name}: {family} tests in a family, smallest corrected p {least:.2g}")
+        if study.repeats < pairs_needed(family):
+            lines[-1] += f": can show nothing, {pairs_needed(family)} replicates are needed"
+    return "\n".join(lines)
+
+
+def families(study: Study) -> Iterator[tuple[str, int]]:
+    """Every family of tests that are corrected together, with its size."""
+    for contrast in study.file.contrast:
+        levels = len(contrast.pairs) or len(study.factors[contrast.factor]) - 1
+        others = cells(study, [contrast.factor, *([contrast.across] if contrast.across else [])])
+        family = levels * len(others) * (len(contrast.across_pairs) or 1)
+        yield from ((f"contrast {contrast.id!r}, {metric}", family) for metric in study.metrics_of(contrast))
+    tested = [claim.source for claim in study.file.claim if claim.kind != "value"]
+    yield from ((f"claims of {source!r}", tested.count(source)) for source in dict.fromkeys(tested))
