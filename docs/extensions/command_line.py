@@ -5,6 +5,7 @@ Its argument is where the parser comes from, as `module:function` or `module:fun
 
 import argparse
 import importlib
+import re
 from collections.abc import Iterator
 
 from docutils import nodes
@@ -44,12 +45,14 @@ def described(parser: argparse.ArgumentParser) -> Iterator[str]:
     """The lines of a page about a parser."""
     if parser.description:
         yield from (parser.description, "")
-    yield from ("```text", *parser.format_usage().removeprefix("usage: ").splitlines(), "```", "")
+    prefix = "usage: "
+    usage = [line[len(prefix) :] for line in parser.format_usage().splitlines()]
+    yield from ("```text", *usage, "```", "")
     yield from (f"```{{program}} {parser.prog}", "```", "")
     for action in parser._actions:
         if isinstance(action, argparse._SubParsersAction):
             for choice in action._choices_actions:
-                yield f"- `{choice.dest}`: {choice.help}"
+                yield f"- `{choice.dest}`: {marked(choice.help or '')}"
             yield ""
         elif not isinstance(action, argparse._HelpAction):
             yield from (f"````{{option}} {', '.join(signatures(action))}", meaning(action), "````", "")
@@ -66,7 +69,12 @@ def signatures(action: argparse.Action) -> list[str]:
 
 def meaning(action: argparse.Action) -> str:
     """What the help says of an argument."""
-    return (action.help or "").replace("%%", "%")
+    return marked((action.help or "").replace("%%", "%"))
+
+
+def marked(text: str) -> str:
+    """A text with its options as code, so that they keep their two dashes."""
+    return re.sub(r"(?<![\w`-])--[a-z][\w-]*", r"`\g<0>`", text)
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
