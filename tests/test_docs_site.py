@@ -4,8 +4,10 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from deltaswarm_orchestrator.cli import COMMANDS, PARTS
+from deltaswarm_wire import __version__
 from tests.pages import ROOT, commands, shell
 
 
@@ -64,3 +66,12 @@ def test_the_api_comes_from_docstrings(site: Path, page: str, names: list[str]) 
         assert f'id="{name}"' in text, name
     if page == "settings":
         assert "an event is sensed up to here [m]" in re.sub(r"<[^>]+>", "", text)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    """CITATION.cff names the version that pip installs, and the paper with its five authors."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (citation["version"], citation["license"]) == (__version__, "Apache-2.0")
+    [paper] = citation["references"]
+    assert paper["title"] in (ROOT / "README.md").read_text().replace("\n", " ")
+    assert len(paper["authors"]) == 5
