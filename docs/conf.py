@@ -1,0 +1,64 @@
+"""Sphinx's configuration. The source folder is the repository, so that links between pages work here and on a forge.
+
+Build the site from the repository root: `sphinx-build -c docs . build/site`.
+"""
+
+import sys
+from pathlib import Path
+
+from pygments.lexers.special import TextLexer
+from sphinx.application import Sphinx
+
+sys.path.insert(0, str(Path(__file__).parent / "extensions"))
+
+from deltaswarm_wire import __version__
+
+project = "deltaswarm"
+copyright = "the deltaswarm authors, Apache-2.0"
+release = __version__
+
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinxcontrib.mermaid",
+    "command_line",
+    "settings_doc",
+]
+root_doc = "docs/index"
+include_patterns = [
+    "docs/**.md",
+    "agent/*.md",
+    "agent/deltaswarm_agent/controllers/paper/*.md",
+    "CHANGELOG.md",
+    "CONTRIBUTING.md",
+]
+exclude_patterns = [".*", "**/.*", "**/__pycache__", "build", "runs", "sweeps", "studies"]
+
+# MyST: headings are link targets, as on a forge; a fence named mermaid is a diagram.
+myst_heading_anchors = 3
+myst_fence_as_directive = ["mermaid"]
+
+# Docstrings: a name in single backticks is code.
+default_role = "code"
+napoleon_use_ivar = True
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+
+# With -n a reference that leads nowhere is a warning. These are the names of other projects, and what is private.
+nitpick_ignore_regex = [
+    ("py:.*", r"(?!deltaswarm_).*"),
+    ("py:.*", r"deltaswarm_wire\.checked\.T"),
+]
+
+html_theme = "furo"
+html_title = f"deltaswarm {release}"
+html_additional_pages = {"index": "to_index.html"}
+html_copy_source = False
+html_show_copyright = False
+templates_path = ["templates"]
+
+
+def setup(app: Sphinx) -> None:
+    """Show annotated bytes as they are; Pygments' own lexer for hexdumps knows another format."""
+    app.add_lexer("hexdump", TextLexer)

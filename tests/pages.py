@@ -1,0 +1,34 @@
+"""What the documentation says to do: its pages, their commands, and the files that they ask a reader to save."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+
+
+def blocks(page: str) -> list[str]:
+    """The shell blocks of a page."""
+    return re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL)
+
+
+def commands(page: str) -> list[str]:
+    """The lines of all shell blocks, without comments."""
+    lines = [line.split(" #")[0].strip() for block in blocks(page) for line in block.splitlines()]
+    return [line for line in lines if line]
+
+
+def files(page: str) -> dict[str, str]:
+    """The TOML blocks whose first line names a file."""
+    found = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", page, flags=re.DOTALL)
+    return {name: f"# {text}" for name, text in found}
+
+
+def shell(script: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:
+    """Run a script in a folder as a reader does, with this environment's commands; stop at the first failure."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", **variables}
+    return subprocess.run(
+        ["bash", "-ec", script], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )

@@ -1,0 +1,109 @@
+"""Every command that the documentation names exists; every block of commands runs in a test."""
+
+import argparse
+import json
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_agent.board.__main__ import parser as board_parser
+from deltaswarm_orchestrator.cli import COMMANDS, parser
+from deltaswarm_orchestrator.run.scenario import reference
+from tests.pages import ROOT, commands, files, shell
+from tests.swarms import COMMAND, wait_until
+
+RUN_ELSEWHERE = {
+    "README.md": "test_docs_readme",
+    "agent/README.md": "test_boards_docs",
+    "docs/CONTROLLERS.md": "test_docs_controllers",
+    "docs/STUDIES.md": "test_docs_studies",
+    "docs/TUTORIAL.md": "test_docs_tutorial",
+}
+"""The test that runs all commands of a page."""
+RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md"}
+HISTORY = {"CHANGELOG.md"}
+"""Names commands of the past."""
+
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text()
+    for folder in ("*.md", "docs/*.md", "docs/api/*.md", "agent/**/*.md")
+    for path in ROOT.glob(folder)
+}
+
+
+def page(name: str) -> str:
+    return PAGES[name]
+
+
+def known_options(command: str) -> set[str]:
+    """What a command of deltaswarm takes."""
+    if command == "agent board":
+        return set(board_parser()._option_string_actions)
+    found = next(a for a in parser(command)._actions if isinstance(a, argparse._SubParsersAction))
+    return set(found.choices[command]._option_string_actions)
+
+
+def test_every_block_of_commands_runs_in_a_test() -> None:
+    """Of each page either in its own test or in this file."""
+    with_commands = {name for name, text in PAGES.items() if commands(text)}
+    assert with_commands == {*RUN_ELSEWHERE, *RUN_HERE}
+    for test in RUN_ELSEWHERE.values():
+        assert (ROOT / "tests" / f"{test}.py").exists()
+
+
+@pytest.mark.parametrize("name", sorted({*PAGES} - HISTORY))
+def test_every_command_in_the_text_exists(name: str) -> None:
+    """With its options; values are placeholders as often as not."""
+    for span in re.findall(r"`(deltaswarm [^`]+)`", page(name)):
+        words = shlex.split(span)[1:]
+        command = "agent board" if words[:2] == ["agent", "board"] else words[0]
+        if command in COMMANDS or command == "agent board":
+            options = {word.partition("=")[0] for word in words if word.startswith("-")} - {"--help"}
+            assert options <= known_options(command), span
+        else:
+            assert command in ("agent", "world", "operator", "..."), span
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_the_files_on_a_page_are_toml_with_a_name(name: str) -> None:
+    """A reader who saves one knows what to call it."""
+    assert all(re.fullmatch(r"[\w-]+\.toml", file) for file in files(page(name)))
+
+
+@pytest.mark.processes
+def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
+    """The commands of FAILURES.md, with a shorter run: cut off after a checkpoint, resumed, and whole."""
+    begin, resume = commands(page("docs/FAILURES.md"))
+    newest = tmp_path / "runs" / "long.part" / "checkpoint" / "newest.json"
+    short = begin.replace("paper-25", "smoke").replace("--checkpoint 500", "--checkpoint 100")
+    arguments = shlex.split(short.removeprefix("deltaswarm "))
+    run = subprocess.Popen([*COMMAND, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: newest.exists() or run.poll() is not None, "a checkpoint")
+    finally:
+        run.kill()
+        run.wait()
+    done = shell(resume, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(json.loads((tmp_path / "runs" / "long" / "manifest.json").read_text())["resumed"]) == 1
+
+
+def test_the_command_for_the_scenario_keys_writes_the_page(tmp_path: Path) -> None:
+    """That of EXTENDING.md."""
+    [command] = commands(page("docs/EXTENDING.md"))
+    done = shell(command.replace("docs/SCENARIO.md", str(tmp_path / "SCENARIO.md")), ROOT)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "SCENARIO.md").read_text() == reference()
+
+
+def test_the_commands_for_contributors_exist() -> None:
+    """They are those of the gate (its test is test_docs_readme), of lint (test_quality) and of the site."""
+    lines = commands(page("CONTRIBUTING.md"))
+    programs = [line.split()[0] for line in lines]
+    assert programs == ["python3", ".", "pip", *["python"] * 3, "ruff", "ruff", "mypy", "sphinx-build"]
+    for line in lines:
+        for path in re.findall(r"tests/\S+\.py", line):
+            assert (ROOT / path).exists(), path
