@@ -1,6 +1,7 @@
 """Hardware in the loop on loopback: some agents are boards, and may be late, leave and come back."""
 
 import os
+import re
 import signal
 import socket
 from collections.abc import Sequence
@@ -168,7 +169,7 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
         code, _, errors = swarm.finish()
     assert code == 1
     assert "deltaswarm-agent board 4.toml" in errors
-    assert "not there after 1 s: agent 4, agent 5" in errors
+    assert re.search(r"not there after 1 s: .*agent 4, agent 5", errors)  # on a slow machine others, too
 
 
 @pytest.mark.parametrize(

@@ -20,10 +20,11 @@ RUN_ELSEWHERE = {
     "agent/README.md": "test_boards_docs",
     "docs/CONTROLLERS.md": "test_docs_controllers",
     "docs/STUDIES.md": "test_docs_studies",
+    "docs/SWEEPS.md": "test_docs_readme",
     "docs/TUTORIAL.md": "test_docs_tutorial",
 }
 """The test that runs all commands of a page."""
-RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md"}
+RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md", "docs/RECORDING.md"}
 HISTORY = {"CHANGELOG.md"}
 """Names commands of the past."""
 
@@ -97,6 +98,14 @@ def test_the_command_for_the_scenario_keys_writes_the_page(tmp_path: Path) -> No
     done = shell(command.replace("docs/SCENARIO.md", str(tmp_path / "SCENARIO.md")), ROOT)
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "SCENARIO.md").read_text() == reference()
+
+
+def test_a_recording_is_exported(tmp_path: Path) -> None:
+    """The command of RECORDING.md, beside the run that it exports."""
+    [command] = commands(page("docs/RECORDING.md"))
+    run = "deltaswarm run smoke --in-process --set run.duration_s=20 --out runs/first"
+    done = shell(f"{run} && {command}", tmp_path)
+    assert done.returncode == 0, done.stderr
 
 
 def test_the_commands_for_contributors_exist() -> None:

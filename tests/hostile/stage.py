@@ -33,7 +33,7 @@ def play(
     steps: int,
     attack: str = SILENCE,
     sessions: int = 1,
-    step_timeout_s: float = 3.0,
+    step_timeout_s: float = 6.0,
     others: Sequence[str] = (),
 ) -> Ended:
     """A whole run with this attack, and `others` among its settings."""
