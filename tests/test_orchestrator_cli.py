@@ -270,7 +270,7 @@ def test_info_says_if_a_run_cannot_be_read(
         ("info .", ". is no run folder (it has no scenario.toml); one that `deltaswarm run` wrote is expected"),
         ("why . 0 1 --at 3", ". is no run folder (it has no scenario.toml); one that `deltaswarm run` wrote is"),
         ("info swept", "swept is no run folder (a sweep's folder: see deltaswarm report swept); one that "),
-        ("info mine/summary.json", "mine/summary.json is no folder; a run folder is expected"),
+        ("info mine/summary.json", "mine/summary.json is not a folder; a run folder is expected"),
         (
             "report mine",
             "mine must be a sweep's folder, written by `deltaswarm sweep` (it holds one run: see deltaswarm ",

@@ -33,7 +33,9 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
     made.add_argument("--restart", type=int, default=0, metavar="N", help="how often it was started before in this run")
-    made.add_argument("--world-lost-s", type=float, default=5.0, help="end after so long without a world (default: 5)")
+    made.add_argument(
+        "--world-lost-s", type=float, default=5.0, help="exit after this long without a world [s] (default: 5)"
+    )
     made.add_argument(
         "--checkpoints", type=Path, metavar="FOLDER", help="save the agent there when the world asks for it"
     )

@@ -34,8 +34,8 @@ class RunSettings:
     clock: str = key("lockstep", "as fast as the machine goes, or paced by the wall clock", choices=CLOCKS)
     real_time_factor: float = key(1.0, "simulated per wall second, with clock realtime", above=0, high=1e4)
     ask_every_step: bool = key(False, "ask every agent in every step, also those whose last act still holds")
-    step_timeout_s: float = key(5.0, "wall time after which the world goes on without an agent", low=0.05, high=3600)
-    start_timeout_s: float = key(60.0, "wall time within which all parts must have come up", low=1, high=3600)
+    step_timeout_s: float = key(5.0, "wall time after which the world continues without an agent", low=0.05, high=3600)
+    start_timeout_s: float = key(60.0, "wall time within which all processes must be up [s]", low=1, high=3600)
 
     @property
     def steps(self) -> int:
@@ -154,7 +154,7 @@ class Scenario:
 
     schema: int = key(1, "version of this table", low=1, high=1)
     name: str = key("unnamed", "used in the run folder's name")
-    seed: int = key(1, "all randomness comes from it", low=0, high=2**63 - 1)
+    seed: int = key(1, "seed for all randomness", low=0, high=2**63 - 1)
     record: str = key("views", "recording: none, for viewers, or also every raw frame", choices=RECORDS)
     run: RunSettings = key(RunSettings, "how long, how fast")
     arena: ArenaSettings = key(ArenaSettings, "the bounded environment")

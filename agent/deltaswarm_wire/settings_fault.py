@@ -47,7 +47,7 @@ class FaultSettings:
     """One fault: a kind, a time, a target."""
 
     kind: str = key("", "what fails", choices=FAULTS)
-    at_s: float | None = key(None, "when it begins, rounded up to a step [s]", low=0, high=1e9)
+    at_s: float | None = key(None, "start time, rounded up to a step [s]", low=0, high=1e9)
     duration_s: float | None = key(
         None,
         "how long it lasts; restart: how long the agent is away; without it: to the end of the run, restart: at once "

@@ -100,7 +100,7 @@ class AsymmetrySettings:
 class RangeSettings:
     """Some agents' own range."""
 
-    agents: tuple[int, ...] = key((), "who they are", low=0, high=65_535)
+    agents: tuple[int, ...] = key((), "numbers of the agents", low=0, high=65_535)
     range_m: float = key(9.0, "their frames are heard up to here [m]", above=0, high=1e6)
 
 
@@ -108,8 +108,8 @@ class RangeSettings:
 class BlackoutSettings:
     """A time in which nobody hears anybody."""
 
-    from_s: float = key(0.0, "it begins [s]", low=0, high=MAX_TIME_S)
-    until_s: float | None = key(None, "it is over [s]; without it: never", low=0, high=MAX_TIME_S)
+    from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
+    until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
 
     def problems(self) -> list[Problem]:
         """Times must be in order."""
@@ -122,8 +122,8 @@ class WallSettings:
 
     a_m: Place = key((0.0, 0.0), "one end [m]", length=2)
     b_m: Place = key((0.0, 0.0), "the other end [m]", length=2)
-    from_s: float = key(0.0, "it is there from now [s]", low=0, high=MAX_TIME_S)
-    until_s: float | None = key(None, "to now [s]; without it: for ever", low=0, high=MAX_TIME_S)
+    from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
+    until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
 
     def problems(self) -> list[Problem]:
         """It must have a length, and times in order."""
@@ -137,12 +137,12 @@ class WallSettings:
 class JammerSettings:
     """A circle in which nothing is heard. It stands, or goes from its centre along waypoints."""
 
-    center_m: Place = key((0.0, 0.0), "its centre when it begins [m]", length=2)
-    radius_m: float = key(10.0, "whoever is within hears nothing [m]", above=0, high=1e6)
-    from_s: float = key(0.0, "it begins [s]", low=0, high=MAX_TIME_S)
-    until_s: float | None = key(None, "it is over [s]; without it: never", low=0, high=MAX_TIME_S)
+    center_m: Place = key((0.0, 0.0), "centre at the start [m]", length=2)
+    radius_m: float = key(10.0, "agents within it hear nothing [m]", above=0, high=1e6)
+    from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
+    until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
     waypoints_m: tuple[Place, ...] = key((), "places that its centre goes to in straight lines [m]", length=None)
-    times_s: tuple[float, ...] = key((), "when it is at each of them [s]", low=0, high=MAX_TIME_S)
+    times_s: tuple[float, ...] = key((), "when it is at each waypoint [s]", low=0, high=MAX_TIME_S)
 
     def problems(self) -> list[Problem]:
         """Times must be in order, one for each waypoint."""
@@ -165,7 +165,7 @@ class RadioSettings:
     """The air between the agents, emulated by the world."""
 
     range_m: float = key(9.0, "a frame is heard up to here [m]", source=OURS, above=0)
-    loss: float = key(0.0, "share of frames in range that are lost all the same", low=0, high=1)
+    loss: float = key(0.0, "share of frames in range that are lost", low=0, high=1)
     reception: str = key(DISC, "what range means: a disc, or what path_loss says", choices=RECEPTIONS)
     path_loss: PathLossSettings = key(PathLossSettings, "reception by power, where reception asks for it")
     ranges: tuple[RangeSettings, ...] = key((), "ranges of single agents, as tables of agents and range_m")
@@ -190,7 +190,9 @@ class RadioSettings:
     jammers: tuple[JammerSettings, ...] = key(
         (), "jamming, as tables of center_m, radius_m, from_s, until_s, waypoints_m, times_s"
     )
-    blackouts: tuple[BlackoutSettings, ...] = key((), "silence for all, as tables of from_s, until_s")
+    blackouts: tuple[BlackoutSettings, ...] = key(
+        (), "times in which nobody hears anything, as tables of from_s, until_s"
+    )
 
     @property
     def is_late(self) -> bool:

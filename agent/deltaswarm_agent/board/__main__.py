@@ -31,9 +31,11 @@ def parser() -> argparse.ArgumentParser:
     """The command line of a board."""
     made = argparse.ArgumentParser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
-    made.add_argument("--check", action="store_true", help="check the file, say what would be done, and end")
+    made.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
     made.add_argument("--accelerate", type=float, default=1.0, metavar="N", help="simulated per wall second (1)")
-    made.add_argument("--steps", type=int, default=MAX_STEP, metavar="N", help="end after so many (none: go on)")
+    made.add_argument(
+        "--steps", type=int, default=MAX_STEP, metavar="N", help="exit after this many steps (default: never)"
+    )
     return made
 
 

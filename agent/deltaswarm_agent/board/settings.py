@@ -156,7 +156,7 @@ class LogSettings:
 
     folder: str = key("", "where; empty: to standard error alone")
     max_bytes: int = key(1_000_000, "a file begins anew at this length", low=10_000, high=10_000_000_000)
-    backups: int = key(3, "so many older files are kept", low=1, high=1000)
+    backups: int = key(3, "number of older files to keep", low=1, high=1000)
     level: str = key("INFO", "least grave line", choices=("DEBUG", "INFO", "WARNING", "ERROR"))
     every_s: float = key(60.0, "a line of counts this often [s]", above=0)
     record: str = key("off", "mcap: the agent's own frames and what it hears, beside the log", choices=RECORDS)

@@ -20,10 +20,10 @@ COMMANDS = {
     "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "info": "show a finished or interrupted run, from its folder",
-    "why": "whether an agent could hear another at a time of a run, and why not",
+    "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
-    "bench": "measure this machine: the swarm beside the floors under it",
-    "doctor": "check what this machine has and lacks",
+    "bench": "measure what a swarm costs on this machine",
+    "doctor": "check whether this machine has what runs need",
     "bundle": "make a folder that installs an agent on a board, offline",
     "certificates": "make certificates for agents that reach the world over TLS",
 }

@@ -12,8 +12,10 @@ def add(command: argparse.ArgumentParser) -> None:
     """The arguments of `deltaswarm bench`."""
     command.add_argument("--agents", type=int, default=25, metavar="N", help="size of the swarm (default: 25)")
     command.add_argument("--steps", type=int, default=1000, metavar="N", help="steps per measurement (default: 1000)")
-    command.add_argument("--scale", action="store_true", help="how cost grows with the swarm, in one process, instead")
-    command.add_argument("--radio", action="store_true", help="what the radio models cost, in one process, instead")
+    command.add_argument(
+        "--scale", action="store_true", help="measure how the cost of a step grows with the swarm, in one process"
+    )
+    command.add_argument("--radio", action="store_true", help="measure what the radio models cost, in one process")
     command.add_argument("--sizes", type=_sizes, metavar="N,N,...", help="with --scale (default: 25,50,100,200,400)")
     command.add_argument("--rounds", type=int, default=3, metavar="N", help="with --scale or --radio (default: 3)")
     command.add_argument("--plot", type=Path, metavar="NAME", help="with --scale: draw NAME.png and NAME.svg")

@@ -14,10 +14,16 @@ if TYPE_CHECKING:
 def add_hardware_in_the_loop(command: argparse.ArgumentParser) -> None:
     """The arguments of `deltaswarm run` for agents that are started elsewhere."""
     command.add_argument(
-        "--boards", type=agent_numbers, metavar="N-M,...", help="agents on boards: not started, but waited for"
+        "--boards",
+        type=agent_numbers,
+        metavar="N-M,...",
+        help="agents that run on boards: wait for them instead of starting them",
     )
     command.add_argument(
-        "--boards-folder", type=Path, metavar="FOLDER", help="for what each board is given (default: RUN.boards)"
+        "--boards-folder",
+        type=Path,
+        metavar="FOLDER",
+        help="where to put the files for each board (default: RUN.boards)",
     )
 
 

@@ -12,9 +12,12 @@ def add(command: argparse.ArgumentParser) -> None:
     from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS
 
     command.description = "Make a folder from which an agent is installed on a board without internet."
-    command.add_argument("--platform", required=True, choices=PLATFORMS, help="the board's")
+    command.add_argument("--platform", required=True, choices=PLATFORMS, help="platform of the board")
     command.add_argument(
-        "--python", action="append", choices=PYTHONS, help="the board's; may be repeated (default: all of these)"
+        "--python",
+        action="append",
+        choices=PYTHONS,
+        help="Python version of the board; may be repeated (default: all of these)",
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: deltaswarm-agent-VERSION-PLATFORM")
     command.set_defaults(func=bundle)

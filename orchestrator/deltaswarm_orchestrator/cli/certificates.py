@@ -14,7 +14,7 @@ def add(command: argparse.ArgumentParser) -> None:
     """The arguments of `deltaswarm certificates`."""
     command.description = (
         "Make an authority and certificates signed by it, for the world, the operator, the recorder and each agent. "
-        "A folder that holds some already is added to."
+        "In an existing folder, only missing certificates are made."
     )
     command.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for NAME.pem and NAME.key")
     command.add_argument("--agents", type=agent_numbers, required=True, metavar="N-M,...", help="such as 20-24 or 3,7")
@@ -40,9 +40,9 @@ def certificates(arguments: argparse.Namespace) -> int:
     except (ValueError, OSError) as error:
         complain(str(error))
         return USAGE
-    print("\n".join(map(str, files)) if files else f"{arguments.out}: all of them are there")
+    print("\n".join(map(str, files)) if files else f"{arguments.out}: all certificates exist")
     print(
-        f"{arguments.out / 'ca.key'} signs for everybody: it stays on this machine. "
+        f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine. "
         "A board gets ca.pem, its own .pem and its own .key",
         file=sys.stderr,
     )

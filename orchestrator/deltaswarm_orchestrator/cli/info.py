@@ -21,7 +21,7 @@ def info(arguments: argparse.Namespace) -> int:
     if not arguments.folder.is_dir():
         unfinished = arguments.folder.with_name(f"{arguments.folder.name}.part")
         allowed = f"{unfinished} has what was left of a run" if unfinished.is_dir() else "a run folder is expected"
-        complain(f"{arguments.folder} is no folder; {allowed}")
+        complain(f"{arguments.folder} is not a folder; {allowed}")
         return USAGE
     try:
         found = info.describe(arguments.folder)

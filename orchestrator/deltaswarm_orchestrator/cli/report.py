@@ -16,7 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
         "--metric", action="append", default=[], metavar="COLUMN", help="a column of table.csv to report as well"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: the sweep's folder")
-    command.add_argument("--json", action="store_true", help="print the files written as JSON")
+    command.add_argument("--json", action="store_true", help="print the names of the files as JSON")
     command.set_defaults(func=report)
 
 

@@ -27,11 +27,13 @@ def add(command: argparse.ArgumentParser) -> None:
         help=f"TOML file or {', '.join(BUILT_IN)} (default: {DEFAULT_SCENARIO})",
     )
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
-    command.add_argument("--seed", type=int, help="all randomness comes from it")
+    command.add_argument("--seed", type=int, help="seed for all randomness")
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
-    command.add_argument("--force", action="store_true", help="replace the run folder if it is there")
+    command.add_argument("--force", action="store_true", help="replace the run folder if it exists")
     command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
-    command.add_argument("--record", choices=RECORDS, help="recording for viewers, also every raw frame, or none")
+    command.add_argument(
+        "--record", choices=RECORDS, help="what to record: nothing, what viewers show, or also every raw frame"
+    )
     command.add_argument(
         "--listen",
         default=ANYWHERE,
@@ -51,9 +53,11 @@ def add(command: argparse.ArgumentParser) -> None:
         help="save the whole run after every STEPS steps",
     )
     command.add_argument(
-        "--resume", type=Path, metavar="RUN", help="go on with a run that was cut off, from its newest checkpoint"
+        "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
     )
-    command.add_argument("--dry-run", action="store_true", help="check and print the effective scenario only")
+    command.add_argument(
+        "--dry-run", action="store_true", help="only check the scenario, and print it with the meaning of every key"
+    )
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=run)
 
@@ -117,7 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
             recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
             print(f"next: deltaswarm info {result.folder}{recording}", file=sys.stderr)
     if overruns := result.summary["realtime_overruns"]:
-        complain(f"{overruns} steps missed the pace of real time")
+        complain(f"{overruns} steps took longer than real time")
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return OK if result.summary["valid"] else FAILED

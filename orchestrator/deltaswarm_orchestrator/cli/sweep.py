@@ -26,8 +26,10 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
     command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
-    command.add_argument("--seed", type=int, help="the replicates' seeds are derived from it")
-    command.add_argument("--prove", type=int, metavar="N", help="runs that real processes do too, to compare digests")
+    command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
+    command.add_argument(
+        "--prove", type=int, metavar="N", help="runs to repeat with real processes, to compare digests"
+    )
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     command.add_argument("--dry-run", action="store_true", help="check the sweep and list its variants only")
     add_engine(command)
@@ -38,10 +40,12 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def add_engine(command: argparse.ArgumentParser) -> None:
     """Where and by what means runs are done."""
-    command.add_argument("-j", "--jobs", type=int, metavar="N", help="runs side by side (default: the cores)")
+    command.add_argument("-j", "--jobs", type=int, metavar="N", help="runs in parallel (default: number of cores)")
     command.add_argument("--processes", action="store_true", help="every run with real agent processes")
     command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
-    command.add_argument("--scheduler", metavar="ADDRESS", help="with --engine dask: its scheduler, else a local one")
+    command.add_argument(
+        "--scheduler", metavar="ADDRESS", help="with --engine dask: address of the scheduler (default: a local cluster)"
+    )
 
 
 def sweep(arguments: argparse.Namespace) -> int:
@@ -99,7 +103,7 @@ def conduct_for(
     for file in result.damaged:
         complain(f"{file} was damaged: cut off, or changed after it was written; its run was done again")
     for file in result.left_out:
-        complain(f"{file} is damaged: cut off, or changed after it was written; the tables leave it out: delete it")
+        complain(f"{file} is damaged: cut off, or changed after it was written; it is not in the tables; delete it")
     if len(result.manifest["code"]) > 1:
         versions = len(result.manifest["code"])
         complain(f"{folder} has runs by {versions} versions of the code; another --out would have one")

@@ -15,7 +15,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("folder", type=Path, metavar="RUN")
     command.add_argument("sender", type=int, metavar="A", help="the agent that sends")
     command.add_argument("receiver", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
-    command.add_argument("--at", type=float, required=True, metavar="T", help="when [s]")
+    command.add_argument("--at", type=float, required=True, metavar="T", help="time in the run [s]")
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=why)
 

@@ -57,7 +57,7 @@ class MetricSettings:
     from_s: float = key(0.0, "window: start [s]", low=0)
     until_s: float | None = key(None, "window: end [s]; default: the end of the run", low=0)
     share: float = key(0.9, "time_to_converge: reached at this share of the mean of the last third", above=0)
-    smooth_s: float = key(600.0, "time_to_converge: by the mean over so long [s]", above=0)
+    smooth_s: float = key(600.0, "time_to_converge: length of the running mean [s]", above=0)
 
     def problems(self) -> list[Problem]:
         """What each kind needs."""

@@ -188,9 +188,9 @@ def _counts(claims: pd.DataFrame) -> str:
     counts = claims["verdict"].value_counts()
     named = ", ".join(f"{verdict} {counts.get(verdict, 0)}" for verdict in (HOLDS, REFUTED, UNDECIDED))
     return (
-        f"Of {len(claims)} claims: {named}. A claim holds if the test shows it, or if the interval of a value lies "
-        "within the tolerance; it is refuted if the opposite is significant, or if the interval lies outside. Holm's "
-        "correction is over the claims of the same source."
+        f"Verdicts of {len(claims)} claims: {named}. A claim holds if the test shows it, or if the interval of a value "
+        "lies within the tolerance; it is refuted if the opposite is significant, or if the interval lies outside. "
+        "Holm's correction is over the claims of the same source."
     )
 
 

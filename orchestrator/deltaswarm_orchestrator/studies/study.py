@@ -31,8 +31,8 @@ class StudySettings:
     question: str = key("", "what the study asks, in a sentence or two")
     factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
     metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
-    from_s: float = key(0.0, "metrics that have a time series are taken from then on [s]", low=0)
-    until_s: float | None = key(None, "until then [s]; default: the end of the run", low=0)
+    from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
+    until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
     window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
 
 
@@ -63,7 +63,7 @@ class ClaimSettings:
     metric: str = key("waiting", "the metric's name")
     less: str = key("", "of an order: the variant that has less")
     more: str = key("", "of an order: the variant that has more")
-    at_least: float = key(1.0, "of an order: more is at least so many times less", above=0)
+    at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
     of: str = key("", "of a value: the variant")
     within: tuple[float, ...] = key((), "of a value: the tolerance [metric's unit]")
     a: str = key("", "of alike: a variant")
@@ -100,8 +100,8 @@ class RecoverySettings:
     level: str = key("", "the level with the fault")
     reference: str = key("", "the level without it: the same swarm to which nothing happened")
     after_s: float = key(0.0, "when it can begin to recover [s]", low=0)
-    tolerance: float = key(1.25, "it is back when at most so many times off the reference", above=1)
-    windows: int = key(2, "in so many windows in a row", low=1)
+    tolerance: float = key(1.25, "largest ratio to the reference that counts as recovered", above=1)
+    windows: int = key(2, "number of consecutive windows in which it must be back", low=1)
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ class SpanSettings:
 
     text: str = key("", "what it is")
     from_s: float = key(0.0, "start [s]", low=0)
-    until_s: float | None = key(None, "end [s]; a moment if none is given", low=0)
+    until_s: float | None = key(None, "end [s]; default: the same as the start", low=0)
 
 
 @dataclass(frozen=True)
