@@ -12,7 +12,7 @@ ROOT = Path(__file__).parents[1]
 README, SWEEPS = ((ROOT / name).read_text() for name in ("README.md", "docs/SWEEPS.md"))
 
 SHORTER = {
-    "run": "--set run.duration_s=20",
+    "run": "--set run.duration_s=20 --set agents.count=6",
     "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
     "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
     "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=5110 --set run.step_s=10",
