@@ -173,7 +173,9 @@ def test_a_full_disk_ends_it_with_a_line(tmp_path: Path) -> None:
         code, errors = ends_by_itself(swarm)
     assert code == 1
     assert "No space left on device" in errors or "bytes are free" in errors, errors
-    assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) <= 6, errors
+    assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) <= 8, (
+        errors
+    )  # each part may be the first to see it
     told = subprocess.run([*COMMAND, "info", str(kept)], capture_output=True, text=True, check=True).stdout
     assert "incomplete (failed)" in told
     assert "No space left on device" in told or "bytes are free" in told
