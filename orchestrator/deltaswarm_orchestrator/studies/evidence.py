@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
-from deltaswarm_orchestrator.stats import ALPHA, RATIO, Contrast, contrast, describe, holm
+from deltaswarm_orchestrator.stats import ALPHA, RATIO, contrast, describe, holm
 from deltaswarm_orchestrator.studies.metrics import ID, WAITING, WAITING_ALL, is_over_time, values_of, windows_of
 from deltaswarm_orchestrator.studies.study import (
     ALIKE,
@@ -37,9 +37,8 @@ def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataF
     runs = table[ID].copy()
     for factor, levels in _levels(study).items():
         runs[factor] = runs["variant"].map(levels)
-    step_s = study.sweep.variants[0].scenario.run.step_s
     for name in used_metrics(study):
-        runs[name] = values_of(study.metrics[name], table, series, step_s).to_numpy()
+        runs[name] = values_of(study.metrics[name], table, series, study.step_s).to_numpy()
     return runs
 
 
@@ -68,7 +67,7 @@ def _levels(study: Study) -> dict[str, dict[str, str]]:
 
 def windows_with_levels(study: Study, series: pd.DataFrame) -> pd.DataFrame:
     """A row per run and window of time, with the level of each factor and every built-in metric that has a series."""
-    windows = windows_of(series, study.file.study.window_s, study.sweep.variants[0].scenario.run.step_s)
+    windows = windows_of(series, study.file.study.window_s, study.step_s)
     return windows.assign(**{factor: windows["variant"].map(levels) for factor, levels in _levels(study).items()})
 
 
@@ -86,9 +85,10 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """A row per variant and metric: median with interval and quartiles."""
     rows: list[Row] = []
+    metrics = used_metrics(study)
     for variant, own in runs.groupby("variant", sort=False):
         head = {"variant": variant, **{factor: own[factor].iloc[0] for factor in study.factors}}
-        rows += [{**head, "metric": name, **asdict(describe(own[name]))} for name in used_metrics(study)]
+        rows += [{**head, "metric": name, **asdict(describe(own[name]))} for name in metrics]
     return pd.DataFrame(rows)
 
 
@@ -141,9 +141,7 @@ def _sides(
         return chosen.set_index("replicate")[metric]
 
     def paired(where: Mapping[str, str]) -> tuple[pd.Series, pd.Series]:
-        a, b = of({**where, settings.factor: level}), of({**where, settings.factor: reference})
-        shared = a.index.intersection(b.index)
-        return a.loc[shared], b.loc[shared]
+        return _by_replicate(of({**where, settings.factor: level}), of({**where, settings.factor: reference}))
 
     if not settings.across:
         a, b = paired(cell)
@@ -155,9 +153,14 @@ def _sides(
             a, b = paired({**cell, settings.across: value})
             is_ratio = bool(((a > 0) & (b > 0)).all())
             changes.append(a / b if is_ratio else a - b)
-        shared = changes[0].index.intersection(changes[1].index)
-        name = ", ".join([*cell.values(), f"{one}{INTERACTION}{other}"])
-        yield name, changes[0].loc[shared].tolist(), changes[1].loc[shared].tolist()
+        a, b = _by_replicate(*changes)
+        yield ", ".join([*cell.values(), f"{one}{INTERACTION}{other}"]), a.tolist(), b.tolist()
+
+
+def _by_replicate(a: pd.Series, b: pd.Series) -> tuple[pd.Series, pd.Series]:
+    """The values of two samples, indexed by replicate, for the replicates that both have."""
+    shared = a.index.intersection(b.index)
+    return a.loc[shared], b.loc[shared]
 
 
 def cells(study: Study, without: Sequence[str]) -> list[dict[str, str]]:
@@ -180,7 +183,7 @@ def _direction(row: Row) -> str:
         return ALIKE
     if row["p_holm"] >= ALPHA or row["estimate"] is None:
         return UNCLEAR
-    return HIGHER if row["estimate"] > (1 if row["scale"] == RATIO else 0) else LOWER
+    return HIGHER if _sign(row) > 0 else LOWER
 
 
 def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
@@ -221,24 +224,16 @@ def _judged(claim: ClaimSettings, runs: pd.DataFrame) -> Row:
         found = {"n": described.n, "estimate": described.median, "low": described.low, "high": described.high}
         return row | found | {"criterion": f"{low:g} to {high:g}"} | tail
     a, b = (of(claim.more), of(claim.less)) if claim.kind == "order" else (of(claim.a), of(claim.b))
-    shared = a.index.intersection(b.index)
-    first, second = a.loc[shared].tolist(), b.loc[shared].tolist()
+    first, second = (sample.tolist() for sample in _by_replicate(a, b))
     if claim.kind == "alike":
-        tested = contrast(first, second, margin=claim.margin if claim.margin > 0 else None)
-        row |= {"p": tested.p_alike, "p_opposite": tested.p_beyond, "criterion": f"within {claim.margin:g} times"}
+        shown = contrast(first, second, margin=claim.margin)
+        row |= {"p": shown.p_alike, "p_opposite": shown.p_beyond, "criterion": f"within {claim.margin:g} times"}
     else:
         shown = contrast(first, second)
         tested = contrast(first, [claim.at_least * value for value in second])
-        is_more = tested.estimate is not None and tested.estimate > (1 if tested.scale == RATIO else 0)
-        row |= {"p" if is_more else "p_opposite": tested.p}
+        row |= {"p" if _sign(asdict(tested)) > 0 else "p_opposite": tested.p}
         row |= {"criterion": f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"}
-        tested = shown
-    return row | _numbers(tested) | tail
-
-
-def _numbers(tested: Contrast) -> Row:
-    names = ("scale", "n", "estimate", "low", "high", "effect")
-    return {name: getattr(tested, name) for name in names}
+    return row | {name: getattr(shown, name) for name in ("scale", "n", "estimate", "low", "high", "effect")} | tail
 
 
 def findings_of(study: Study, claims: pd.DataFrame, contrasts: pd.DataFrame) -> pd.DataFrame:

@@ -172,6 +172,11 @@ class Study:
         return self.file.study.title or self.name
 
     @property
+    def step_s(self) -> float:
+        """Length of a step of its runs [s]."""
+        return self.sweep.variants[0].scenario.run.step_s
+
+    @property
     def repeats(self) -> int:
         """Replicates of each variant."""
         return self.sweep.file.sweep.repeats
