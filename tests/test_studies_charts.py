@@ -4,13 +4,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.studies.charts import CHARTS, ellipse
 from deltaswarm_orchestrator.studies.evidence import courses_of, runs_of, windows_with_levels
-from tests.studying import MODES, OWN, made, series, table
+from tests.studying import LEVELS, MODES, OWN, made, series, table
 
 NONE = pd.DataFrame()
 
@@ -47,7 +48,10 @@ def test_a_box_for_each_level_and_hue() -> None:
 def test_fewer_than_five_values_make_no_box() -> None:
     """Points only: the quartiles would be the points themselves."""
     runs = runs_of(made(OWN), table(), NONE)
-    assert boxes_in(drawn('x = "mode"\nhue = "loss"\nmetric = "waiting_all"\n', runs[runs["replicate"] < 4])) == 0
+    figure = drawn('x = "mode"\nhue = "loss"\nmetric = "waiting_all"\n', runs[runs["replicate"] < 4])
+    assert boxes_in(figure) == 0
+    faces = {to_hex(points.get_facecolor()[0]) for points in figure.axes[0].collections}  # type: ignore[index]
+    assert faces == {look.colour for look in style.looks(LEVELS).values()}
 
 
 def test_a_facet_is_a_panel_with_shared_axes() -> None:

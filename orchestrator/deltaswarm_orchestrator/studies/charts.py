@@ -245,7 +245,7 @@ def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> 
     points: dict[str, Any] = {
         "s": 9,
         "marker": look.marker,
-        "facecolors": "white",
+        "facecolors": "white" if len(values) >= BOX_FROM else look.colour,  # else nothing has the level's colour
         "edgecolors": style.BLACK,
         "linewidths": 0.5,
     }
