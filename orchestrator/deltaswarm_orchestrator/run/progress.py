@@ -20,19 +20,32 @@ BAR_AND_TIME = 24
 """Columns that the bar and the time left need at least."""
 
 
-class Display:
+class BarOnTerminal:
+    """What has a bar, or none where there is no terminal, and takes it away at its end."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._bar: Progress | None = None
+        self._task = TaskID(0)
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+
+class Display(BarOnTerminal):
     """A bar on a terminal, else lines; as a context manager."""
 
     def __init__(self, step_s: float, agents: int) -> None:
+        super().__init__()
         self._agents = agents
-        self._console = Console(stderr=True)
         self._step_s = step_s
         self._first: tuple[float, float] | None = None
         """Wall time and simulated time [s] of the first state that was shown."""
         self._line_due = 0.0
         self._shown: Status | None = None
-        self._bar: Progress | None = None
-        self._task = TaskID(0)
 
     def __enter__(self) -> Self:
         if self._console.is_terminal:
@@ -41,12 +54,6 @@ class Display:
             self._task = self._bar.add_task("waiting for all processes", total=None)
             self._bar.start()
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
 
     def say(self, text: str) -> None:
         """Print it at once."""

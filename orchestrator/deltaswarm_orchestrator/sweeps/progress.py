@@ -2,12 +2,11 @@
 
 import sys
 import time
-from types import TracebackType
 from typing import Protocol, Self
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from deltaswarm_orchestrator.run.progress import BarOnTerminal
 from deltaswarm_orchestrator.sweeps.engine import Done
 
 LINE_EVERY_S = 10.0
@@ -35,14 +34,12 @@ class QuietSweep:
         """Nothing."""
 
 
-class SweepDisplay:
+class SweepDisplay(BarOnTerminal):
     """A bar on a terminal, else lines; as a context manager."""
 
     def __init__(self, name: str) -> None:
+        super().__init__()
         self._name = name
-        self._console = Console(stderr=True)
-        self._bar: Progress | None = None
-        self._task = TaskID(0)
         self._began = self._line_due = time.monotonic()
         self._total = self._there = self._ended = self._failed = 0
 
@@ -53,12 +50,6 @@ class SweepDisplay:
             self._task = self._bar.add_task(self._name, total=None)
             self._bar.start()
         return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._bar is not None:
-            self._bar.stop()
 
     def begin(self, total: int, there: int) -> None:
         """So many runs, of which so many were there already."""
