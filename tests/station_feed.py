@@ -3,6 +3,7 @@
 `python -m tests.station_feed [live|replay|researcher]` plays it, to look at the page.
 """
 
+import contextlib
 import json
 import math
 import select
@@ -169,7 +170,9 @@ class Swarm:
         if kind == "catch_up":
             history = [[float(t), 2 + t % 3, 2.0 + 1.5 * math.sin(t / 40)] for t in range(int(time_s))]
             items = self.items(time_s)[-1000:]
-            return [{"type": "catch_up", "to": to, "inbox": items, "read": sorted(self.read), "history": history[-600:]}]
+            return [
+                {"type": "catch_up", "to": to, "inbox": items, "read": sorted(self.read), "history": history[-600:]}
+            ]
         if kind == "read":
             items = [item[0] for item in self.items(time_s)] if intent.get("all") else intent["items"]
             self.read |= set(items)
@@ -208,10 +211,8 @@ class Feed:
     def send(self, *messages: Message) -> None:
         """Say something to the station; lost if that does not listen."""
         for message in messages:
-            try:
+            with contextlib.suppress(BlockingIOError):
                 self.socket.send(json.dumps(message, separators=(",", ":")).encode())
-            except BlockingIOError:
-                pass
 
     def hear(self, kind: str, patience_s: float = PATIENCE_S) -> Message:
         """The next intent of that type; others are passed over."""
@@ -234,7 +235,9 @@ class Feed:
     def __enter__(self) -> "Feed":
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, where: TracebackType | None) -> None:
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, where: TracebackType | None
+    ) -> None:
         self.close()
 
 

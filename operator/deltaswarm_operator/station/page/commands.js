@@ -52,7 +52,10 @@ export class CommandPanel {
     const key = JSON.stringify(forms);
     if (key === this.formsOf) return;
     this.formsOf = key;
-    setOptions(this.name, forms.map((form) => [form.name, form.name]));
+    setOptions(
+      this.name,
+      forms.map((form) => [form.name, form.name]),
+    );
     this.show();
   }
 
@@ -63,7 +66,12 @@ export class CommandPanel {
     const targets = command?.targets ?? [];
     element("command-targets").replaceChildren(
       ...targets.map((kind, at) => {
-        const radio = make("input", { type: "radio", name: "target", value: kind, ...(at === 0 ? { checked: "" } : {}) });
+        const radio = make("input", {
+          type: "radio",
+          name: "target",
+          value: kind,
+          ...(at === 0 ? { checked: "" } : {}),
+        });
         radio.addEventListener("change", () => this.aim());
         return make("label", {}, radio, KINDS[kind] ?? kind);
       }),
@@ -97,7 +105,8 @@ export class CommandPanel {
 
   /** @param {Partial<Record<keyof typeof FIELDS, number>>} values */
   put(values) {
-    for (const [name, value] of Object.entries(values)) input(FIELDS[/** @type {keyof typeof FIELDS} */ (name)]).value = value.toFixed(1);
+    for (const [name, value] of Object.entries(values))
+      input(FIELDS[/** @type {keyof typeof FIELDS} */ (name)]).value = value.toFixed(1);
     this.app.redraw();
   }
 
@@ -130,12 +139,21 @@ export class CommandPanel {
     if (!command) return;
     try {
       const target = this.half();
-      if (Object.values(target).some((value) => value === undefined || Number.isNaN(value))) throw new Error(kind === "tree" || kind === "agent" ? `choose ${KINDS[kind]} first` : "fill in the place, or click on the map");
+      if (Object.values(target).some((value) => value === undefined || Number.isNaN(value)))
+        throw new Error(
+          kind === "tree" || kind === "agent"
+            ? `choose ${KINDS[kind]} first`
+            : "fill in the place, or click on the map",
+        );
       const values = Object.fromEntries(command.arguments.map((argument, at) => [argument.name, read(argument, at)]));
       this.sent += 1;
       const id = `c${Date.now().toString(36)}-${this.sent}`;
       this.waiting.set(id, command.name);
-      this.answer(this.app.send({ type: "command", id, name: command.name, target: { kind, ...target }, arguments: values }) ? "Sending …" : "Not sent: there is no connection.");
+      this.answer(
+        this.app.send({ type: "command", id, name: command.name, target: { kind, ...target }, arguments: values })
+          ? "Sending …"
+          : "Not sent: there is no connection.",
+      );
     } catch (error) {
       this.answer(`Not sent: ${error instanceof Error ? error.message : error}.`, true);
     }
@@ -173,8 +191,14 @@ export class CommandPanel {
   lists() {
     const { roots, agents } = this.app.model;
     const ids = agents.map((agent) => agent[0]).sort((a, b) => a - b);
-    setOptions(this.tree, [["", roots.length ? "choose a tree" : "no tree is known"], ...roots.map((root) => /** @type {[string, string]} */ ([String(root), `tree of agent ${root}`]))]);
-    setOptions(this.agent, [["", "choose an agent"], ...ids.map((id) => /** @type {[string, string]} */ ([String(id), `agent ${id}`]))]);
+    setOptions(this.tree, [
+      ["", roots.length ? "choose a tree" : "no tree is known"],
+      ...roots.map((root) => /** @type {[string, string]} */ ([String(root), `tree of agent ${root}`])),
+    ]);
+    setOptions(this.agent, [
+      ["", "choose an agent"],
+      ...ids.map((id) => /** @type {[string, string]} */ ([String(id), `agent ${id}`])),
+    ]);
   }
 
   update() {
@@ -182,14 +206,20 @@ export class CommandPanel {
     this.lists();
     const rows = [...(picture?.commands ?? [])].sort((a, b) => b[0] - a[0]);
     const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }));
-    keepRows(element("fates"), rows, (row) => String(row[0]), create, (line, row) => {
-      line.dataset["state"] = row[9];
-      const [title, what, state] = line.children;
-      if (!title || !what || !state) return;
-      setText(title, `${row[0]} · ${order(row)}`);
-      setText(what, `to ${row[2]}, sent ${clock(row[4])}: ${fate(row)}`);
-      setText(state, row[9]);
-    });
+    keepRows(
+      element("fates"),
+      rows,
+      (row) => String(row[0]),
+      create,
+      (line, row) => {
+        line.dataset["state"] = row[9];
+        const [title, what, state] = line.children;
+        if (!title || !what || !state) return;
+        setText(title, `${row[0]} · ${order(row)}`);
+        setText(what, `to ${row[2]}, sent ${clock(row[4])}: ${fate(row)}`);
+        setText(state, row[9]);
+      },
+    );
     element("fates-none").hidden = rows.length > 0;
   }
 }
@@ -206,7 +236,10 @@ function field(argument, at) {
   let made;
   if (argument.kind === "choice") {
     made = make("select", attributes);
-    setOptions(made, (argument.choices ?? []).map((value) => [String(value), String(value)]));
+    setOptions(
+      made,
+      (argument.choices ?? []).map((value) => [String(value), String(value)]),
+    );
   } else {
     made = make("input", { ...attributes, type: argument.kind === "text" ? "text" : "number", autocomplete: "off" });
     if (argument.kind !== "text") made.step = argument.kind === "integer" ? "1" : "any";
@@ -233,4 +266,3 @@ function read({ name, kind, low, high, choices }, at) {
   if (high !== undefined && given > high) throw new Error(`${name} must be at most ${high} (got ${value})`);
   return given;
 }
-

@@ -11,6 +11,7 @@ import { age, number } from "./words.js";
 
 const OLD_S = 30;
 const NEW_EVENT_S = 20;
+const LABEL_STRENGTH = 0.75;
 export const MARKER_PX = 6;
 
 /**
@@ -98,7 +99,12 @@ function warmth(on, view, heat, now_s) {
       if (Number.isNaN(heard_s)) continue;
       const [x, y] = view.toScreen(column * heat.cell_m, (row + 1) * heat.cell_m);
       on.fillStyle = heatColour(now_s - heard_s);
-      on.fillRect(Math.round(x), Math.round(y), Math.round(x + side) - Math.round(x), Math.round(y + side) - Math.round(y));
+      on.fillRect(
+        Math.round(x),
+        Math.round(y),
+        Math.round(x + side) - Math.round(x),
+        Math.round(y + side) - Math.round(y),
+      );
     }
   }
 }
@@ -209,6 +215,7 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
     on.lineWidth = 1.5;
     on.stroke();
   }
+  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
   if (hasLabel) label(on, age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`, x, y + MARKER_PX + 14);
   if (selection?.kind === "event" && selection.id === id) ring(on, x, y);
 }
@@ -225,6 +232,7 @@ function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, sel
   const age_s = model.now_s - said_s;
   on.globalAlpha = strength(age_s);
   mark(on, role, x, y, Boolean(own), MARKER_PX);
+  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
   if (hasLabel) label(on, age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`, x, y - MARKER_PX - 6);
   if (selection?.kind === "agent" && selection.id === id) ring(on, x, y);
 }
@@ -257,7 +265,8 @@ function picked(on, view, { pick, model }, hasFocus) {
     }
   }
   for (const [id, at_x_m, at_y_m, , , root] of model.agents) {
-    if (id === target.agent || (target.root !== undefined && (root === target.root || id === target.root))) ring(on, ...view.toScreen(at_x_m, at_y_m));
+    if (id === target.agent || (target.root !== undefined && (root === target.root || id === target.root)))
+      ring(on, ...view.toScreen(at_x_m, at_y_m));
   }
   if (hasFocus) {
     on.setLineDash([3, 3]);

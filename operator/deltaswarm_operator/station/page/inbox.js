@@ -41,7 +41,8 @@ export class InboxPanel {
       fresh: (item) => Boolean(item[6]),
       roots: (item) => item[3] === "root",
       events: (item) => item[5].length > 0,
-      selected: (item) => (selection?.kind === "agent" ? item[2] === selection.id : selection ? item[5].includes(selection.id) : true),
+      selected: (item) =>
+        selection?.kind === "agent" ? item[2] === selection.id : selection ? item[5].includes(selection.id) : true,
     };
     const wanted = items.filter(filters[this.filter.value] ?? (() => true));
     return wanted.sort(ORDERS[this.order.value] ?? ORDERS["newest"]);
@@ -50,19 +51,30 @@ export class InboxPanel {
   update() {
     const { model } = this.app;
     const wanted = this.wanted();
-    keepRows(this.list, wanted.slice(0, MAX_SHOWN), (item) => String(item[0]), create, (row, item) => {
-      const isRead = model.read.has(item[0]);
-      if (row.dataset["read"] !== String(isRead)) {
-        row.dataset["read"] = String(isRead);
-        const state = row.querySelector(".state");
-        if (state) setText(state, isRead ? "" : item[6] ? "new" : "unread");
-      }
-    });
+    keepRows(
+      this.list,
+      wanted.slice(0, MAX_SHOWN),
+      (item) => String(item[0]),
+      create,
+      (row, item) => {
+        const isRead = model.read.has(item[0]);
+        if (row.dataset["read"] !== String(isRead)) {
+          row.dataset["read"] = String(isRead);
+          const state = row.querySelector(".state");
+          if (state) setText(state, item[6] ? "new" : "");
+          const hint = row.querySelector(".unseen");
+          if (hint) setText(hint, isRead ? "" : "unread: ");
+        }
+      },
+    );
     if (!this.list.querySelector('[tabindex="0"]')) this.list.querySelector("li")?.setAttribute("tabindex", "0");
     const unread = model.picture?.unread ?? 0;
     setText(element("inbox-count"), unread ? `${unread} unread` : "all read");
     const hidden = wanted.length - MAX_SHOWN;
-    setText(element("inbox-note"), hidden > 0 ? `${hidden} more are not shown; filter to see them.` : wanted.length ? "" : "No messages.");
+    setText(
+      element("inbox-note"),
+      hidden > 0 ? `${hidden} more are not shown; filter to see them.` : wanted.length ? "" : "No messages.",
+    );
     document.title = `${unread ? `(${unread}) ` : ""}${model.hello?.title ?? "station"}`;
   }
 
@@ -126,6 +138,13 @@ function rowOf(target) {
 
 /** @param {InboxRow} item */
 function create(item) {
-  const agent = make("b", {}, `agent ${item[2]}`);
-  return make("li", { tabindex: "-1", "data-agent": String(item[2]) }, make("time", {}, clock(item[1])), agent, make("span", { class: "what" }, message(item)), make("span", { class: "state" }));
+  const agent = make("b", {}, make("span", { class: "unseen" }), `agent ${item[2]}`);
+  return make(
+    "li",
+    { tabindex: "-1", "data-agent": String(item[2]) },
+    make("time", {}, clock(item[1])),
+    agent,
+    make("span", { class: "what" }, message(item)),
+    make("span", { class: "state" }),
+  );
 }

@@ -15,7 +15,12 @@ export class IsaPanel {
     this.number = null;
     this.answered = -1;
     const buttons = ANSWERS.map((words, at) => {
-      const made = make("button", { type: "button", "data-answer": String(at + 1) }, make("b", {}, String(at + 1)), words);
+      const made = make(
+        "button",
+        { type: "button", "data-answer": String(at + 1) },
+        make("b", {}, String(at + 1)),
+        words,
+      );
       made.addEventListener("click", () => this.answer(at + 1));
       return made;
     });

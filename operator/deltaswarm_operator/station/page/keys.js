@@ -17,9 +17,19 @@ export class Keys {
     this.isOn = input("shortcuts-on");
     this.isOn.checked = localStorage.getItem(STORED) !== "off";
     this.isOn.addEventListener("change", () => localStorage.setItem(STORED, this.isOn.checked ? "on" : "off"));
-    const lines = [...shortcuts.map(({ keys, words }) => /** @type {[string, string]} */ ([keys.join(" or "), words])), ...others];
+    const lines = [
+      ...shortcuts.map(({ keys, words }) => /** @type {[string, string]} */ ([keys.join(" or "), words])),
+      ...others,
+    ];
     element("help-list").replaceChildren(
-      ...lines.flatMap(([keys, words]) => [make("dt", {}, ...keys.split(" ").map((key) => (key === "or" || key === "to" ? ` ${key} ` : make("kbd", {}, key)))), make("dd", {}, words)]),
+      ...lines.flatMap(([keys, words]) => [
+        make(
+          "dt",
+          {},
+          ...keys.split(" ").map((key) => (key === "or" || key === "to" ? ` ${key} ` : make("kbd", {}, key))),
+        ),
+        make("dd", {}, words),
+      ]),
     );
     button("help-open").addEventListener("click", () => this.help.showModal());
     button("help-close").addEventListener("click", () => this.help.close());

@@ -20,8 +20,26 @@ const OTHERS = ["#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99"
 
 /** @type {{light: Inks, dark: Inks}} */
 const INKS = {
-  light: { ink: "#1b2028", soft: "#6b7480", faint: "#e3e7ec", arena: "#ffffff", outside: "#eef1f4", obstacle: "#c3c9d1", halo: "#ffffff", accent: "#6a1fb5" },
-  dark: { ink: "#eef1f5", soft: "#97a1ad", faint: "#2a313a", arena: "#12161b", outside: "#1b2027", obstacle: "#48525e", halo: "#12161b", accent: "#d3a6ff" },
+  light: {
+    ink: "#1b2028",
+    soft: "#6b7480",
+    faint: "#e3e7ec",
+    arena: "#ffffff",
+    outside: "#eef1f4",
+    obstacle: "#c3c9d1",
+    halo: "#ffffff",
+    accent: "#6a1fb5",
+  },
+  dark: {
+    ink: "#eef1f5",
+    soft: "#97a1ad",
+    faint: "#2a313a",
+    arena: "#12161b",
+    outside: "#1b2027",
+    obstacle: "#48525e",
+    halo: "#12161b",
+    accent: "#d3a6ff",
+  },
 };
 
 /**
@@ -29,7 +47,7 @@ const INKS = {
  * @type {[number, string, number][]}
  */
 export const HEAT = [
-  [10, "below 10 s", 0.5],
+  [10, "10 s", 0.5],
   [60, "1 min", 0.36],
   [300, "5 min", 0.24],
   [900, "15 min", 0.14],
@@ -72,7 +90,15 @@ export const strength = (age_s) => Math.max(0.3, 1 - Math.max(0, age_s - 5) / 12
  * Corners of regular shapes: how many, turned by [turns of a corner].
  * @type {Record<string, [number, number]>}
  */
-const CORNERS = { square: [4, 0.5], diamond: [4, 0], triangle: [3, 0], down: [3, 0.5], pentagon: [5, 0], hexagon: [6, 0], octagon: [8, 0.5] };
+const CORNERS = {
+  square: [4, 0.5],
+  diamond: [4, 0],
+  triangle: [3, 0],
+  down: [3, 0.5],
+  pentagon: [5, 0],
+  hexagon: [6, 0],
+  octagon: [8, 0.5],
+};
 
 /**
  * Trace a marker, to be filled or stroked.
@@ -141,7 +167,10 @@ export function mark(on, role, x, y, own, size) {
 export function markEvent(on, x, y, size) {
   const { ink, halo } = inks();
   on.lineCap = "round";
-  for (const [colour, width] of /** @type {[string, number][]} */ ([[halo, 5], [ink, 2.5]])) {
+  for (const [colour, width] of /** @type {[string, number][]} */ ([
+    [halo, 5],
+    [ink, 2.5],
+  ])) {
     trace(on, "star", x, y, size);
     on.strokeStyle = colour;
     on.lineWidth = width;

@@ -131,7 +131,8 @@ export class MapPanel {
     this.canvas.setPointerCapture(event.pointerId);
     this.pointers.set(event.pointerId, [event.offsetX, event.offsetY]);
     this.hasMoved = this.pointers.size > 1;
-    if (this.app.pick?.kind === "circle" && this.pointers.size === 1) this.app.pick.place(...this.view.toArena(event.offsetX, event.offsetY));
+    if (this.app.pick?.kind === "circle" && this.pointers.size === 1)
+      this.app.pick.place(...this.view.toArena(event.offsetX, event.offsetY));
   }
 
   /** @param {PointerEvent} event */
@@ -144,7 +145,10 @@ export class MapPanel {
     const pick = this.app.pick;
     const other = [...this.pointers].find(([id]) => id !== event.pointerId)?.[1];
     if (other) {
-      const [was, is] = [Math.hypot(before[0] - other[0], before[1] - other[1]), Math.hypot(event.offsetX - other[0], event.offsetY - other[1])];
+      const [was, is] = [
+        Math.hypot(before[0] - other[0], before[1] - other[1]),
+        Math.hypot(event.offsetX - other[0], event.offsetY - other[1]),
+      ];
       this.view.zoom(is / Math.max(was, 1), ...other);
     } else if (pick?.kind === "circle") {
       const { x_m = 0, y_m = 0 } = pick.target();
@@ -184,7 +188,12 @@ export class MapPanel {
     /** @type {Selection | null} */
     let near = null;
     const { agents, events } = this.app.model;
-    for (const [kind, rows] of /** @type {["agent" | "event", [number, number, number][]][]} */ (/** @type {unknown} */ ([["event", events], ["agent", agents]]))) {
+    for (const [kind, rows] of /** @type {["agent" | "event", [number, number, number][]][]} */ (
+      /** @type {unknown} */ ([
+        ["event", events],
+        ["agent", agents],
+      ])
+    )) {
       for (const [id, x_m, y_m] of rows) {
         const [at_x, at_y] = this.view.toScreen(x_m, y_m);
         const distance = Math.hypot(at_x - x, at_y - y);
@@ -239,12 +248,22 @@ export class MapPanel {
     const about = this.hovered ?? selection;
     const pick = this.app.pick?.kind;
     if (!about && (pick === "place" || pick === "circle"))
-      return setText(this.info, pick === "place" ? "Click on the map to choose the place." : "Click on the map to choose the centre; drag to choose the radius.");
+      return setText(
+        this.info,
+        pick === "place"
+          ? "Click on the map to choose the place."
+          : "Click on the map to choose the centre; drag to choose the radius.",
+      );
     if (!about && pick && pick !== "all") return setText(this.info, "Click on an agent on the map to choose.");
     const agent = about?.kind === "agent" ? model.agents.find((row) => row[0] === about.id) : undefined;
     const event = about?.kind === "event" ? model.events.find((row) => row[0] === about.id) : undefined;
-    if (agent) setText(this.info, `Agent ${agent[0]}: ${doing(agent, model.agents, model.events)}, ${seen(agent, model.now_s)}, ${place(agent[1], agent[2])}`);
-    else if (event) setText(this.info, `Event ${event[0]}: ${reported(event, model.now_s)}, ${place(event[1], event[2])}`);
+    if (agent)
+      setText(
+        this.info,
+        `Agent ${agent[0]}: ${doing(agent, model.agents, model.events)}, ${seen(agent, model.now_s)}, ${place(agent[1], agent[2])}`,
+      );
+    else if (event)
+      setText(this.info, `Event ${event[0]}: ${reported(event, model.now_s)}, ${place(event[1], event[2])}`);
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
@@ -256,9 +275,11 @@ export class MapPanel {
     if (key === this.legendOf) return;
     this.legendOf = key;
     const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
-    if (model.agents.some((agent) => !agent[7])) entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
+    if (model.agents.some((agent) => !agent[7]))
+      entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
     if (model.events.length) entries.push(sample("event", (on) => markEvent(on, 10, 10, MARKER_PX)));
-    if (model.hello?.base_m) entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
+    if (model.hello?.base_m)
+      entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
     element("map-legend").replaceChildren(...entries);
     const bands = HEAT.map(([limit, words]) =>
       sample(words, (on) => {
@@ -268,7 +289,7 @@ export class MapPanel {
         on.strokeRect(2.5, 3.5, 15, 13);
       }),
     );
-    element("heat-legend").replaceChildren(make("span", {}, "last heard from there:"), ...bands);
+    element("heat-legend").replaceChildren(make("span", {}, "last word from there within"), ...bands);
   }
 }
 
@@ -283,4 +304,3 @@ function sample(words, paint) {
   if (on) paint(on);
   return make("span", { class: "sample" }, canvas, words);
 }
-

@@ -47,7 +47,9 @@ export class Model {
 
   /** Roots of trees that were reported, whether or not the root itself was heard. */
   get roots() {
-    const roots = new Set(this.agents.flatMap((agent) => (agent[5] >= 0 ? [agent[5]] : agent[3] === "root" ? [agent[0]] : [])));
+    const roots = new Set(
+      this.agents.flatMap((agent) => (agent[5] >= 0 ? [agent[5]] : agent[3] === "root" ? [agent[0]] : [])),
+    );
     return [...roots].sort((a, b) => a - b);
   }
 

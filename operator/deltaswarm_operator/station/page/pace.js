@@ -89,7 +89,10 @@ export class PacePanel {
       part.hidden = !canPace;
     }
     const offered = hello.speeds.includes(this.state.speed) ? hello.speeds : [...hello.speeds, this.state.speed];
-    setOptions(this.speeds, offered.map((value) => [String(value), speed(value)]));
+    setOptions(
+      this.speeds,
+      offered.map((value) => [String(value), speed(value)]),
+    );
     if (document.activeElement !== this.speeds) this.speeds.value = String(this.state.speed);
     const replay = picture?.replay;
     element("replay").hidden = !replay;

@@ -11,11 +11,31 @@ const SCALES = [
   ["mental", "Mental demand", "How mentally demanding was the task?", "very low", "very high"],
   ["physical", "Physical demand", "How physically demanding was the task?", "very low", "very high"],
   ["temporal", "Temporal demand", "How hurried or rushed was the pace of the task?", "very low", "very high"],
-  ["performance", "Performance", "How successful were you in accomplishing what you were asked to do?", "perfect", "failure"],
-  ["effort", "Effort", "How hard did you have to work to accomplish your level of performance?", "very low", "very high"],
-  ["frustration", "Frustration", "How insecure, discouraged, irritated, stressed and annoyed were you?", "very low", "very high"],
+  [
+    "performance",
+    "Performance",
+    "How successful were you in accomplishing what you were asked to do?",
+    "perfect",
+    "failure",
+  ],
+  [
+    "effort",
+    "Effort",
+    "How hard did you have to work to accomplish your level of performance?",
+    "very low",
+    "very high",
+  ],
+  [
+    "frustration",
+    "Frustration",
+    "How insecure, discouraged, irritated, stressed and annoyed were you?",
+    "very low",
+    "very high",
+  ],
 ];
-const PAIRS = SCALES.flatMap((first, at) => SCALES.slice(at + 1).map((second) => /** @type {const} */ ([first, second])));
+const PAIRS = SCALES.flatMap((first, at) =>
+  SCALES.slice(at + 1).map((second) => /** @type {const} */ ([first, second])),
+);
 
 export class TlxPanel {
   /** @param {App} app */
@@ -47,7 +67,9 @@ export class TlxPanel {
     this.answers = JSON.parse(sessionStorage.getItem(STORED) ?? "null") ?? { scales: {}, pairs: {} };
     element("tlx-scales").replaceChildren(...SCALES.map((scale) => this.slider(scale)));
     element("tlx-weights").hidden = !this.asksWeights;
-    element("tlx-pairs").replaceChildren(...(this.asksWeights ? PAIRS.map(([first, second]) => this.pair(first, second)) : []));
+    element("tlx-pairs").replaceChildren(
+      ...(this.asksWeights ? PAIRS.map(([first, second]) => this.pair(first, second)) : []),
+    );
     this.note();
     this.dialog.showModal();
   }
@@ -56,7 +78,14 @@ export class TlxPanel {
   slider([key, title, question, low, high]) {
     const before = this.answers.scales[key];
     const id = `tlx-${key}`;
-    const slider = make("input", { type: "range", id, min: "0", max: "100", step: "5", "aria-describedby": `${id}-question` });
+    const slider = make("input", {
+      type: "range",
+      id,
+      min: "0",
+      max: "100",
+      step: "5",
+      "aria-describedby": `${id}-question`,
+    });
     slider.value = String(before ?? 50);
     slider.dataset["answered"] = String(before !== undefined);
     const shown = make("output", { for: id }, before === undefined ? "–" : String(before));
@@ -71,7 +100,15 @@ export class TlxPanel {
       if (event.key === " " || event.key === "Enter") take();
     });
     const ends = make("div", { class: "ends" }, make("span", {}, low), make("span", {}, high));
-    return make("div", { class: "scale" }, make("label", { for: id }, title), make("p", { id: `${id}-question` }, question), shown, slider, ends);
+    return make(
+      "div",
+      { class: "scale" },
+      make("label", { for: id }, title),
+      make("p", { id: `${id}-question` }, question),
+      shown,
+      slider,
+      ends,
+    );
   }
 
   /**
@@ -95,7 +132,9 @@ export class TlxPanel {
   /** Keep what was filled in, and say what is missing. */
   note() {
     sessionStorage.setItem(STORED, JSON.stringify(this.answers));
-    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) => title.toLowerCase());
+    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) =>
+      title.toLowerCase(),
+    );
     const pairs = this.asksWeights ? PAIRS.length - Object.keys(this.answers.pairs).length : 0;
     const missing = [...open, ...(pairs ? [`${pairs} of ${PAIRS.length} pairs`] : [])];
     button("tlx-send").disabled = missing.length > 0;
@@ -105,8 +144,11 @@ export class TlxPanel {
   send() {
     const { scales, pairs } = this.answers;
     const chosen = Object.values(pairs);
-    const weights = this.asksWeights ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length])) : null;
-    if (!this.app.send({ type: "tlx", scales, weights })) return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
+    const weights = this.asksWeights
+      ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length]))
+      : null;
+    if (!this.app.send({ type: "tlx", scales, weights }))
+      return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
     sessionStorage.removeItem(STORED);
     this.isSent = true;
     this.update();

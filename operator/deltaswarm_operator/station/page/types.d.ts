@@ -7,7 +7,18 @@ export type EventRow = [number, number, number, number, number, number];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
 export type InboxRow = [number, number, number, string, number, number[], boolean | number];
 /** number, name, target in words, arguments, sent [s], heard by, done by, refused by, expires [s], state. */
-export type CommandRow = [number, string, string, Record<string, unknown>, number, number, number, number, number, string];
+export type CommandRow = [
+  number,
+  string,
+  string,
+  Record<string, unknown>,
+  number,
+  number,
+  number,
+  number,
+  number,
+  string,
+];
 /** time [s], rate over 1 s [Hz], rate over 60 s [Hz]. */
 export type HistoryRow = [number, number, number];
 export type Point = [number, number];
@@ -64,7 +75,8 @@ export interface Workload {
   above_s: number[];
 }
 
-export type Probe = { kind: "isa"; number: number; asked_s: number; left_s: number } | { kind: "tlx" } | { kind: "sheet" };
+export type Probe =
+  { kind: "isa"; number: number; asked_s: number; left_s: number } | { kind: "tlx" } | { kind: "sheet" };
 
 export interface Truth {
   agents: [number, number, number, string, number, number][];

@@ -65,7 +65,9 @@ export function doing([id, x_m, y_m, role, parent, root], agents, events) {
   }
   if (role === "member") {
     if (root < 0) return "member of a tree";
-    return parent >= 0 && parent !== root ? `in the tree of agent ${root}, below agent ${parent}` : `in the tree of agent ${root}`;
+    return parent >= 0 && parent !== root
+      ? `in the tree of agent ${root}, below agent ${parent}`
+      : `in the tree of agent ${root}`;
   }
   return role || "role unknown";
 }
@@ -75,7 +77,11 @@ export function doing([id, x_m, y_m, role, parent, root], agents, events) {
  * @param {number} now_s
  */
 export function seen(agent, now_s) {
-  const by = agent[7] ? "seen" : agent[5] >= 0 && agent[5] !== agent[0] ? `named by agent ${agent[5]}` : "named by another agent";
+  const by = agent[7]
+    ? "seen"
+    : agent[5] >= 0 && agent[5] !== agent[0]
+      ? `named by agent ${agent[5]}`
+      : "named by another agent";
   return `${by} ${ago(now_s - agent[6])}`;
 }
 

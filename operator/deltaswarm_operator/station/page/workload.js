@@ -10,6 +10,9 @@ const SHORT = "#0072b2";
 const SHORT_DARK = "#56b4e9";
 const LONG = "#d55e00";
 
+/** Distances of the times below the chart [s]. */
+const TIMES_S = [1, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200];
+
 export class WorkloadPanel {
   /** @param {App} app */
   constructor(app) {
@@ -31,22 +34,42 @@ export class WorkloadPanel {
     this.plot?.destroy();
     const { soft, faint, ink } = inks();
     const short = ink === "#1b2028" ? SHORT : SHORT_DARK;
-    const axis = { stroke: soft, font: "11px system-ui, sans-serif", grid: { stroke: faint, width: 1 }, ticks: { stroke: faint } };
+    const axis = {
+      stroke: soft,
+      font: "11px system-ui, sans-serif",
+      grid: { stroke: faint, width: 1 },
+      ticks: { stroke: faint },
+    };
     const thresholds = this.app.model.hello?.thresholds_hz ?? [];
     const options = {
       ...this.size(),
       legend: { show: false },
       cursor: { show: false },
-      padding: [8, 8, 0, 0],
+      padding: [8, 18, 0, 0],
       scales: {
         x: { time: false },
-        y: { range: (/** @type {uPlot} */ _plot, /** @type {number} */ _low, /** @type {number | null} */ high) => [0, Math.max(high ?? 0, ...thresholds, 1) * 1.1] },
+        y: {
+          range: (/** @type {uPlot} */ _plot, /** @type {number} */ _low, /** @type {number | null} */ high) => [
+            0,
+            Math.max(high ?? 0, ...thresholds, 1) * 1.1,
+          ],
+        },
       },
       axes: [
-        { ...axis, size: 26, space: 60, values: (/** @type {uPlot} */ _plot, /** @type {number[]} */ times) => times.map(clock) },
+        {
+          ...axis,
+          size: 26,
+          space: 60,
+          incrs: TIMES_S,
+          values: (/** @type {uPlot} */ _plot, /** @type {number[]} */ times) => times.map(clock),
+        },
         { ...axis, size: 34 },
       ],
-      series: [{}, { stroke: short, width: 1.2, points: { show: false } }, { stroke: LONG, width: 2.5, points: { show: false } }],
+      series: [
+        {},
+        { stroke: short, width: 1.2, points: { show: false } },
+        { stroke: LONG, width: 2.5, points: { show: false } },
+      ],
       hooks: { draw: [(/** @type {uPlot} */ plot) => this.drawThresholds(plot, thresholds)] },
     };
     this.plot = new uPlot(options, this.columns(), this.where);
@@ -103,4 +126,3 @@ export class WorkloadPanel {
     }
   }
 }
-
