@@ -224,9 +224,15 @@ class Feed:
                     return intent
         raise TimeoutError(f"no intent of type {kind}")
 
+    def hang_up(self) -> None:
+        """Close the channel, also where a thread waits at it."""
+        with contextlib.suppress(OSError):  # the station may have ended
+            self.socket.shutdown(socket.SHUT_RDWR)
+        self.socket.close()
+
     def close(self) -> None:
         """End the station's process, which this one started."""
-        self.socket.close()
+        self.hang_up()
         self.process.terminate()
         self.process.wait(PATIENCE_S)
         if self.process.stdout:

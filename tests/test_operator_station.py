@@ -312,7 +312,7 @@ def test_the_station_ends_after_its_feed(feed: Feed) -> None:
     say(feed, {"type": "picture", "step": 7})
     with browser(feed) as client:
         assert told(client, "picture")["step"] == 7
-        feed.socket.close()
+        feed.hang_up()
         assert told(client, "ended")
         with browser(feed) as late:
             assert [json.loads(late.recv(PATIENCE_S))["type"] for _ in range(3)] == ["hello", "picture", "ended"]

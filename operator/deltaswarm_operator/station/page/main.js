@@ -19,6 +19,7 @@ import { WorkloadPanel } from "./workload.js";
 const LISTS_EVERY_MS = 250;
 const SILENT_MS = 4000;
 const SAID_MS = 6000;
+const ASK_EVERY_MS = 1000;
 
 /** @type {import("./types.js").App} */
 const app = {
@@ -80,8 +81,8 @@ function takeHello(hello) {
 
 /** @param {import("./types.js").Picture} picture */
 function takePicture(picture) {
-  const isMissing = app.model.takePicture(picture);
-  if (isMissing) askForMissing();
+  app.model.takePicture(picture);
+  askForMissing();
   heardAt_ms = performance.now();
   pace.update();
   isa.update();
@@ -92,13 +93,16 @@ function takePicture(picture) {
   showStatus();
 }
 
-let askedAt_ms = -Infinity;
+let askTimer = 0;
 
-/** At most once a second, also where answers get lost. */
+/** At most once a second, and again until an answer has come. */
 function askForMissing() {
-  if (performance.now() - askedAt_ms < 1000) return;
-  askedAt_ms = performance.now();
+  if (askTimer || app.model.isCaughtUp) return;
   link.send({ type: "catch_up" });
+  askTimer = window.setTimeout(() => {
+    askTimer = 0;
+    askForMissing();
+  }, ASK_EVERY_MS);
 }
 
 /** What people read is written four times a second at most: faster cannot be read. */
@@ -155,8 +159,9 @@ function refused(id, why) {
 const link = new Link(take, (nowOpen) => {
   isOpen = nowOpen;
   if (nowOpen) {
-    askedAt_ms = -Infinity;
     app.model.isCaughtUp = false;
+    window.clearTimeout(askTimer);
+    askTimer = 0;
   }
   showStatus();
 });

@@ -23,6 +23,7 @@ export class Model {
     this.read = new Set();
     /** @type {HistoryRow[]} */
     this.history = [];
+    /** Whether no message is missing; else they should be asked for. */
     this.isCaughtUp = false;
     this.newest = -1;
   }
@@ -64,10 +65,7 @@ export class Model {
     return isOther;
   }
 
-  /**
-   * Whether messages are missing, and should be asked for.
-   * @param {Picture} picture
-   */
+  /** @param {Picture} picture */
   takePicture(picture) {
     if (this.picture && picture.time_s < this.picture.time_s) this.forget();
     this.picture = this.picture ? { ...this.picture, ...picture } : picture;
@@ -77,9 +75,8 @@ export class Model {
     if (this.history.length > MAX_HISTORY) this.history.splice(0, this.history.length - MAX_HISTORY);
     const items = picture.inbox ?? [];
     const oldest = items.reduce((least, item) => Math.min(least, item[0]), Infinity);
-    const hasGap = oldest !== Infinity && oldest > this.newest + 1;
+    if (oldest !== Infinity && oldest > this.newest + 1) this.isCaughtUp = false;
     this.addItems(items);
-    return hasGap || !this.isCaughtUp;
   }
 
   /** @param {CatchUp} answer */

@@ -20,7 +20,8 @@ export class SessionPanel {
       if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) this.note();
     });
     button("note-send").addEventListener("click", () => this.note());
-    this.dialog.addEventListener("cancel", (event) => event.preventDefault());
+    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
+    this.dialog.addEventListener("close", () => this.update());
     this.dialog.addEventListener("input", () => this.check());
     byId("sheet-form", HTMLFormElement).addEventListener("submit", (event) => {
       event.preventDefault();

@@ -45,7 +45,8 @@ export class TlxPanel {
     this.isSent = false;
     /** @type {{scales: Record<string, number>, pairs: Record<string, string>}} */
     this.answers = { scales: {}, pairs: {} };
-    this.dialog.addEventListener("cancel", (event) => event.preventDefault());
+    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
+    this.dialog.addEventListener("close", () => this.update());
     button("tlx-send").addEventListener("click", () => this.send());
   }
 
