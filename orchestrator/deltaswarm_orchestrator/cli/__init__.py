@@ -19,6 +19,8 @@ COMMANDS = {
     "study": "answer a question: runs, tests, verdicts and figures on one page",
     "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
+    "station": "open the page of a run that is under way, for the person who watches and commands",
+    "replay": "show a run once more on the station's page, from its recording",
     "info": "show a finished or interrupted run, from its folder",
     "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
