@@ -273,7 +273,7 @@ def test_the_inbox(page: Page) -> None:
     Select(page.at("inbox-order")).select_by_value("oldest")
     shown = page.texts("#inbox-list > li")
     assert len(shown) == 11
-    assert shown[0] == "0:00unread: agent 0root of 3: no eventnew"
+    assert shown[0] == "0:00unread: agent 0root, 3 followers: no eventnew"
     page.at("inbox-all-read").click()
     assert page.asked("read") == {"type": "read", "all": True}
     page.until(lambda: page.text("inbox-count") == "all read")

@@ -88,7 +88,7 @@ export class CommandPanel {
     element("command-circle").hidden = kind !== "circle";
     element("command-trees").hidden = kind !== "tree";
     element("command-agents").hidden = kind !== "agent";
-    const hasFields = this.command !== undefined && kind !== "all";
+    const hasFields = this.command !== undefined && kind !== "all" && !element("panel-commands").hidden;
     this.app.pick = !hasFields
       ? null
       : {

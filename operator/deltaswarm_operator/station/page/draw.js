@@ -12,7 +12,6 @@ import { age, number } from "./words.js";
 const OLD_S = 30;
 const NEW_EVENT_S = 20;
 const LABEL_STRENGTH = 0.75;
-export const MARKER_PX = 6;
 
 /**
  * @param {Canvas} on
@@ -92,19 +91,14 @@ export function roundLength(length_m) {
  * @param {number} now_s
  */
 function warmth(on, view, heat, now_s) {
-  const side = heat.cell_m * view.scale;
   for (let row = 0; row < heat.rows; row += 1) {
     for (let column = 0; column < heat.columns; column += 1) {
       const heard_s = heat.heard_s[row * heat.columns + column] ?? NaN;
       if (Number.isNaN(heard_s)) continue;
-      const [x, y] = view.toScreen(column * heat.cell_m, (row + 1) * heat.cell_m);
+      const [left, bottom] = view.toScreen(column * heat.cell_m, row * heat.cell_m).map(Math.round);
+      const [right, top] = view.toScreen((column + 1) * heat.cell_m, (row + 1) * heat.cell_m).map(Math.round);
       on.fillStyle = heatColour(now_s - heard_s);
-      on.fillRect(
-        Math.round(x),
-        Math.round(y),
-        Math.round(x + side) - Math.round(x),
-        Math.round(y + side) - Math.round(y),
-      );
+      on.fillRect(left ?? 0, top ?? 0, (right ?? 0) - (left ?? 0), (bottom ?? 0) - (top ?? 0));
     }
   }
 }
@@ -186,11 +180,12 @@ function label(on, text, x, y) {
  * @param {Canvas} on
  * @param {number} x
  * @param {number} y
+ * @param {number} size of the marker [px]
  */
-function ring(on, x, y) {
+function ring(on, x, y, size) {
   on.globalAlpha = 1;
   on.beginPath();
-  on.arc(x, y, MARKER_PX + 7, 0, 2 * Math.PI);
+  on.arc(x, y, size + 7, 0, 2 * Math.PI);
   on.strokeStyle = inks().accent;
   on.lineWidth = 3;
   on.stroke();
@@ -207,17 +202,17 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - seen_s;
   on.globalAlpha = strength(age_s);
-  markEvent(on, x, y, MARKER_PX + 1);
+  markEvent(on, x, y, view.marker_px + 1);
   if (model.now_s - first_s < NEW_EVENT_S) {
     on.beginPath();
-    on.arc(x, y, MARKER_PX + 5, 0, 2 * Math.PI);
+    on.arc(x, y, view.marker_px + 5, 0, 2 * Math.PI);
     on.strokeStyle = inks().ink;
     on.lineWidth = 1.5;
     on.stroke();
   }
   on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
-  if (hasLabel) label(on, age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`, x, y + MARKER_PX + 14);
-  if (selection?.kind === "event" && selection.id === id) ring(on, x, y);
+  if (hasLabel) label(on, age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`, x, y + view.marker_px + 14);
+  if (selection?.kind === "event" && selection.id === id) ring(on, x, y, view.marker_px);
 }
 
 /**
@@ -231,10 +226,10 @@ function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, sel
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - said_s;
   on.globalAlpha = strength(age_s);
-  mark(on, role, x, y, Boolean(own), MARKER_PX);
+  mark(on, role, x, y, Boolean(own), view.marker_px);
   on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
-  if (hasLabel) label(on, age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`, x, y - MARKER_PX - 6);
-  if (selection?.kind === "agent" && selection.id === id) ring(on, x, y);
+  if (hasLabel) label(on, age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`, x, y - view.marker_px - 6);
+  if (selection?.kind === "agent" && selection.id === id) ring(on, x, y, view.marker_px);
 }
 
 /**
@@ -266,7 +261,7 @@ function picked(on, view, { pick, model }, hasFocus) {
   }
   for (const [id, at_x_m, at_y_m, , , root] of model.agents) {
     if (id === target.agent || (target.root !== undefined && (root === target.root || id === target.root)))
-      ring(on, ...view.toScreen(at_x_m, at_y_m));
+      ring(on, ...view.toScreen(at_x_m, at_y_m), view.marker_px);
   }
   if (hasFocus) {
     on.setLineDash([3, 3]);

@@ -4,7 +4,7 @@ import { button, dialog, element, input, isTyping, make } from "./dom.js";
 
 const STORED = "deltaswarm-shortcuts";
 
-/** @typedef {{keys: string[], words: string, act: (key: string) => void, always?: boolean}} Shortcut */
+/** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean}} Shortcut */
 
 export class Keys {
   /**
@@ -18,7 +18,9 @@ export class Keys {
     this.isOn.checked = localStorage.getItem(STORED) !== "off";
     this.isOn.addEventListener("change", () => localStorage.setItem(STORED, this.isOn.checked ? "on" : "off"));
     const lines = [
-      ...shortcuts.map(({ keys, words }) => /** @type {[string, string]} */ ([keys.join(" or "), words])),
+      ...shortcuts.map(
+        ({ keys, shown, words }) => /** @type {[string, string]} */ ([shown ?? keys.join(" or "), words]),
+      ),
       ...others,
     ];
     element("help-list").replaceChildren(

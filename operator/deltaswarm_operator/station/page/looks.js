@@ -84,7 +84,7 @@ export function look(role) {
  * How much of its colour is left to what was heard so long ago.
  * @param {number} age_s
  */
-export const strength = (age_s) => Math.max(0.3, 1 - Math.max(0, age_s - 5) / 120);
+export const strength = (age_s) => Math.max(0.4, 1 - Math.max(0, age_s - 5) / 120);
 
 /**
  * Corners of regular shapes: how many, turned by [turns of a corner].
@@ -150,6 +150,11 @@ export function mark(on, role, x, y, own, size) {
     on.lineWidth = 3;
     on.stroke();
     return;
+  }
+  if (!own) {
+    on.strokeStyle = ink;
+    on.lineWidth = 4;
+    on.stroke();
   }
   on.fillStyle = own ? colour : halo;
   on.fill();

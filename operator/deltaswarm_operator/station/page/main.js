@@ -56,12 +56,12 @@ let listsTimer = 0;
 let heardAt_ms = performance.now();
 let isOpen = false;
 
-const tabs = new Tabs();
 const map = new MapPanel(app);
 const workload = new WorkloadPanel(app);
 const inbox = new InboxPanel(app);
 const knowledge = new KnowledgePanel(app);
 const commands = new CommandPanel(app);
+const tabs = new Tabs(() => commands.aim());
 const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
@@ -120,11 +120,12 @@ function showStatus() {
   const { picture, hello } = app.model;
   const isSilent = performance.now() - heardAt_ms > SILENT_MS;
   let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
+  if (!picture) [state, words] = ["silent", "waiting for the run"];
   if (link.hasEnded) [state, words] = ["ended", "the run has ended"];
   else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
   else if (picture?.over) [state, words] = ["ended", "the run is over"];
   else if (pace.state.paused) [state, words] = ["paused", "paused"];
-  else if (isSilent) [state, words] = ["silent", picture ? "nothing new arrives" : "waiting for the run"];
+  else if (picture && isSilent) [state, words] = ["silent", "nothing new arrives"];
   setText(element("status"), words);
   element("status").dataset["state"] = state;
 }
@@ -199,6 +200,7 @@ const shortcuts = [
   { keys: ["?"], words: "this list", act: () => element("help-open").click(), always: true },
   {
     keys: ["1", "2", "3", "4", "5"],
+    shown: "1 to 5",
     words: "answer how busy you are, while you are asked",
     act: (key) => isa.isAsking && isa.answer(Number(key)),
     always: true,

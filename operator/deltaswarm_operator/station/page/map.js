@@ -1,10 +1,10 @@
 /** The map's panel: pan, zoom, select, and choosing where an order goes. */
 
 import { byId, element, input, make, setText } from "./dom.js";
-import { draw, MARKER_PX } from "./draw.js";
+import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
 import { HEAT, heat as heatColour, inks, mark, markBase, markEvent } from "./looks.js";
-import { View } from "./view.js";
+import { LEAST_MARKER_PX as MARKER_PX, View } from "./view.js";
 import { doing, place, reported, seen } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */

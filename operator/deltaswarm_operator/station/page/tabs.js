@@ -3,7 +3,9 @@
 import { element } from "./dom.js";
 
 export class Tabs {
-  constructor() {
+  /** @param {() => void} onShow */
+  constructor(onShow) {
+    this.onShow = onShow;
     /** @type {HTMLElement[]} */
     this.tabs = Array.from(document.querySelectorAll('[role="tab"]'));
     for (const [at, tab] of this.tabs.entries()) {
@@ -26,5 +28,6 @@ export class Tabs {
       tab.tabIndex = isChosen ? 0 : -1;
       element(tab.getAttribute("aria-controls") ?? "").hidden = !isChosen;
     }
+    this.onShow();
   }
 }

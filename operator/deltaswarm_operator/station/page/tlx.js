@@ -127,7 +127,12 @@ export class TlxPanel {
       });
       return make("label", {}, radio, title);
     });
-    return make("fieldset", { class: "pair" }, make("legend", {}, "weighed more"), ...choices);
+    return make(
+      "fieldset",
+      { class: "pair" },
+      make("legend", { class: "unseen" }, `${first[1]} or ${second[1].toLowerCase()}`),
+      ...choices,
+    );
   }
 
   /** Keep what was filled in, and say what is missing. */

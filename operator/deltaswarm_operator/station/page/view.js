@@ -1,6 +1,7 @@
 /** Which part of the arena the map shows: metres with y upwards, pixels with y downwards. */
 
 const MARGIN_PX = 26;
+export const LEAST_MARKER_PX = 6;
 const MOST_PX_PER_M = 400;
 
 export class View {
@@ -11,6 +12,11 @@ export class View {
     this.left = 0;
     this.top = 0;
     this.isFitted = false;
+  }
+
+  /** How large an agent is drawn: larger on a large screen. */
+  get marker_px() {
+    return Math.min(9, Math.max(LEAST_MARKER_PX, Math.min(this.width, this.height) / 100));
   }
 
   /**

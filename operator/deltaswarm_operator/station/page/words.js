@@ -103,7 +103,7 @@ export const place = (x_m, y_m) => `(${number(x_m)}, ${number(y_m)}) m`;
 /** @param {InboxRow} item */
 export function message([, , , role, followers, events]) {
   const what = events.length ? `${events.length > 1 ? "events" : "event"} ${events.join(", ")}` : "no event";
-  const who = followers > 0 ? `${role} of ${followers}` : role;
+  const who = followers > 0 ? `${role}, ${count(followers, "follower")}` : role;
   return who ? `${who}: ${what}` : what;
 }
 
