@@ -30,7 +30,8 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose, Report
+from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose
+from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.truth import Tally
 from tests import strategies

@@ -17,7 +17,7 @@ import tomli_w
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, Relocating, decode
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.keys import Keys, parse_agent_key, parse_token
-from deltaswarm_wire.messages import Report, decode_report
+from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.session import use_one_worker_thread
 from tests.swarms import PATIENCE_S, wait_until
 

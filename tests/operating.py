@@ -13,14 +13,7 @@ from typing import Any, Self, cast
 
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
-from deltaswarm_wire.messages import (
-    Clock,
-    Forwarded,
-    Report,
-    Workload,
-    encode_clock,
-    encode_forwarded,
-)
+from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.session import (
     PASSWORD_VARIABLE,

@@ -11,6 +11,27 @@ from hypothesis import strategies as st
 from deltaswarm_agent.controllers.paper import frames as paper
 from deltaswarm_wire import envelope, messages, truth
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
+from deltaswarm_wire.operator_messages import (
+    STATUS_PHASES,
+    Clock,
+    Forwarded,
+    Health,
+    Report,
+    Status,
+    Workload,
+    decode_clock,
+    decode_forwarded,
+    decode_health,
+    decode_report,
+    decode_status,
+    decode_workload,
+    encode_clock,
+    encode_forwarded,
+    encode_health,
+    encode_report,
+    encode_status,
+    encode_workload,
+)
 
 agents = st.integers(0, MAX_AGENT_ID)
 ids = st.integers(0, MAX_ID)
@@ -58,7 +79,7 @@ samples = st.builds(
     envelope.Sample, ids, st.binary(max_size=60), tuples_of(st.binary(max_size=20), envelope.MAX_COMMANDS)
 )
 reports = st.builds(
-    messages.Report,
+    Report,
     agents,
     steps,
     steps,
@@ -69,11 +90,18 @@ reports = st.builds(
     tuples_of(events, 6),
 )
 printable = st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=20)
-healths = st.builds(messages.Health, printable)
-clocks = st.builds(messages.Clock, steps, times_s, st.booleans())
-workloads = st.builds(messages.Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
+healths = st.builds(Health, printable)
+clocks = st.builds(Clock, steps, times_s, st.booleans())
+workloads = st.builds(Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
 statuses = st.builds(
-    messages.Status, steps, steps, times_s, agents, agents, times_s, st.sampled_from(messages.STATUS_PHASES)
+    Status,
+    steps,
+    steps,
+    times_s,
+    agents,
+    agents,
+    times_s,
+    st.sampled_from(STATUS_PHASES),
 )
 
 _heads = (agents, centimetres, centimetres)
@@ -152,18 +180,46 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
 FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
 _ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", "role", "level", "parent", "root", "until")
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
-REPORT = Codec("report", reports, messages.encode_report, messages.decode_report, _in_map(messages.Report._fields))
-HEALTH = Codec("health", healths, messages.encode_health, messages.decode_health, _in_map(messages.Health._fields))
-CLOCK = Codec("clock", clocks, messages.encode_clock, messages.decode_clock, _in_map(messages.Clock._fields))
-WORKLOAD = Codec(
-    "workload", workloads, messages.encode_workload, messages.decode_workload, _in_map(messages.Workload._fields)
+REPORT = Codec(
+    "report",
+    reports,
+    encode_report,
+    decode_report,
+    _in_map(Report._fields),
 )
-STATUS = Codec("status", statuses, messages.encode_status, messages.decode_status, _in_map(messages.Status._fields))
+HEALTH = Codec(
+    "health",
+    healths,
+    encode_health,
+    decode_health,
+    _in_map(Health._fields),
+)
+CLOCK = Codec(
+    "clock",
+    clocks,
+    encode_clock,
+    decode_clock,
+    _in_map(Clock._fields),
+)
+WORKLOAD = Codec(
+    "workload",
+    workloads,
+    encode_workload,
+    decode_workload,
+    _in_map(Workload._fields),
+)
+STATUS = Codec(
+    "status",
+    statuses,
+    encode_status,
+    decode_status,
+    _in_map(Status._fields),
+)
 FORWARDED = Codec(
     "forwarded",
-    st.builds(messages.Forwarded, ids, steps, st.binary(max_size=60)),
-    messages.encode_forwarded,
-    messages.decode_forwarded,
+    st.builds(Forwarded, ids, steps, st.binary(max_size=60)),
+    encode_forwarded,
+    decode_forwarded,
     {"sequence": 1, "step": 2},
 )
 SENDER = 7

@@ -15,18 +15,16 @@ from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import (
     FREE,
     MAX_POSES,
-    MAX_REPORTED,
     MAX_ROLE,
     MAX_SENSED,
     MAX_SPEED_MPS,
     Event,
     Frame,
     Heard,
-    Report,
     Standing,
     decode_act,
-    decode_report,
 )
+from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_report
 
 ME = 7
 

@@ -16,7 +16,8 @@ from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import RADIO, REPORT, Keys
-from deltaswarm_wire.messages import MAX_REPORTED, Event, Report, encode_report
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, encode_report
 from tests.boards import tls_arguments
 from tests.cable import cable
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port

@@ -9,13 +9,30 @@ import pytest
 
 from deltaswarm_agent import process, shell
 from deltaswarm_agent.board import inbox
-from deltaswarm_wire import access, codec, envelope, keys, messages, session, settings
+from deltaswarm_wire import access, codec, envelope, keys, messages, operator_messages, session, settings
 from deltaswarm_wire.envelope import Sample
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.messages import Act, Clock, Event, Frame, Health, Report, Standing, Status, Workload
+from deltaswarm_wire.messages import Act, Event, Frame, Standing
+from deltaswarm_wire.operator_messages import (
+    Clock,
+    Health,
+    Report,
+    Status,
+    Workload,
+    decode_clock,
+    decode_health,
+    decode_report,
+    decode_status,
+    decode_workload,
+    encode_clock,
+    encode_health,
+    encode_report,
+    encode_status,
+    encode_workload,
+)
 from tests.annotating import Example, Page, Shape, assert_is_the_codes, message
 
-SOURCES = (access, codec, envelope, messages, session, settings, shell, inbox, process)
+SOURCES = (access, codec, envelope, messages, operator_messages, session, settings, shell, inbox, process)
 
 _EVENTS = Shape("events", Event._fields, "nested")
 _SAMPLE = Sample(77, bytes.fromhex("93 03 cd 13 88 cd 10 68"))
@@ -56,26 +73,32 @@ EXAMPLES = {
     ),
     "report": Example(
         Report(4, 31, 12, "root", 50.25, 48.0, 2, (Event(3, 52.5, 47.0),)),
-        messages.encode_report,
-        messages.decode_report,
+        encode_report,
+        decode_report,
         message("report", Report._fields, events=_EVENTS),
     ),
     "health": Example(
-        Health("no battery"), messages.encode_health, messages.decode_health, message("health", Health._fields)
+        Health("no battery"),
+        encode_health,
+        decode_health,
+        message("health", Health._fields),
     ),
     "clock": Example(
-        Clock(12, 12.0, False), messages.encode_clock, messages.decode_clock, message("clock", Clock._fields)
+        Clock(12, 12.0, False),
+        encode_clock,
+        decode_clock,
+        message("clock", Clock._fields),
     ),
     "status": Example(
         Status(12, 9000, 12.0, 25, 11, 24.5, "running"),
-        messages.encode_status,
-        messages.decode_status,
+        encode_status,
+        decode_status,
         message("status", Status._fields),
     ),
     "workload": Example(
         Workload(12, 12.0, 4, 4, 4.0, 3.5, 0.0, 0, 0, 0),
-        messages.encode_workload,
-        messages.decode_workload,
+        encode_workload,
+        decode_workload,
         message("workload", Workload._fields),
     ),
 }

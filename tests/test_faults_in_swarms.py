@@ -12,7 +12,8 @@ from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.messages import Clock, Frame
+from deltaswarm_wire.messages import Frame
+from deltaswarm_wire.operator_messages import Clock
 from deltaswarm_wire.truth import DROP_REASONS, Tally
 from tests.cores import paper, swarm
 

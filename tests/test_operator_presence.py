@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from deltaswarm_operator.lives import RETURNS
 from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.messages import MAX_REPORTED, Event, Health, Report, encode_health, encode_report
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 

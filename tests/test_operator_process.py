@@ -11,13 +11,7 @@ import pytest
 
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.keys import REPORT
-from deltaswarm_wire.messages import (
-    Clock,
-    Forwarded,
-    Workload,
-    decode_workload,
-    encode_report,
-)
+from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
 from deltaswarm_wire.session import (
     use_one_worker_thread,
 )
@@ -262,7 +256,7 @@ ROUTER = """
 import sys
 import zenoh
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
-from deltaswarm_wire.messages import Clock, decode_workload, encode_clock
+from deltaswarm_wire.operator_messages import Clock, decode_workload, encode_clock
 from deltaswarm_wire.session import RouterLink, configured, router_pairs
 
 endpoint, credentials, with_token = sys.argv[1:]

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from deltaswarm_operator.workload import SlidingRate, WorkloadMeter
 from deltaswarm_wire import digest
 from deltaswarm_wire.digest import Digest
-from deltaswarm_wire.messages import (
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import (
     Clock,
-    Event,
     Forwarded,
     Report,
     Workload,

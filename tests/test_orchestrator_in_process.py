@@ -8,7 +8,8 @@ from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.envelope import decode_sample
-from deltaswarm_wire.messages import decode_act, decode_report
+from deltaswarm_wire.messages import decode_act
+from deltaswarm_wire.operator_messages import decode_report
 from tests.cores import play, swarm
 
 

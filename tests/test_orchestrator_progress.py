@@ -7,7 +7,7 @@ import pytest
 
 from deltaswarm_orchestrator.run import progress
 from deltaswarm_orchestrator.run.progress import Display
-from deltaswarm_wire.messages import Status
+from deltaswarm_wire.operator_messages import Status
 
 
 def test_a_speed_is_told_when_there_was_time_to_measure_it(

@@ -19,7 +19,8 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
-from deltaswarm_wire.messages import MAX_TIME_S, Event, Report, Workload
+from deltaswarm_wire.messages import MAX_TIME_S, Event
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Tally, Truth
 from tests.swarms import PATIENCE_S

@@ -26,7 +26,7 @@ from deltaswarm_orchestrator.run.results import (
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
-from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
 from tests.strategies import event_states, tallies, workloads

@@ -1,7 +1,8 @@
 """The messages of a recording: complete, and under the names by which viewers know them."""
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, NET_FIELDS, OURS, STATE_FIELDS, TOPICS
-from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.truth import Body, EventState, Tally
 
 

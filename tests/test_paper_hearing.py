@@ -13,7 +13,8 @@ from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.shell import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import Event, decode_act, decode_report, encode_act, encode_report
+from deltaswarm_wire.messages import Event, decode_act, encode_act
+from deltaswarm_wire.operator_messages import decode_report, encode_report
 from tests.cores import (
     INSIDE,
     ME,

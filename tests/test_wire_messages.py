@@ -11,6 +11,16 @@ from deltaswarm_wire import messages
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_RADIO_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Event, Frame, decode_frame, encode_frame
+from deltaswarm_wire.operator_messages import (
+    MAX_FAULT,
+    MAX_REPORTED,
+    Health,
+    Report,
+    decode_health,
+    decode_report,
+    encode_health,
+    encode_report,
+)
 from deltaswarm_world.core import HEARD_BYTES
 from tests.strategies import (
     CODECS,
@@ -122,18 +132,18 @@ def test_an_oversized_frame_is_refused(heard: tuple[messages.Heard, ...], said: 
 def test_the_longest_report_is_far_below_the_limit() -> None:
     """A root that knows more events reports the first MAX_REPORTED."""
     event = Event(2**32 - 1, -1e6, 1e6)
-    full = messages.Report(65535, 2**32 - 1, 2**32 - 1, "attending", -1e6, 1e6, 65535, (event,) * 64)
-    assert len(messages.encode_report(full)) < MAX_SAMPLE_BYTES / 10
-    more = full._replace(events=(event,) * (messages.MAX_REPORTED + 1))
+    full = Report(65535, 2**32 - 1, 2**32 - 1, "attending", -1e6, 1e6, 65535, (event,) * 64)
+    assert len(encode_report(full)) < MAX_SAMPLE_BYTES / 10
+    more = full._replace(events=(event,) * (MAX_REPORTED + 1))
     with pytest.raises(WireError, match=r"^report\.events: 65 items, at most 64"):
-        messages.decode_report(messages.encode_report(more))
+        decode_report(encode_report(more))
 
 
 @given(st.text())
 def test_whatever_a_body_says_of_itself_can_be_sent(fault: str) -> None:
     """On one line, and cut to its length; nothing of it can pass for another line in the operator's log."""
-    sent = messages.decode_health(messages.encode_health(messages.Health(fault))).fault
-    assert len(sent) == min(len(fault), messages.MAX_FAULT)
+    sent = decode_health(encode_health(Health(fault))).fault
+    assert len(sent) == min(len(fault), MAX_FAULT)
     assert len(sent.splitlines()) <= 1
     assert all(new in (old, " ") for old, new in zip(fault, sent, strict=False))
 
@@ -141,7 +151,7 @@ def test_whatever_a_body_says_of_itself_can_be_sent(fault: str) -> None:
 def test_a_word_of_health_with_control_characters_is_refused() -> None:
     """It would be written into a log and on a terminal."""
     with pytest.raises(WireError, match="printable characters are allowed"):
-        messages.decode_health(msgpack.packb({"v": PROTOCOL_VERSION, "fault": "well\x1b[2J\nagent 4 is there"}))
+        decode_health(msgpack.packb({"v": PROTOCOL_VERSION, "fault": "well\x1b[2J\nagent 4 is there"}))
 
 
 def test_a_frame_is_not_an_act() -> None:

@@ -8,7 +8,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire.access import world_rules
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.messages import Report, encode_report
+from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES, UplinkSettings
 

@@ -4,7 +4,8 @@ from typing import Any
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.messages import Act, Frame, Report, Standing, encode_act, encode_report
+from deltaswarm_wire.messages import Act, Frame, Standing, encode_act
+from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world.core import WorldCore

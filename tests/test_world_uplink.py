@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Act, Report, Standing, encode_act, encode_report
+from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS

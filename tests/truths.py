@@ -10,7 +10,8 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from deltaswarm_orchestrator.recording.recorder import RECORDING, Recorder
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.messages import NOBODY, Event, Report, Workload
+from deltaswarm_wire.messages import NOBODY, Event
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, Body, EventState, Tally, Truth
 

@@ -76,7 +76,7 @@ class Percept(NamedTuple):
 class OperatorReport(NamedTuple):
     """One message for the operator: events that the agent tells of, and how many agents it speaks for besides itself.
 
-    At most 64 events are sent (`messages.MAX_REPORTED`).
+    At most 64 events are sent (`operator_messages.MAX_REPORTED`).
     """
 
     events: tuple[Event, ...]

@@ -7,17 +7,8 @@ from typing import NamedTuple
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import (
-    MAX_REPORTED,
-    Act,
-    Frame,
-    Heard,
-    Pose,
-    Report,
-    decode_report,
-    encode_act,
-    encode_report,
-)
+from deltaswarm_wire.messages import Act, Frame, Heard, Pose, encode_act
+from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_report, encode_report
 from deltaswarm_wire.plugins import described
 
 FORGET_SENDER_S = 20.0

@@ -13,7 +13,7 @@ from deltaswarm_operator.presence import OpenAirMeter
 from deltaswarm_operator.process import stop_on_signals
 from deltaswarm_operator.waiting import Arrival, Inbox, sender_of, whose_key
 from deltaswarm_wire.keys import AGENT, Keys, parse_token
-from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings
 

@@ -11,7 +11,7 @@ from typing import Any
 from deltaswarm_operator.lives import Lives
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
-from deltaswarm_wire.messages import Clock, Report, Workload, decode_health, decode_report
+from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_health, decode_report
 from deltaswarm_wire.settings import OperatorSettings
 
 MAX_SENT_S = 1e11

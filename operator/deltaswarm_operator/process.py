@@ -16,7 +16,7 @@ from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
-from deltaswarm_wire.messages import Workload, decode_clock, encode_workload
+from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import OperatorSettings

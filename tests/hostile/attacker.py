@@ -14,7 +14,8 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.process import AgentConfig
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
-from deltaswarm_wire.messages import Act, Report, Standing, encode_act, encode_report
+from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.session import client_pairs, configured
 
 WHO, AT_STEP = 3, 60

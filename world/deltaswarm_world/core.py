@@ -12,17 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
-from deltaswarm_wire.messages import (
-    FRAME_ROOM_BYTES,
-    MAX_SENSED,
-    NOBODY,
-    SENSED_BYTES,
-    Event,
-    Forwarded,
-    Frame,
-    Heard,
-    Standing,
-)
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, Standing
+from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, Body, Said, Tally, Truth

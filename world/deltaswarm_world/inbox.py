@@ -12,7 +12,8 @@ from deltaswarm_wire import keys
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
 from deltaswarm_wire.envelope import decode_sample
-from deltaswarm_wire.messages import Act, Report, decode_act, decode_report
+from deltaswarm_wire.messages import Act, decode_act
+from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.truth import Said
 from deltaswarm_world.lockstep import LockStep

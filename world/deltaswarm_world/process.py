@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.messages import Clock, Status, encode_clock, encode_forwarded
+from deltaswarm_wire.operator_messages import Clock, Status, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
 from deltaswarm_world import saving

@@ -9,7 +9,8 @@ from contextlib import suppress
 from typing import Protocol
 
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
-from deltaswarm_wire.messages import Frame, Status, encode_frame, encode_status
+from deltaswarm_wire.messages import Frame, encode_frame
+from deltaswarm_wire.operator_messages import Status, encode_status
 from deltaswarm_wire.orders import ProcessOrder, encode_order, encode_save
 from deltaswarm_wire.session import RouterLink, configured, router_pairs, use_one_worker_thread
 

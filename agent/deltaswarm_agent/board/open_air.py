@@ -14,7 +14,8 @@ from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
-from deltaswarm_wire.messages import Health, Heard, encode_health
+from deltaswarm_wire.messages import Heard
+from deltaswarm_wire.operator_messages import Health, encode_health
 from deltaswarm_wire.session import configured, use_one_worker_thread
 
 use_one_worker_thread()

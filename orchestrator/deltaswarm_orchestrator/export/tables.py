@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.export.snapshots import Film
-from deltaswarm_wire.messages import NOBODY, Workload
+from deltaswarm_wire.messages import NOBODY
+from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.truth import Body, EventState
 
 

@@ -11,7 +11,8 @@ from mcap.records import Attachment, McapRecord, Metadata
 
 from deltaswarm_orchestrator.recording.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
 from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
-from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.truth import EventState, Tally
 
 

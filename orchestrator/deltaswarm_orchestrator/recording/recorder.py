@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.recording.records import records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
 from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
 from deltaswarm_orchestrator.room import RoomError, no_room, room_for
-from deltaswarm_wire.messages import Report, Workload
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 

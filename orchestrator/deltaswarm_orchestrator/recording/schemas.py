@@ -16,7 +16,8 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
-from deltaswarm_wire.messages import Event, Report, Workload
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally
 
 ROOT_FRAME = "world"

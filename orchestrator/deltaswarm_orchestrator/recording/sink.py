@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol
 
-from deltaswarm_wire.messages import Report, Workload
+from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.truth import Truth
 
 

@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run.reporter import Quiet, Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_wire.keys import WORLD
-from deltaswarm_wire.messages import Clock, Status
+from deltaswarm_wire.operator_messages import Clock, Status
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally

@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.digest import RADIO
 from deltaswarm_wire.keys import RECORDER, WORLD, Keys
-from deltaswarm_wire.messages import (
+from deltaswarm_wire.operator_messages import (
     Report,
     Status,
     Workload,

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from deltaswarm_wire.messages import Status
+from deltaswarm_wire.operator_messages import Status
 
 LINE_EVERY_S = 10.0
 SPEED_OVER_S = 0.5

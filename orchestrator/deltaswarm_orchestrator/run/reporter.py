@@ -2,7 +2,7 @@
 
 from typing import Protocol
 
-from deltaswarm_wire.messages import Status
+from deltaswarm_wire.operator_messages import Status
 
 
 class Reporter(Protocol):

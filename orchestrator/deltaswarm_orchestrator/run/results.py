@@ -15,7 +15,7 @@ from deltaswarm_orchestrator import provenance
 from deltaswarm_wire import digest
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
-from deltaswarm_wire.messages import Workload
+from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally

@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
 from deltaswarm_orchestrator.run.info import read_run
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
-from deltaswarm_wire.messages import Clock
+from deltaswarm_wire.operator_messages import Clock
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 

@@ -22,7 +22,8 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, MEMBER, ORPHAN, RELOCATING, ROOT, WALKING, State
 from deltaswarm_agent.controllers.paper.walk import towards
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.messages import MAX_REPORTED, NOBODY, Event, Standing
+from deltaswarm_wire.messages import NOBODY, Event, Standing
+from deltaswarm_wire.operator_messages import MAX_REPORTED
 
 _SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
 

@@ -1,0 +1,217 @@
+"""The messages that the operator, tools and people read: report (also forwarded), health, clock, workload, status.
+
+They are few, so all but a forwarded report are maps with named fields.
+"""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+from deltaswarm_wire.codec import (
+    MAX_ABS_M,
+    MAX_AGENT_ID,
+    MAX_ID,
+    MAX_STEP,
+    PROTOCOL_VERSION,
+    WireError,
+    array,
+    boolean,
+    fields,
+    integer,
+    number,
+    pack,
+    text,
+    unpack,
+    version,
+)
+from deltaswarm_wire.messages import MAX_TIME_S, Event, read_events, role_name
+
+MAX_REPORTED = 64
+"""Events in one report."""
+
+
+class Report(NamedTuple):
+    """One message for the human operator.
+
+    Under the paper's control a free agent reports the event that it observes; a root what its tree knows of.
+    """
+
+    agent: int
+    sequence: int
+    step: int
+    role: str
+    x_m: float
+    y_m: float
+    followers: int
+    events: tuple[Event, ...]
+
+
+_REPORT_FIELDS = ("agent", "sequence", "step", "role", "x_m", "y_m", "followers", "events")
+
+
+def encode_report(report: Report) -> bytes:
+    """A map with the fields of `Report` and the version `v`."""
+    return pack({"v": PROTOCOL_VERSION, **report._asdict()})
+
+
+@lru_cache(maxsize=128)  # in one process the agent's shell and the operator decode the same
+def decode_report(data: bytes) -> Report:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data), _REPORT_FIELDS, "report")
+    return Report(
+        integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),
+        integer(raw["sequence"], 0, MAX_STEP, "report.sequence"),
+        integer(raw["step"], 0, MAX_STEP, "report.step"),
+        role_name(raw["role"], "report.role"),
+        number(raw["x_m"], -MAX_ABS_M, MAX_ABS_M, "report.x_m"),
+        number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
+        integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),
+        read_events(raw["events"], MAX_REPORTED, "report.events"),
+    )
+
+
+class Forwarded(NamedTuple):
+    """A report that came through the uplink in a step, as the world hands it to the operator.
+
+    The sequence is the world's own, so that what the fabric loses is told from what the uplink does.
+    """
+
+    sequence: int
+    step: int
+    report: bytes
+
+
+def encode_forwarded(forwarded: Forwarded) -> bytes:
+    """`[version, sequence, step, report as its agent encoded it]`."""
+    return pack((PROTOCOL_VERSION, *forwarded))
+
+
+def decode_forwarded(data: bytes) -> Forwarded:
+    """Check and decode; the report in it is checked by who decodes that. Raises WireError."""
+    known, sequence, step, report = array(unpack(data), 4, "forwarded")
+    version(known)
+    if type(report) is not bytes:
+        raise WireError("forwarded.report", "bytes are expected")
+    return Forwarded(
+        integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
+    )
+
+
+class Health(NamedTuple):
+    """How an agent's body is, in open air: `fault` says in a few words what is wrong, and nothing if it is well."""
+
+    fault: str
+
+
+MAX_FAULT = 200
+"""Characters."""
+
+
+def encode_health(health: Health) -> bytes:
+    """A map with the field of `Health`, as one line of `MAX_FAULT` characters, and the version `v`."""
+    fault = "".join(character if character.isprintable() else " " for character in health.fault[:MAX_FAULT])
+    return pack({"v": PROTOCOL_VERSION, "fault": fault})
+
+
+def decode_health(data: bytes) -> Health:
+    """Check and decode. Raises WireError."""
+    fault = text(fields(unpack(data), Health._fields, "health")["fault"], "health.fault", MAX_FAULT)
+    if not fault.isprintable():
+        raise WireError("health.fault", "printable characters are allowed")
+    return Health(fault)
+
+
+class Clock(NamedTuple):
+    """Step `step` is closed: whatever was sent in it has been forwarded before this."""
+
+    step: int
+    time_s: float
+    last: bool
+
+
+_CLOCK_FIELDS = Clock._fields
+
+
+def encode_clock(clock: Clock) -> bytes:
+    """A map with the fields of `Clock` and the version `v`."""
+    return pack({"v": PROTOCOL_VERSION, **clock._asdict()})
+
+
+def decode_clock(data: bytes) -> Clock:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data), _CLOCK_FIELDS, "clock")
+    return Clock(
+        integer(raw["step"], 0, MAX_STEP, "clock.step"),
+        number(raw["time_s"], 0.0, MAX_TIME_S, "clock.time_s"),
+        boolean(raw["last"], "clock.last"),
+    )
+
+
+class Workload(NamedTuple):
+    """What the operator counted in one closed step; rates are over simulated time."""
+
+    step: int
+    time_s: float
+    messages: int
+    senders: int
+    rate_1s_hz: float
+    rate_60s_hz: float
+    time_above_s: float
+    backlog: int
+    lost: int
+    rejected: int
+
+
+_WORKLOAD_COUNTS = ("messages", "senders", "backlog", "lost", "rejected")
+
+
+def encode_workload(workload: Workload) -> bytes:
+    """A map with the fields of `Workload` and the version `v`."""
+    return pack({"v": PROTOCOL_VERSION, **workload._asdict()})
+
+
+def decode_workload(data: bytes) -> Workload:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data), Workload._fields, "workload")
+    counts = {name: integer(raw[name], 0, MAX_ID, f"workload.{name}") for name in _WORKLOAD_COUNTS}
+    return Workload(
+        step=integer(raw["step"], 0, MAX_STEP, "workload.step"),
+        time_s=number(raw["time_s"], 0.0, MAX_TIME_S, "workload.time_s"),
+        rate_1s_hz=number(raw["rate_1s_hz"], 0.0, MAX_ID, "workload.rate_1s_hz"),
+        rate_60s_hz=number(raw["rate_60s_hz"], 0.0, MAX_ID, "workload.rate_60s_hz"),
+        time_above_s=number(raw["time_above_s"], 0.0, MAX_TIME_S, "workload.time_above_s"),
+        **counts,
+    )
+
+
+class Status(NamedTuple):
+    """A sign of life of the world for people who wait: about once per wall second, never in a digest."""
+
+    step: int
+    steps: int
+    time_s: float
+    agents_alive: int
+    agents_in_trees: int
+    mean_waiting_s: float
+    phase: str
+
+
+STATUS_PHASES = ("waiting", "running", "ended")
+
+
+def encode_status(status: Status) -> bytes:
+    """A map with the fields of `Status` and the version `v`."""
+    return pack({"v": PROTOCOL_VERSION, **status._asdict()})
+
+
+def decode_status(data: bytes) -> Status:
+    """Check and decode. Raises WireError."""
+    raw = fields(unpack(data), Status._fields, "status")
+    return Status(
+        integer(raw["step"], 0, MAX_STEP, "status.step"),
+        integer(raw["steps"], 0, MAX_STEP, "status.steps"),
+        number(raw["time_s"], 0.0, MAX_TIME_S, "status.time_s"),
+        integer(raw["agents_alive"], 0, MAX_AGENT_ID, "status.agents_alive"),
+        integer(raw["agents_in_trees"], 0, MAX_AGENT_ID, "status.agents_in_trees"),
+        number(raw["mean_waiting_s"], 0.0, MAX_TIME_S, "status.mean_waiting_s"),
+        text(raw["phase"], "status.phase", allowed=STATUS_PHASES),
+    )
