@@ -1,4 +1,4 @@
-"""The shell around a controller: hears, numbers and encodes, and holds the controller to what it may return."""
+"""The shell around a controller: decodes, numbers and encodes messages, and checks what the controller returns."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -12,27 +12,27 @@ from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_repor
 from deltaswarm_wire.plugins import described
 
 FORGET_SENDER_S = 20.0
-"""A sender unheard for this long may begin its counter anew."""
+"""After this silence a sender may restart its counter."""
 
 
 _opened = lru_cache(maxsize=256)(decode_sample)
-"""In one process with others, a frame that many hear is opened once."""
+"""Caches a frame with many receivers in one process."""
 
 
 class Outbound(NamedTuple):
-    """What an agent sends in one step; the act closes it."""
+    """An agent's output in one step; the act closes it."""
 
     act: Act
     act_bytes: bytes
     counter: int
-    """The radio frame's, if there is one."""
+    """The radio frame's counter, if there is a frame."""
     radio: bytes | None
     report: Report | None
     report_bytes: bytes | None
 
 
 class Receiver:
-    """Takes radio frames out of their envelopes; of each sender it keeps the newest."""
+    """Decodes the envelopes of radio frames and keeps the newest frame of each sender."""
 
     def __init__(self, agent: int, step_s: float) -> None:
         self.rejected = 0
@@ -42,7 +42,7 @@ class Receiver:
         self._newest: dict[int, tuple[int, int]] = {}
 
     def newest_of(self, heard: Sequence[Heard], now: int) -> list[tuple[int, bytes]]:
-        """Of each sender its newest payload, in sender order; late and duplicate frames are dropped."""
+        """Return the newest payload of each sender, in sender order, without late and duplicate frames."""
         newest: dict[int, bytes] = {}
         known = self._newest
         for sender, data in heard:
@@ -60,7 +60,7 @@ class Receiver:
 
 
 class Shell:
-    """One agent without its edges. `step` is its one mutating method."""
+    """One agent without input and output. `step` is its only mutating method."""
 
     def __init__(self, agent: int, step_s: float, controller: Controller) -> None:
         self.agent = agent
@@ -71,12 +71,12 @@ class Shell:
 
     @property
     def rejected_frames(self) -> int:
-        """Frames heard whose envelope broke the protocol."""
+        """Received frames with an invalid envelope."""
         return self._receiver.rejected
 
     @property
     def counts(self) -> str:
-        """What was dropped, for a log: frames whose envelope broke the protocol, and the controller's own counts."""
+        """Counts for the log: frames with an invalid envelope, and the controller's own counts."""
         own = getattr(self.controller, "counts", {})
         return ", ".join(
             f"{name} {count}" for name, count in {"rejected_envelopes": self.rejected_frames, **own}.items()
@@ -86,7 +86,7 @@ class Shell:
         """Decide. Frames come in order of their steps; steps may be missing between them.
 
         Raises:
-            ControllerError: the controller raised, or returned what it may not.
+            ControllerError: the controller raised, or returned an invalid decision.
         """
         step, time_s, _, x_m, y_m, poses, events, heard = frame
         frames = self._receiver.newest_of(heard, step) if heard else []
@@ -101,7 +101,7 @@ class Shell:
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
     def _outbound(self, act: Act, decision: Decision, pose: Pose) -> Outbound:
-        """Number and encode. Raises ValueError for what the wire does not carry."""
+        """Number and encode. Raises ValueError for values that the wire cannot carry."""
         radio = report = report_bytes = None
         counter = self._counter
         if decision.payload is not None:
@@ -114,6 +114,6 @@ class Shell:
             events = tuple(told.events[:MAX_REPORTED])
             report = Report(self.agent, self._sequence, act.step, act.standing.role, *pose, told.followers, events)
             report_bytes = encode_report(report)
-            report = decode_report(report_bytes)  # a controller may be anybody's
+            report = decode_report(report_bytes)  # a controller may be third-party code
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)

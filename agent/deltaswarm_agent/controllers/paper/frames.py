@@ -22,6 +22,7 @@ from deltaswarm_wire.codec import (
     boolean,
     integer,
     pack,
+    shown,
     unpack,
 )
 
@@ -171,7 +172,7 @@ def decode(sender: int, payload: bytes) -> PaperFrame:
         return kept[payload]
     raw = unpack(payload, MAX_RADIO_BYTES)
     if type(raw) is not list or len(raw) < 3:
-        raise WireError("frame", "an array of at least 3 items is expected")
+        raise WireError("frame", "be an array of at least 3 items", shown(raw))
     kind = integer(raw[0], ATTENDING, LEAVING, "frame.kind")
     if kind == MEMBER:
         return _decode_member(sender, array(raw, 11, "frame"))
@@ -189,7 +190,7 @@ def _decode_member(sender: int, raw: list[Any]) -> Member:
     _check_integers(above, "H" * len(arrays(above, MAX_PATH - 1, "frame.path")), "frame.path")
     path = (*above, sender)
     if len(set(path)) != len(path):
-        raise WireError("frame.path", "names an agent twice")
+        raise WireError("frame.path", "name each agent once", list(path))
     return Member(
         sender,
         x_cm,
@@ -212,7 +213,7 @@ def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: st
         return ()
     count, left = divmod(len(flat), len(codes))
     if left:
-        raise WireError(field, f"{len(flat)} items, a multiple of {len(codes)} is expected")
+        raise WireError(field, f"have a multiple of {len(codes)} items", len(flat))
     _check_integers(flat, codes * count, field)
     return tuple(map(row, zip(*[iter(flat)] * len(codes), strict=True)))
 
@@ -225,7 +226,7 @@ def _order(raw: Any) -> RecruitmentOrder:
 def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
     """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
     if len(values) != len(codes):
-        raise WireError("frame", f"{len(codes)} integers are expected, not {len(values)}")
+        raise WireError("frame", f"have {len(codes)} integers", len(values))
     if values and set(map(type, values)) == _ONLY_INT:
         try:
             _layout(codes).pack(*values)
