@@ -1,8 +1,8 @@
-"""The payload of the paper's radio frames: all that an agent ever tells another agent (`FRAMES.md` has every byte).
+"""The payload of the paper's radio frames, the only messages between agents (`FRAMES.md` has every byte).
 
-They are MessagePack arrays, since their bytes count on the air; rows stand one after the other in flat arrays.
-Positions are whole centimetres in the world frame. An agent that has nothing to say is silent. The sender is known
-from the key on which the frame came, and is not in the payload.
+Payloads are MessagePack arrays, to save bytes; rows are in flat arrays. Positions are whole centimetres in the world
+frame. An agent without information sends nothing. The key of the frame identifies the sender, which is not in the
+payload.
 """
 
 import struct
@@ -104,7 +104,7 @@ class Member(NamedTuple):
 
 
 class Relocating(NamedTuple):
-    """A recruited leaf on its way."""
+    """A travelling recruited leaf."""
 
     sender: int
     x_cm: int
@@ -142,7 +142,7 @@ _KEPT = 8
 """Frames kept of each sender that this process encodes for."""
 
 _encoded: dict[int, dict[bytes, PaperFrame]] = {}
-"""By sender and payload: where many agents share a process, the receivers need not decode again."""
+"""By sender and payload: receivers in the same process need not decode again."""
 
 
 def encode(frame: PaperFrame) -> bytes:
@@ -207,7 +207,7 @@ def _decode_member(sender: int, raw: list[Any]) -> Member:
 
 
 def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: str) -> tuple[Any, ...]:
-    """Rows of integers, one after the other in a flat array."""
+    """Decode rows of integers from a flat array."""
     flat = arrays(raw, limit * len(codes), field)
     if not flat:
         return ()
@@ -240,5 +240,5 @@ def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
 
 @lru_cache(512)
 def _layout(codes: str) -> struct.Struct:
-    """Packing with it is the quickest check of many integers at once."""
+    """Packing is the fastest check of many integers."""
     return struct.Struct("<" + codes)
