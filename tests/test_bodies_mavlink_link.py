@@ -111,7 +111,7 @@ def test_tcp_opens_again_after_the_other_end_hung_up() -> None:
                     link.write(b"go")
                     assert autopilot.recv(10) == b"go"
                     assert link.receive(0.01) == b""
-                with pytest.raises(ConnectionResetError, match="hung up"):
+                with pytest.raises(ConnectionResetError):
                     link.receive(PATIENCE_S)
                 link.write(b"lost")
                 assert link.receive(0.01) == b"", "open again"
