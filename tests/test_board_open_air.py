@@ -109,9 +109,9 @@ def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -
                 listener.wait_for_frames(0, 3)
                 assert listener.alive == {0}
                 wait_until(
-                    lambda links=links: running.said(0).count("links: 1 now, 0 before") == links, "word of the link"
+                    lambda links=links: running.said(0).count("links: 1 (was 0)") == links, "word of the link"
                 )
-            wait_until(lambda links=links: running.said(0).count("links: 0 now, 1 before") == links, "word of its end")
+            wait_until(lambda links=links: running.said(0).count("links: 0 (was 1)") == links, "word of its end")
         assert running.stop(0) == 0
 
 
@@ -207,7 +207,7 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
             link = {"connect": [listen]} if agent else {"listen": [listen]}
             air = {**link, "agents": "0-24", "tls": {**tls, "verify_name": False}}
             running.start(board_table(agent, EVENT_AT, air, tmp_path))
-        wait_until(lambda: "links: 2 now" in running.said(0), "both links")
+        wait_until(lambda: "links: 2 " in running.said(0), "both links")
         assert resident_mb(running.processes[0].pid) <= 40.0
 
 

@@ -205,6 +205,6 @@ def test_what_is_no_controller_starts_nothing(
     """One line with the key, what was given and why; exit code 2."""
     assert main(["run", "smoke", "--set", f"control.mode={mode}", "--out", str(module / "run")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("deltaswarm: control.mode: ")
+    assert line.startswith("deltaswarm: control.mode")
     assert said in line
     assert not (module / "run").exists()
