@@ -167,7 +167,7 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that is there stays as it is."""
     assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 2
-    assert "is there already; nothing is overwritten" in capsys.readouterr().err
+    assert str(tmp_path) in capsys.readouterr().err
 
 
 def test_without_an_index_pips_own_words_are_shown(
@@ -191,7 +191,7 @@ def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch:
         Path(folder, "stranger-1.0-py3-none-any.whl").touch()
 
     monkeypatch.setattr(bundles, "_pip", bring)
-    with pytest.raises(BundleError, match=r"stranger-1\.0-py3-none-any\.whl does not belong into a bundle"):
+    with pytest.raises(BundleError, match=r"stranger-1\.0-py3-none-any\.whl"):
         bundles.bundle(tmp_path / "out", ARM64)
     assert list(tmp_path.iterdir()) == []
 
@@ -239,7 +239,7 @@ def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
         wheel.write(b"x")
     done = install(tmp_path / "bundle", tmp_path / "board")
     assert done.returncode == 1
-    assert "the bundle is damaged" in done.stderr
+    assert "damaged" in done.stderr
     assert not (tmp_path / "board").exists()
 
 
@@ -249,7 +249,7 @@ def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -
     other = ARM64 if os.uname().machine == "x86_64" else PC
     done = install(made / other, installed)
     assert done.returncode == 1
-    assert "no wheels for the Python of this board" in done.stderr
+    assert "no wheels" in done.stderr
     assert names_of(installed) == before
 
 

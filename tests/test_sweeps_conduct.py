@@ -1,6 +1,8 @@
 """A sweep's folder: what is finished stays, what is missing is done, and whose folder it is."""
 
+import errno
 import json
+import os
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -133,7 +135,8 @@ def test_a_run_is_done_once_though_two_variants_have_it(tmp_path: Path) -> None:
 def test_what_failed_is_said_and_tried_again_by_the_next_call(tmp_path: Path) -> None:
     """The other runs are in the table meanwhile."""
     result = conducted(planned(), tmp_path / "out", Here(lambda task: task.job.name == "loss=0.4, replicate 0"))
-    assert result.failed == ["loss=0.4, replicate 0 (in-process): it was told to"]
+    [failed] = result.failed
+    assert "loss=0.4, replicate 0" in failed
     assert (result.finished, result.is_well, result.manifest["digest"]) == (3, False, None)
     engine = Here()
     assert conducted(planned(), tmp_path / "out", engine).is_well
@@ -241,8 +244,8 @@ def test_the_command_says_which_runs_differ_and_ends_with_1(tmp_path: Path, caps
     arguments = ["sweep", "smoke", "--set", "run.duration_s=60", "--repeats", "1", "--out", str(tmp_path / "out")]
     assert main(arguments) == 1
     printed = capsys.readouterr()
-    assert f"deltaswarm: digests differ between one process and real processes: {name}" in printed.err
-    assert "0 of 1 runs that were also done by real processes have the same digest" in printed.out
+    assert re.search(rf"deltaswarm: .*digests .*{re.escape(name)}", printed.err)
+    assert "0 of 1 runs" in printed.out
 
 
 def test_of_nothing_to_compare_nothing_is_said(tmp_path: Path) -> None:
@@ -258,7 +261,7 @@ def test_seconds_of_earlier_sessions_are_said_to_be_so(tmp_path: Path) -> None:
     """A sweep's wall time is that of all its sessions."""
     assert "session" not in described(conducted(planned(), tmp_path / "out", Here()))
     again = described(conducted(planned(), tmp_path / "out", Here()))
-    assert re.search(r"^4 of 4 runs in \d+ s over 2 sessions, digest ", again)
+    assert re.search(r"^4 of 4 .*2 sessions, ", again)
 
 
 # Whose folder it is
@@ -268,7 +271,7 @@ def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
     """By the same sweep as by another; when it is free it can be had."""
     folder = SweepFolder(tmp_path / "out")
     for name in ("mine", "other"):
-        with folder.held("mine"), pytest.raises(SweepFolderError, match="is in use by another sweep"):
+        with folder.held("mine"), pytest.raises(SweepFolderError, match="another sweep"):
             conducted(planned(name=name), tmp_path / "out", Here())
     assert conducted(planned(), tmp_path / "out", Here()).is_well
 
@@ -277,7 +280,7 @@ def test_another_sweeps_folder_is_refused(tmp_path: Path) -> None:
     """It is left as it is."""
     conducted(planned(), tmp_path / "out", Here())
     before = {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")}
-    with pytest.raises(SweepFolderError, match="holds the sweep 'mine', not 'other'"):
+    with pytest.raises(SweepFolderError, match=r"'mine'.*'other'"):
         conducted(planned(name="other"), tmp_path / "out", Here())
     assert {file: file.stat().st_mtime_ns for file in (tmp_path / "out").rglob("*")} == before
 
@@ -294,10 +297,9 @@ def test_another_experiment_does_not_replace_the_table_of_the_first(tmp_path: Pa
     before = files_of(out)
     capsys.readouterr()
     assert main([*short, "--set", "run.duration_s=90"]) == 2
-    assert capsys.readouterr().err == (
-        f"deltaswarm: {out} holds 4 runs, none of them of this sweep (scenario.run.duration_s was 60, is 90); "
-        "another --out keeps both\n"
-    )
+    [line] = capsys.readouterr().err.splitlines()
+    for fact in (f"{out} holds 4 runs", "scenario.run.duration_s was 60, is 90", "--out"):
+        assert fact in line
     assert main([*short, "--set", "run.duration_s=60", "--seed", "9"]) == 2
     assert "(sweep.seed was 1, is 9)" in capsys.readouterr().err
     assert files_of(out) == before
@@ -378,5 +380,5 @@ def test_a_result_that_cannot_be_written_ends_the_sweep_with_a_reason(
         file.write_bytes(data)
 
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.folder.write_whole", full)
-    with pytest.raises(SweepFolderError, match="cannot be written: No space left on device"):
+    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)):
         conducted(planned(), tmp_path / "out", Here())

@@ -87,7 +87,7 @@ class Attention:
             log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
-            log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
+            log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
 
     def _take_news(self) -> None:
         """Take note of who came and who went, and of what operator and recorder have, in that order.

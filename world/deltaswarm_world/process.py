@@ -21,7 +21,7 @@ from deltaswarm_world.wires import Wires
 log = logging.getLogger("deltaswarm.world")
 
 GOODBYE_S = 3.0
-"""How long the world waits, at the end, for the others to have left."""
+"""Time at the end for the other parts to leave."""
 
 
 class WorldProcess(Attention):
@@ -45,7 +45,7 @@ class WorldProcess(Attention):
         expected |= {(role, 0) for role in self._config.expect}
         if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
             missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
-            raise TimeoutError(f"not there after {self._settings.start_timeout_s:g} s: {missing}")
+            raise TimeoutError(f"all must be ready within {self._settings.start_timeout_s:g} s (missing: {missing})")
 
     def _are_there(self, expected: set[tuple[str, int]]) -> bool:
         if time.monotonic() >= self._status_due:
@@ -134,7 +134,7 @@ class WorldProcess(Attention):
             self._wires.save(agents, step)
             self._wait_until(lambda: not can_be_saved() or is_saved(), self._settings.start_timeout_s)
         if not can_be_saved() or not is_saved():
-            log.warning("no checkpoint after step %d: somebody hangs, is frozen, has gone or cannot be saved", step)
+            log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
             return
         saving.save(
             self._config.out,
@@ -162,7 +162,7 @@ class WorldProcess(Attention):
             return
         self._in_hand = order
         if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
-            raise TimeoutError(f"not done within {self._settings.start_timeout_s:g} s: {order.text}")
+            raise TimeoutError(f"orders must be done within {self._settings.start_timeout_s:g} s (got {order.text})")
         self._in_hand = None
         if order.action == START:
             self._restarts.update(order.agents)
@@ -231,9 +231,9 @@ class WorldProcess(Attention):
     def _welcome_operator(self) -> None:
         """Wait for an operator to be started in place of the one that went, and give it what it missed."""
         step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
-        log.warning("the operator is gone in step %d; it is waited for", step)
+        log.warning("the operator is gone in step %d; waiting for it", step)
         if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
-            raise TimeoutError(f"the operator went in step {step} and did not come back within {patience_s:g} s")
+            raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
         self._operator_left = False
         self._handing_on.begin_anew(self._taken[OPERATOR])
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
@@ -243,7 +243,7 @@ class WorldProcess(Attention):
             return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
 
         if not self._wait_until(lambda: self._operator_left or not behind(), self._settings.start_timeout_s):
-            raise TimeoutError(f"no step taken within {self._settings.start_timeout_s:g} s: {', '.join(behind())}")
+            raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
         """Let operator and recorder take what was sent and leave; then the world's token goes.
@@ -260,7 +260,7 @@ class WorldProcess(Attention):
             if self._operator_left:
                 self._welcome_operator()
             elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
-                raise TimeoutError(f"the operator has not taken step {last}")
+                raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("not all parts left within %g s", GOODBYE_S)
         self._wires.leave()
