@@ -115,7 +115,7 @@ def test_a_board_that_is_there_twice_is_named(tmp_path: Path) -> None:
         wait_until(lambda: made.said(5).count("is ready") == 2, "the second process is there")
         made.swarm.wait_for_steps(600)
         reasons = made.stop()["invalid_because"]
-    assert any("the count of agent 5 fell back " in reason and "two processes" in reason for reason in reasons)
+    assert any("agent 5" in reason and "two processes" in reason for reason in reasons)
     assert "agent 4" not in " ".join(reasons)
 
 
