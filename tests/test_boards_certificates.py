@@ -108,7 +108,8 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
     assert [path.name for path in certificates.make(tmp_path, [3, 4], [], 30)] == ["agent-3.pem", "agent-3.key"]
     ended = tmp_path / "ended"
     ended.mkdir()
-    certificates.Authority.create(0).write(ended)
+    authority = certificates.Authority.create(0)
+    certificates._write(ended / "ca", authority.key, authority.certificate)
     assert main(["certificates", "--out", str(ended), "--agents", "1"]) == 2
     assert "authority" in capsys.readouterr().err
 

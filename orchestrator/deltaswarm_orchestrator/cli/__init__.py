@@ -8,7 +8,7 @@ import select
 import sys
 from collections.abc import Sequence
 
-from deltaswarm_orchestrator.exits import FAILED, USAGE, complain
+from deltaswarm_orchestrator.exits import FAILED, USAGE, CommandError, complain
 from deltaswarm_orchestrator.stopping import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
@@ -74,10 +74,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         for problem in error.problems:
             complain(str(problem))
         return USAGE
+    except CommandError as error:
+        complain(str(error))
+        return error.code
     except ModuleNotFoundError as error:
-        from deltaswarm_orchestrator.bench.doctor import FOR_STUDIES, INSTALL_STUDY
+        from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, needed
 
-        if (error.name or "").partition(".")[0] not in FOR_STUDIES:
+        if (error.name or "").partition(".")[0] not in needed("study"):
             raise
         complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
         return USAGE
