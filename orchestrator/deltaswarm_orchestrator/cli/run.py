@@ -35,6 +35,19 @@ def add(command: argparse.ArgumentParser) -> None:
         "--record", choices=RECORDS, help="what to record: nothing, what viewers show, or also every raw frame"
     )
     command.add_argument(
+        "--live",
+        choices=("foxglove",),
+        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1: Foxglove, "
+        "Lichtblick from 1.22 on",
+    )
+    command.add_argument(
+        "--live-port",
+        type=_port,
+        default=8765,
+        metavar="PORT",
+        help="where --live listens on this machine (default: 8765; 0: any free port)",
+    )
+    command.add_argument(
         "--listen",
         default=ANYWHERE,
         type=listens_on,
@@ -68,6 +81,12 @@ def _steps(text: str) -> int:
     return int(text)
 
 
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65_535:
+        raise argparse.ArgumentTypeError(f"{text!r}: a port from 0 to 65535 is expected")
+    return int(text)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """`deltaswarm run`."""
     if problem := _resume_problem(arguments):
@@ -86,6 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.run.conduct import RunOptions
     from deltaswarm_orchestrator.run.conduct import run as run_scenario
     from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError
+    from deltaswarm_orchestrator.run.foxglove_server import LiveError
     from deltaswarm_orchestrator.run.progress import Display, result_table
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
@@ -100,10 +120,14 @@ def run(arguments: argparse.Namespace) -> int:
         boards,
         arguments.checkpoint,
         resume=arguments.resume is not None,
+        live_port=arguments.live_port if arguments.live else None,
     )
     try:
         with Display(scenario.run.step_s, scenario.agents.count) as display:
             result = run_scenario(scenario, options, display)
+    except LiveError as error:
+        complain(str(error))
+        return USAGE
     except FolderError as error:
         complain(str(error))
         return FAILED if isinstance(error, FolderTakenError) else USAGE

@@ -18,7 +18,7 @@ from mcap.records import Channel, Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from deltaswarm_orchestrator.recording.layout import layout
+from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.records import records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
@@ -36,7 +36,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 
 RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
-SCENARIO_ATTACHMENT, LAYOUT_ATTACHMENT, MANIFEST = "scenario.toml", "layout.json", "manifest"
+SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_EVERY_S = 1.0
@@ -77,12 +77,12 @@ class Recorder:
         self._step = 0
         self._time_s = 0.0
 
-        shown = orjson.dumps(layout(scenario.arena.width_m, scenario.arena.height_m), option=orjson.OPT_INDENT_2)
-        (folder / LAYOUT_ATTACHMENT).write_bytes(shown)
+        shown = layout_json(scenario.arena.width_m, scenario.arena.height_m)
+        (folder / LAYOUT).write_bytes(shown)
         self._file = _File(folder / RECORDING)
         self._wire = _File(folder / WIRE) if wire else None
         self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
-        self._file.attach(LAYOUT_ATTACHMENT, "application/json", shown)
+        self._file.attach(LAYOUT, "application/json", shown)
         for topic in TOPICS:  # announced even where nothing will be said
             self._file.channel(topic)
         self._file.flush()

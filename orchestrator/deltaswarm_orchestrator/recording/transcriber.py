@@ -75,7 +75,8 @@ def workload_message(workload: Workload) -> bytes:
 def log_message(level: int, name: str, text: str, time_s: float) -> bytes:
     """A line of a part's log, for `/log`; `level` as Python's logging has it, time simulated [s]."""
     line = text.encode(errors="replace").decode()  # protobuf refuses what UTF-8 cannot encode
-    return Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name).SerializeToString()
+    message = Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name)
+    return bytes(message.SerializeToString())
 
 
 def steps_between_views(step_s: float) -> int:
