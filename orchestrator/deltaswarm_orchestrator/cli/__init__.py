@@ -20,6 +20,7 @@ COMMANDS = {
     "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "info": "show a finished or interrupted run, from its folder",
+    "top": "watch a run under way on a terminal",
     "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",

@@ -5,6 +5,8 @@ A datagram that finds no room is dropped, and the next one is newer anyway.
 
 import errno
 import socket
+from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Any
 
@@ -15,14 +17,20 @@ from deltaswarm_orchestrator.run.picture import hello, picture
 from deltaswarm_wire.settings import Scenario
 
 MAX_INTENT_BYTES = 16_384
+HISTORY_ROWS = 600
+"""What a page that comes late is told of the message rate: a row per simulated second at most."""
+
 INTENTS_AT_A_TIME = 20
 """More wait until the next look."""
 
 ROOM_BYTES = 1 << 20
 """Asked for each socket: a picture of 5000 agents takes a fifth. The system may give less."""
 
+HistoryRow = tuple[float, float, float]
+"""Simulated time [s], and the rates over 1 s and 60 s [Hz]."""
+
 ONLY_LOOKS = "the researcher's view only looks on"
-FORMS = frozenset({"command", "pace", "isa", "tlx", "sheet", "note", "read", "seek"})
+FORMS = ("command", "pace", "isa", "tlx", "sheet", "note", "read", "seek")
 """Intents that ask for something to be done."""
 
 
@@ -91,15 +99,18 @@ class ResearcherFeed:
     def __init__(self, end: socket.socket, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
         self._reader = Pictures(end, hello(run, scenario))
         self._paced = paced or Paced()
+        self._history: deque[HistoryRow] = deque(maxlen=HISTORY_ROWS)
 
     def look(self, seen: Seen) -> None:
         """Send what there is to see, and answer what was asked."""
         if self._reader.is_closed or not self._paced.is_due():
             return
+        if (counted := seen.newest_workload) and (not self._history or counted.time_s - self._history[-1][0] >= 1.0):
+            self._history.append((counted.time_s, counted.rate_1s_hz, counted.rate_60s_hz))
         for _ in range(INTENTS_AT_A_TIME):
             if (asked := self._reader.received()) is None:
                 break
-            if (reply := answer(asked)) is not None:
+            if (reply := answer(asked, self._history)) is not None:
                 self._reader.send(reply)
         if seen.newest_truth is not None and (shown := picture(seen)) is not None:
             self._reader.show(shown)
@@ -109,7 +120,7 @@ class ResearcherFeed:
         self._reader.close()
 
 
-def answer(asked: bytes) -> bytes | None:
+def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
     """What a browser at the researcher's page is told that asked for something; None for what makes no sense."""
     try:
         intent: Any = orjson.loads(asked)
@@ -117,7 +128,7 @@ def answer(asked: bytes) -> bytes | None:
     except (ValueError, TypeError, KeyError):
         return None
     if kind == "catch_up":
-        return orjson.dumps({"type": "catch_up", "to": to, "inbox": [], "read": [], "history": []})
+        return orjson.dumps({"type": "catch_up", "to": to, "inbox": [], "read": [], "history": [*history]})
     if kind in FORMS:
         return orjson.dumps({"type": "refused", "to": to, "id": intent.get("id"), "why": ONLY_LOOKS})
     return None

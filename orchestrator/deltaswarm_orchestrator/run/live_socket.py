@@ -94,13 +94,14 @@ def short_path(file: Path) -> Iterator[str]:
         os.close(folder)
 
 
-def connected(folder: Path) -> socket.socket:
-    """A connection to the run in a folder.
+def connected(folder: Path, within_s: float) -> socket.socket:
+    """A connection to the run in a folder, which has some time [s] to take it.
 
     Raises:
         OSError: there is none under way, or it may not be looked at.
     """
     end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    end.settimeout(within_s)
     try:
         with short_path(folder / LIVE_SOCKET) as name:
             end.connect(name)
