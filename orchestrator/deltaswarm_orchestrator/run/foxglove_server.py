@@ -69,7 +69,7 @@ class FoxgloveServer(Thinned):
         super().__init__(self._show)
         self._told_s = -1.0
         """The simulated time that viewers were last told [s]."""
-        context = foxglove.Context()
+        self._context = context = foxglove.Context()  # kept: without it, its channels lead nowhere
         self._channels = {topic: _channel(foxglove, context, topic) for topic in TOPICS}
         self._log_handler = _Refusals(say)
         logging.getLogger(SERVER_LOG).addHandler(self._log_handler)
