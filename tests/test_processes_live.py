@@ -103,6 +103,15 @@ def test_a_port_that_is_taken_is_told_before_anything_begins(tmp_path: Path) -> 
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_port_without_a_viewer_is_refused(tmp_path: Path) -> None:
+    """As is a viewer without a run."""
+    for arguments in (("--live-port", "0"), ("--live", "foxglove", "--dry-run"), ("--live-port", "65536")):
+        done = _run(tmp_path, *arguments)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert "--live" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_without_the_extra_it_says_what_to_install(tmp_path: Path) -> None:
     """And makes no folder."""
     hidden = "import sys; sys.modules['foxglove'] = None; from deltaswarm_orchestrator.cli import main; "

@@ -14,6 +14,9 @@ from deltaswarm_wire.settings import RECORDS, Scenario
 
 DEFAULT_SCENARIO = "paper-25"
 
+LIVE_PORT = 8765
+"""The one that Foxglove suggests."""
+
 ANYWHERE = "tcp/127.0.0.1:0"
 """On this machine, any free port."""
 
@@ -43,9 +46,8 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--live-port",
         type=_port,
-        default=8765,
         metavar="PORT",
-        help="where --live listens on this machine (default: 8765; 0: any free port)",
+        help=f"where --live listens on this machine (default: {LIVE_PORT}; 0: any free port)",
     )
     command.add_argument(
         "--listen",
@@ -89,7 +91,7 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """`deltaswarm run`."""
-    if problem := _resume_problem(arguments):
+    if problem := _live_problem(arguments) or _resume_problem(arguments):
         complain(problem)
         return USAGE
     scenario = _scenario_of(arguments)
@@ -120,7 +122,7 @@ def run(arguments: argparse.Namespace) -> int:
         boards,
         arguments.checkpoint,
         resume=arguments.resume is not None,
-        live_port=arguments.live_port if arguments.live else None,
+        live_port=(LIVE_PORT if arguments.live_port is None else arguments.live_port) if arguments.live else None,
     )
     try:
         with Display(scenario.run.step_s, scenario.agents.count) as display:
@@ -149,6 +151,15 @@ def run(arguments: argparse.Namespace) -> int:
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return OK if result.summary["valid"] else FAILED
+
+
+def _live_problem(arguments: argparse.Namespace) -> str | None:
+    """What does not go together with --live, if anything."""
+    if arguments.live and arguments.dry_run:
+        return "--live shows a run under way; --dry-run makes none"
+    if arguments.live_port is not None and not arguments.live:
+        return "--live-port is for --live foxglove, which was not given"
+    return None
 
 
 def _resume_problem(arguments: argparse.Namespace) -> str | None:

@@ -17,9 +17,6 @@ from deltaswarm_orchestrator.recording.thinning import Thinned
 
 HOST = "127.0.0.1"
 
-DEFAULT_PORT = 8765
-"""The port that Foxglove suggests."""
-
 BACKLOG_MESSAGES = 256
 """Kept for each viewer; about two seconds' worth."""
 

@@ -17,8 +17,8 @@ DEPTHS = ("", "*/", "*/*/", "*/*/*/")
 """Where runs are looked for below a folder: `runs/x.part` and the runs of a sweep."""
 
 CONNECT_WITHIN_S = 5.0
-PICTURE_WITHIN_S = 10.0
-"""Ten times as long as a run that waits for its agents is silent."""
+PICTURE_WITHIN_S = 60.0
+"""A run shows nothing before its processes have been started, which takes long on a busy machine."""
 
 Message = dict[str, Any]
 
