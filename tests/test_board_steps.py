@@ -290,7 +290,7 @@ def test_a_recording_of_yesterday_is_not_heard_while_its_sender_is() -> None:
         for counter, sent_s in frames:
             data = encode_sample(Sample(counter, str(counter).encode()))
             assert inbox.take(7, data, encode_sent(Sent(sent_s, 0.0, 0.0)), float(step)) == ""
-        return [payload for _, payload in receiver.newest_of(inbox.empty(float(step), (0.0, 0.0)), step)]
+        return [payload for _, payload in receiver.newest_of(inbox.empty(float(step), (0.0, 0.0)), step)[0]]
 
     for step in range(20):
         live, played = (1000 + step, 90.0 + step), (500 + step, 4000.0 + step)

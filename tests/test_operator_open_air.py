@@ -23,7 +23,7 @@ from deltaswarm_operator.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SA
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
 from tests.swarms import PATIENCE_S, wait_until

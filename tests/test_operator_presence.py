@@ -9,7 +9,7 @@ from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, Op
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 
 
 def report(agent: int, sequence: int, step: int = 0) -> bytes:

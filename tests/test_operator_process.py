@@ -15,7 +15,7 @@ from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode
 from deltaswarm_wire.session import (
     use_one_worker_thread,
 )
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.operating import AGENTS, KEYS, World, report, wait_until_heard
 from tests.swarms import PATIENCE_S
 

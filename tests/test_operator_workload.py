@@ -22,7 +22,7 @@ from deltaswarm_wire.operator_messages import (
     encode_report,
     encode_workload,
 )
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.strategies import REPORT, strange
 
 STEP_S = 1.0

@@ -11,6 +11,7 @@ from random import Random
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID
+from deltaswarm_wire.commands import Command
 from deltaswarm_wire.messages import (
     FREE,
     MAX_POSES,
@@ -23,6 +24,7 @@ from deltaswarm_wire.messages import (
     Standing,
     role_name,
 )
+from deltaswarm_wire.operator_messages import ReportedMember
 from deltaswarm_wire.plugins import controller_settings, described, find_controller
 from deltaswarm_wire.settings import AgentSettings
 
@@ -61,7 +63,8 @@ class Percept(NamedTuple):
         poses: where it was in the steps since its last percept, oldest first.
         events: the events within its sensing range.
         heard: (sender, payload) of the radio frames that reached it, by sender: of each the newest.
-        commands: the operator's commands that reached it.
+        commands: the operator's commands that are new to it and meant for it, of the forms that its controller
+            declares.
     """
 
     step: int
@@ -70,17 +73,19 @@ class Percept(NamedTuple):
     poses: tuple[Pose, ...]
     events: tuple[Event, ...]
     heard: list[tuple[int, bytes]]
-    commands: tuple[bytes, ...] = ()
+    commands: tuple[Command, ...] = ()
 
 
 class OperatorReport(NamedTuple):
     """One message for the operator: events that the agent tells of, and how many agents it speaks for besides itself.
 
-    At most 64 events are sent (`operator_messages.MAX_REPORTED`).
+    `members` may name these agents, with parents and places. At most 64 events and 350 members are sent
+    (`operator_messages.MAX_REPORTED`, `MAX_MEMBERS`).
     """
 
     events: tuple[Event, ...]
     followers: int = 0
+    members: tuple[ReportedMember, ...] = ()
 
 
 class Decision(NamedTuple):
@@ -95,6 +100,7 @@ class Decision(NamedTuple):
         level, parent, root: its place in a tree, if it is in one (see `Standing`).
         until: the step in which it wants to be asked again, later than this one; None is the next. It is asked earlier
             when it senses an event, hears a frame, is commanded, or while a fault is upon it.
+        done, refused: numbers of the operator's commands that it has carried out, or cannot.
     """
 
     velocity: Velocity = STAND
@@ -106,12 +112,15 @@ class Decision(NamedTuple):
     parent: int = NOBODY
     root: int = NOBODY
     until: int | None = None
+    done: tuple[int, ...] = ()
+    refused: tuple[int, ...] = ()
 
 
 class Controller(Protocol):
     """One agent's decisions. Made once per agent and start; `step` is called in order of the steps.
 
-    It may have a mapping `counts`, names to numbers, that the agent's log tells at the end.
+    It may have a mapping `counts`, names to numbers, that the agent's log tells at the end. Its class may have
+    `Commands`, a tuple of `CommandForm`: the operator's commands that it accepts. Without it, it is given none.
     """
 
     Settings: ClassVar[type[Any]]
@@ -163,7 +172,7 @@ def checked_act(decision: Any, step: int) -> Act:
     """
     if type(decision) is not Decision:
         raise TypeError(f"step must return a Decision (got {type(decision).__name__})")
-    velocity, observed, payload, report, role, level, parent, root, until = decision
+    velocity, observed, payload, report, role, level, parent, root, until = decision[:9]
     try:
         vx_mps, vy_mps = velocity
         is_allowed = abs(vx_mps) <= MAX_SPEED_MPS and abs(vy_mps) <= MAX_SPEED_MPS

@@ -2,14 +2,19 @@
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from deltaswarm_agent.commands import CommandRelay, Verify
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
-from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
+from deltaswarm_wire.commands import BASE, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
-from deltaswarm_wire.messages import Act, Frame, Heard, Pose, encode_act
-from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_report, encode_report
+from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
+from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Report, decode_report, encode_report
 from deltaswarm_wire.plugins import described
+
+ENVELOPE_BYTES = 16
+"""What a radio frame takes besides its payload and the commands that it relays."""
 
 FORGET_SENDER_S = 20.0
 """A sender unheard for this long may begin its counter anew."""
@@ -41,13 +46,17 @@ class Receiver:
         self._forget_steps = round(FORGET_SENDER_S / step_s)
         self._newest: dict[int, tuple[int, int]] = {}
 
-    def newest_of(self, heard: Sequence[Heard], now: int) -> list[tuple[int, bytes]]:
-        """Of each sender its newest payload, in sender order; late and duplicate frames are dropped."""
+    def newest_of(self, heard: Sequence[Heard], now: int) -> tuple[list[tuple[int, bytes]], list[bytes]]:
+        """Of each sender its newest payload, in sender order, and the commands that the frames relay.
+
+        Late and duplicate frames are dropped.
+        """
         newest: dict[int, bytes] = {}
+        relayed: list[bytes] = []
         known = self._newest
         for sender, data in heard:
             try:
-                counter, payload, _ = _opened(data)
+                counter, payload, commands = _opened(data)
             except WireError:
                 self.rejected += 1
                 continue
@@ -55,19 +64,30 @@ class Receiver:
             is_new = before is None or counter > before[0] or now - before[1] > self._forget_steps
             if is_new and sender != self._agent:
                 known[sender] = (counter, now)
-                newest[sender] = payload
-        return [(sender, newest[sender]) for sender in sorted(newest)]
+                if payload is not None and sender != BASE:
+                    newest[sender] = payload
+                relayed += commands
+        return [(sender, newest[sender]) for sender in sorted(newest)], relayed
 
 
 class Shell:
-    """One agent without its edges. `step` is its one mutating method."""
+    """One agent without its edges. `step` is its one mutating method.
 
-    def __init__(self, agent: int, step_s: float, controller: Controller) -> None:
+    Args:
+        agent: its id.
+        step_s: length of a step [s].
+        controller: what decides.
+        verify: whether a command's signature is the operator's; without it every command is believed.
+    """
+
+    def __init__(self, agent: int, step_s: float, controller: Controller, verify: Verify | None = None) -> None:
         self.agent = agent
         self.controller = controller
+        self.commands = CommandRelay(step_s, forms_of(controller), verify)
         self._receiver = Receiver(agent, step_s)
         self._counter = 0
         self._sequence = 0
+        self._root = NOBODY
 
     @property
     def rejected_frames(self) -> int:
@@ -89,8 +109,14 @@ class Shell:
             ControllerError: the controller raised, or returned what it may not.
         """
         step, time_s, _, x_m, y_m, poses, events, heard = frame
-        frames = self._receiver.newest_of(heard, step) if heard else []
-        percept = Percept(step, time_s, (x_m, y_m), poses, events, frames)
+        frames: list[tuple[int, bytes]] = []
+        commands: tuple[Command, ...] = ()
+        if heard:
+            frames, relayed = self._receiver.newest_of(heard, step)
+            if relayed:
+                new = self.commands.hear(relayed, step)
+                commands = tuple([one for one in new if one.target.covers(self.agent, (x_m, y_m), self._root)])
+        percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
         try:
             decision = self.controller.step(percept)
             return self._outbound(checked_act(decision, step), decision, (x_m, y_m))
@@ -103,17 +129,37 @@ class Shell:
     def _outbound(self, act: Act, decision: Decision, pose: Pose) -> Outbound:
         """Number and encode. Raises ValueError for what the wire does not carry."""
         radio = report = report_bytes = None
-        counter = self._counter
-        if decision.payload is not None:
-            radio = encode_sample(Sample(counter, decision.payload))
+        counter, payload, relay = self._counter, decision.payload, self.commands
+        if decision.done or decision.refused:
+            relay.note(decision.done, decision.refused)
+        self._root = act.standing.root
+        items = relay.due(act.step, MAX_RADIO_BYTES - ENVELOPE_BYTES - len(payload or b""))
+        if payload is not None or items:
+            radio = encode_sample(Sample(counter, payload, items))
             self._counter += 1
+        wake = relay.next_step(act.step)
+        if wake is not None and wake < act.until:
+            act = act._replace(until=wake)
         told = decision.report
         if told is not None:
-            if not isinstance(told.events, tuple | list):
-                raise TypeError(f"report.events must be a tuple of events (got {type(told.events).__name__})")
-            events = tuple(told.events[:MAX_REPORTED])
-            report = Report(self.agent, self._sequence, act.step, act.standing.role, *pose, told.followers, events)
+            report = Report(
+                self.agent,
+                self._sequence,
+                act.step,
+                act.standing.role,
+                *pose,
+                told.followers,
+                _rows(told.events, MAX_REPORTED, "events"),
+                _rows(told.members, MAX_MEMBERS, "members"),
+                relay.answers(),
+            )
             report_bytes = encode_report(report)
             report = decode_report(report_bytes)  # a controller may be anybody's
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)
+
+
+def _rows(rows: Any, most: int, name: str) -> tuple[Any, ...]:
+    if not isinstance(rows, tuple | list):
+        raise TypeError(f"report.{name} must be a tuple of {name} (got {type(rows).__name__})")
+    return tuple(rows[:most])

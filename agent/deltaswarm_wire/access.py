@@ -38,9 +38,9 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
         book.allow(name, own, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
     book.allow(
         OPERATOR,
-        sends=[keys.workload, keys.taken(OPERATOR)],
+        sends=[keys.workload, keys.taken(OPERATOR), keys.turn, keys.pace],
         receives=[keys.forwarded, keys.clock],
-        heard_by=[keys.workload, keys.all_taken],
+        heard_by=[keys.workload, keys.all_taken, keys.turn, keys.pace],
         token=keys.token(OPERATOR),
         watches=keys.all_tokens,
     )

@@ -8,7 +8,7 @@ import hashlib
 import struct
 
 _head = struct.Struct("<IHBI").pack
-ACT, RADIO, REPORT = 0, 1, 2
+ACT, RADIO, REPORT, COMMAND = 0, 1, 2, 3
 SIZE_BYTES = 16
 
 

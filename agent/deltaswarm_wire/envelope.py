@@ -22,10 +22,13 @@ MAX_COMMANDS = 8
 
 
 class Sample(NamedTuple):
-    """One radio frame: its sender's count of frames, the controller's payload, commands that it carries on."""
+    """One radio frame: its sender's count of frames, the controller's payload, the commands that it relays.
+
+    A frame that only relays commands has no payload.
+    """
 
     counter: int
-    payload: bytes
+    payload: bytes | None
     commands: tuple[bytes, ...] = ()
 
 
@@ -47,9 +50,10 @@ def decode_sample(data: bytes) -> Sample:
         raise WireError("radio", "an array of 3 or 4 items is expected")
     version(raw[0])
     counter = integer(raw[1], 0, MAX_ID, "radio.counter")
-    if type(raw[2]) is not bytes:
+    commands = _commands(raw[3]) if len(raw) == 4 else ()
+    if type(raw[2]) is not bytes and not (raw[2] is None and commands):
         raise WireError("radio.payload", f"bytes are expected, not {type(raw[2]).__name__}")
-    return Sample(counter, raw[2], _commands(raw[3]) if len(raw) == 4 else ())
+    return Sample(counter, raw[2], commands)
 
 
 def _commands(raw: object) -> tuple[bytes, ...]:

@@ -34,6 +34,8 @@ class Keys:
         self.done = f"{self.root}/recorder/done"
         self.workload = f"{self.root}/operator/workload"
         self.counted = f"{self.root}/world/workload"
+        self.turn = f"{self.root}/operator/turn"
+        self.pace = f"{self.root}/operator/pace"
         self.all_taken = self.taken("*")
         self.from_agents = self.agent("*", "*")
         self.all_radio = self.agent("*", RADIO)

@@ -4,9 +4,11 @@ They are few, so all but a forwarded report are maps with named fields.
 """
 
 from functools import lru_cache
-from typing import NamedTuple
+from itertools import chain
+from typing import Any, NamedTuple
 
 from deltaswarm_wire.codec import (
+    MAX_ABS_CM,
     MAX_ABS_M,
     MAX_AGENT_ID,
     MAX_ID,
@@ -14,6 +16,7 @@ from deltaswarm_wire.codec import (
     PROTOCOL_VERSION,
     WireError,
     array,
+    arrays,
     boolean,
     fields,
     integer,
@@ -27,6 +30,29 @@ from deltaswarm_wire.messages import MAX_TIME_S, Event, read_events, role_name
 
 MAX_REPORTED = 64
 """Events in one report."""
+MAX_MEMBERS = 350
+"""Followers that one report names."""
+MAX_ANSWERS = 16
+"""Commands that one report answers."""
+
+HEARD, DONE, REFUSED = 0, 1, 2
+"""What an agent says of a command: it knows it, has carried it out, or cannot."""
+
+
+class ReportedMember(NamedTuple):
+    """A member of the sender's tree: its parent, and its place [cm; world frame] as the sender last heard."""
+
+    agent: int
+    parent: int
+    x_cm: int
+    y_cm: int
+
+
+class Answer(NamedTuple):
+    """What an agent says of a command: `HEARD`, `DONE` or `REFUSED`."""
+
+    command: int
+    state: int
 
 
 class Report(NamedTuple):
@@ -43,20 +69,38 @@ class Report(NamedTuple):
     y_m: float
     followers: int
     events: tuple[Event, ...]
+    members: tuple[ReportedMember, ...] = ()
+    answers: tuple[Answer, ...] = ()
 
 
-_REPORT_FIELDS = ("agent", "sequence", "step", "role", "x_m", "y_m", "followers", "events")
+_ROWS: dict[str, tuple[type[Any], int, tuple[tuple[int, int], ...]]] = {
+    "members": (
+        ReportedMember,
+        MAX_MEMBERS,
+        ((0, MAX_AGENT_ID), (0, MAX_AGENT_ID), (-MAX_ABS_CM, MAX_ABS_CM), (-MAX_ABS_CM, MAX_ABS_CM)),
+    ),
+    "answers": (Answer, MAX_ANSWERS, ((0, MAX_ID), (HEARD, REFUSED))),
+}
+"""Fields of rows in a flat array, which a report without any leaves out: rows, most of them, bounds of their items."""
+_REPORT_FIELDS = tuple(name for name in Report._fields if name not in _ROWS)
 
 
 def encode_report(report: Report) -> bytes:
-    """A map with the fields of `Report` and the version `v`."""
-    return pack({"v": PROTOCOL_VERSION, **report._asdict()})
+    """A map with the fields of `Report` and the version `v`; `members` and `answers` are flat, and absent if empty."""
+    raw = {"v": PROTOCOL_VERSION, **report._asdict()}
+    for name in _ROWS:
+        rows = raw.pop(name)
+        if rows:
+            raw[name] = tuple(chain.from_iterable(rows))
+    return pack(raw)
 
 
 @lru_cache(maxsize=128)  # in one process the agent's shell and the operator decode the same
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
-    raw = fields(unpack(data), _REPORT_FIELDS, "report")
+    raw = unpack(data)
+    rows = {name: _rows(raw.pop(name), name) for name in _ROWS if type(raw) is dict and name in raw}
+    raw = fields(raw, _REPORT_FIELDS, "report")
     return Report(
         integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),
         integer(raw["sequence"], 0, MAX_STEP, "report.sequence"),
@@ -66,7 +110,19 @@ def decode_report(data: bytes) -> Report:
         number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
         integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),
         read_events(raw["events"], MAX_REPORTED, "report.events"),
+        **rows,
     )
+
+
+def _rows(raw: Any, name: str) -> tuple[Any, ...]:
+    kind, most, bounds = _ROWS[name]
+    width, field = len(bounds), f"report.{name}"
+    flat = arrays(raw, most * width, field)
+    if len(flat) % width:
+        raise WireError(field, f"must be rows of {width} items (got {len(flat)} items)")
+    for at, value in enumerate(flat):
+        integer(value, *bounds[at % width], field)
+    return tuple([kind(*flat[at : at + width]) for at in range(0, len(flat), width)])
 
 
 class Forwarded(NamedTuple):

@@ -10,8 +10,11 @@ from typing import Any
 
 from deltaswarm_wire.checked import Problem, key, plain_value, rest
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.commands import BASE, CommandForm
+from deltaswarm_wire.settings_downlink import CommandSettings, DownlinkSettings, downlink_problems
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_obstacles import ObstacleSettings, obstacle_problems
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
@@ -123,13 +126,6 @@ class ControlSettings:
 
 
 @dataclass(frozen=True)
-class OperatorSettings:
-    """How the workload is measured."""
-
-    threshold_hz: float = key(5.0, "time above this message rate is counted (sliding 60 s)", low=0)
-
-
-@dataclass(frozen=True)
 class AgentSettings:
     """All that one agent is told before it starts: its task and its own body, nothing of the others.
 
@@ -164,7 +160,14 @@ class Scenario:
     control: ControlSettings = key(ControlSettings, "how agents decide")
     operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
     uplink: UplinkSettings = key(UplinkSettings, "the way of reports to the operator")
+    downlink: DownlinkSettings = key(DownlinkSettings, "the way of commands from the operator")
+    command: tuple[CommandSettings, ...] = key((), "what a scripted operator commands: a timeline")
     fault: tuple[FaultSettings, ...] = key((), "what fails in it: a timeline")
+
+    @property
+    def has_commander(self) -> bool:
+        """Whether a scripted or simulated operator may give commands, so that its turns are waited for."""
+        return bool(self.command)
 
     def problems(self) -> list[Problem]:
         """What no single key can show."""
@@ -181,6 +184,7 @@ class Scenario:
         found += obstacle_problems(self.arena.obstacles, size_m)
         found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         found += uplink_problems(self.uplink, size_m, self.run.step_s)
+        found += downlink_problems(self.downlink, self.uplink.base_m)
         return found + self._density_problems()
 
     def _density_problems(self) -> list[Problem]:
@@ -215,4 +219,25 @@ class Scenario:
             range_m=self.radio.range_m,
             latency_s=self.radio.latency_s + self.radio.jitter_s,
             control=ControlSettings(self.control.mode, deepcopy(self.control.options)),  # a controller may change them
+        )
+
+    def for_operator(self, forms: tuple[CommandForm, ...], speed: float) -> Briefing:
+        """What the operator of this scenario is told, with the commands that the controller accepts."""
+        from deltaswarm_wire.seeds import agent_seed
+
+        return Briefing(
+            title=f"{self.name}, {self.control.mode}",
+            seed=agent_seed(self.seed, BASE),
+            duration_s=self.run.duration_s,
+            step_s=self.run.step_s,
+            width_m=self.arena.width_m,
+            height_m=self.arena.height_m,
+            obstacles=self.arena.obstacles,
+            base_m=self.uplink.base_m,
+            range_m=self.uplink.range_m,
+            agents=self.agents.count,
+            operator=self.operator,
+            forms=forms,
+            command=self.command,
+            speed=speed,
         )

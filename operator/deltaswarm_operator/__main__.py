@@ -5,7 +5,9 @@ With `--no-world` it is the operator of boards in open air.
 
 import argparse
 import logging
+import socket
 import sys
+import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -31,7 +33,8 @@ from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
-from deltaswarm_wire.settings import OperatorSettings, RunSettings
+from deltaswarm_wire.settings import RunSettings
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
 
 NO_WORLD = "--no-world"
 MODES = ("peer", "router")
@@ -54,6 +57,10 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--checkpoint", type=int, default=0, metavar="STEPS", help="save what was counted after every STEPS steps"
     )
+    made.add_argument(
+        "--briefing", type=Path, metavar="FILE", help="what the operator is told where somebody commands or watches"
+    )
+    made.add_argument("--channel-fd", type=int, metavar="N", help="its end of the socket pair to the station")
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -131,7 +138,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> OperatorConfig:
+    briefing = arguments.briefing and checked.load(Briefing, tomllib.loads(arguments.briefing.read_text()))
     return OperatorConfig(
+        briefing=briefing,
+        station=None if arguments.channel_fd is None else socket.socket(fileno=arguments.channel_fd),
         run=arguments.run,
         link=link_of(arguments, OPERATOR, low_latency=arguments.low_latency),
         settings=_settings(arguments),

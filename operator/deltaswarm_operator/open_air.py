@@ -15,7 +15,7 @@ from deltaswarm_operator.waiting import Arrival, Inbox, sender_of, whose_key
 from deltaswarm_wire.keys import AGENT, Keys, parse_token
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

@@ -29,11 +29,13 @@ class Output:
         self._flush_due = 0.0
         self.state: dict[str, Any] | None = None
         """What the operator before had confirmed, to go on from."""
+        self.desk: list[Any] | None = None
+        """The same of its desk."""
         self.rows_before: list[list[str]] = []
         """The rows that it had confirmed, as they are in the table."""
         if go_on and (folder / STATE).exists():
             saved = json.loads((folder / STATE).read_text())
-            self.state = saved["meter"]
+            self.state, self.desk = saved["meter"], saved["desk"]
             os.truncate(folder / TABLE, saved["table_bytes"])
             with (folder / TABLE).open(newline="") as table:
                 self.rows_before = list(csv.reader(table))[1:]
@@ -62,10 +64,10 @@ class Output:
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
-    def save(self, meter: Mapping[str, Any]) -> None:
-        """Write all rows so far, and the meter's state with them: from here on an operator can go on."""
+    def save(self, meter: Mapping[str, Any], desk: list[Any] | None = None) -> None:
+        """Write all rows so far, and the state of meter and desk: from here on an operator can go on."""
         self.flush()
-        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter})
+        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "desk": desk})
 
     def checkpoint(self, step: int) -> None:
         """Keep what was just saved, which is of this step, as the operator's part of a checkpoint."""

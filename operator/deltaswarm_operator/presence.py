@@ -12,7 +12,7 @@ from deltaswarm_operator.lives import Lives
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
 from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_health, decode_report
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import OperatorSettings
 
 MAX_SENT_S = 1e11
 """Unix time; well beyond this millennium."""

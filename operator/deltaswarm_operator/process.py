@@ -3,6 +3,7 @@
 import logging
 import queue
 import signal
+import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from types import FrameType
 from typing import Any, cast
 
 from deltaswarm_operator.output import Output
+from deltaswarm_operator.staffed import ANSWER_WITHIN_S, StaffedDesk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
@@ -19,7 +21,7 @@ from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
-from deltaswarm_wire.settings import OperatorSettings
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -49,6 +51,10 @@ class OperatorConfig:
     """Publish the workload of every step, for a recorder."""
     checkpoint_steps: int = 0
     """Write its part of a checkpoint each time that so many steps are closed; 0: never."""
+    briefing: Briefing | None = None
+    """What it is told where somebody commands or watches."""
+    station: socket.socket | None = None
+    """Its end of the socket pair to the station, if there is one."""
 
 
 class Arrival(Enum):
@@ -58,6 +64,7 @@ class Arrival(Enum):
     CLOCK = "clock"
     LISTENER = "listener"
     WORLD_GONE = "world gone"
+    INTENT = "intent"
     STOP = "stop"
 
 
@@ -95,17 +102,25 @@ class OperatorProcess:
             session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
             session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
         ]
-        self._workload = session.declare_publisher(
-            keys.workload,
-            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Workload.v1"),
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
-        self._taken = session.declare_publisher(
-            keys.taken(OPERATOR),
-            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Taken.v1"),
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
+        self._workload = self._publisher(keys.workload, "Workload")
+        self._taken = self._publisher(keys.taken(OPERATOR), "Taken")
         awaited = [self._taken, self._workload] if config.publish_all else [self._taken]
+        self._desk: StaffedDesk | None = None
+        if config.briefing is not None:
+            turn, pace = self._publisher(keys.turn, "Turn"), self._publisher(keys.pace, "Pace")
+            awaited += [turn, pace]
+            self._desk = StaffedDesk(
+                config.run,
+                config.briefing,
+                config.out,
+                turn.put,
+                pace.put,
+                lambda intent: inbox.put((Arrival.INTENT, intent)),
+                config.station,
+                go_on=output.state is not None,
+            )
+            if output.state is not None:
+                self._desk.go_on(self.meter.step, output.desk)
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
         """Publishers without a listener, as whom the operator is not ready."""
         listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
@@ -113,6 +128,13 @@ class OperatorProcess:
         if config.publish_all:
             log.info("waiting for somebody to hear %s", keys.workload)
         self._declare_ready()
+
+    def _publisher(self, key: str, message: str) -> zenoh.Publisher:
+        return self._session.declare_publisher(
+            key,
+            encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
 
     # In Zenoh's own thread
 
@@ -144,16 +166,22 @@ class OperatorProcess:
                 for row in self._output.rows_before:
                     self._workload.put(encode_workload(_workload(row)))
             self._taken.put(encode_taken(self._saved))
+            if self._desk is not None:
+                self._desk.begin()
             self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
     def run(self) -> End:
         """Take what arrives, in one order, until the end."""
         while True:
+            desk_s = None if self._desk is None else self._desk.wait_s
             try:
-                arrival, sample = self._inbox.get(timeout=SAVE_EVERY_S)
+                arrival, sample = self._inbox.get(timeout=desk_s or SAVE_EVERY_S)
             except queue.Empty:
-                self._save()
+                if self._desk is not None:
+                    self._desk.show()
+                if time.monotonic() >= self._save_due:
+                    self._save()
                 if not self._session.info.routers_zid():
                     return End.WORLD_GONE  # it went before it had a token
                 continue
@@ -164,6 +192,9 @@ class OperatorProcess:
                     return End.LAST_CLOCK
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
+            elif arrival is Arrival.INTENT:
+                if self._desk is not None:
+                    self._desk.take(sample)
             else:
                 return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
 
@@ -183,6 +214,8 @@ class OperatorProcess:
             self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
+        if self._desk is not None:
+            self._desk.close(clock, workload, self.meter.reports_of_closed_step)
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
@@ -196,11 +229,35 @@ class OperatorProcess:
         """Put what was counted on disk, and tell the world."""
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
-            self._output.save(self.meter.state())
+            self._output.save(self.meter.state(), None if self._desk is None else self._desk.state())
             if has_checkpoint:
                 self._output.checkpoint(self.meter.step)
             self._saved = self.meter.step
             self._taken.put(encode_taken(self._saved))
+
+    def answer_to_the_end(self) -> None:
+        """After the last step: let the world go, and wait for what the person is still asked."""
+        desk = self._desk
+        if desk is None:
+            return
+        if self._token is not None:
+            self._token.undeclare()
+        deadline = time.monotonic() + ANSWER_WITHIN_S
+        while desk.is_asking and time.monotonic() < deadline:
+            try:
+                arrival, sample = self._inbox.get(timeout=desk.wait_s)
+            except queue.Empty:
+                desk.show()
+                continue
+            if arrival is Arrival.INTENT:
+                desk.take(sample)
+            elif arrival is Arrival.STOP:
+                break
+
+    def finish_desk(self) -> None:
+        """Write down what the person did."""
+        if self._desk is not None:
+            self._desk.finish()
 
     def _warn(self, reason: str) -> None:
         if not self._has_warned:
@@ -240,7 +297,10 @@ def run_operator(config: OperatorConfig) -> int:
             end = process.run()
             if end is End.WORLD_GONE and meter.is_over:  # it went while another operator stood in for one killed
                 end = End.LAST_CLOCK
+            if end is End.LAST_CLOCK:
+                process.answer_to_the_end()
         finally:
+            process.finish_desk()
             output.finish(
                 {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
             )

@@ -76,6 +76,7 @@ def parser() -> argparse.ArgumentParser:
         "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents after every STEPS steps"
     )
     made.add_argument("--resume", type=int, metavar="STEP", help="go on from the checkpoint after this step")
+    made.add_argument("--station", action="store_true", help="take commands and the pace of a person at the station")
     add_boards_argument(made)
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     made.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
@@ -116,6 +117,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             listen=listen,
             boards=tuple(arguments.boards),
             checkpoint_steps=arguments.checkpoint,
+            has_station=arguments.station,
         )
         saved = None if arguments.resume is None else load(arguments.out, arguments.resume)
     except (ValueError, OSError) as error:

@@ -27,5 +27,7 @@ class WorldConfig:
     """Endpoints; without any, the link's."""
     checkpoint_steps: int = 0
     """Save world and agents each time that so many steps are closed; 0: never."""
+    has_station: bool = False
+    """A person may command, and set the pace; nobody waits for a person's turn."""
     boards: tuple[int, ...] = ()
     """Agents on machines of their own, which may leave and come back."""

@@ -11,7 +11,8 @@ from itertools import accumulate
 from types import MappingProxyType
 from typing import Any
 
-from deltaswarm_wire.digest import ACT, RADIO, REPORT, Digest
+from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, Standing
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
@@ -19,12 +20,14 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, Body, Said, Tally, Truth
 from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.coverage import Coverage
+from deltaswarm_world.downlink import Downlink
 from deltaswarm_world.environment import Environment
 from deltaswarm_world.faults.timeline import Faults
 from deltaswarm_world.inbox import Inbox
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.quiet import QuietSleep
 from deltaswarm_world.tally import tally
+from deltaswarm_world.turns import AWAITED, OFF, Turns
 from deltaswarm_world.uplink.uplink import Uplink
 
 HEARD_BYTES = 6
@@ -54,6 +57,10 @@ class WorldCore:
         self.air = Air(scenario)
         self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
         """Without one each report reaches the operator in the step in which it is sent."""
+        self.turns = Turns(AWAITED if scenario.has_commander else OFF)
+        self.downlink = Downlink(scenario)
+        self._delivered: list[tuple[int, bytes]] = []
+        """(agent, sample) of what agents hear of the base in this step."""
         self._sent: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
@@ -112,6 +119,7 @@ class WorldCore:
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)
         environment.arrive(self._time_s)
+        self.downlink.send(step, self.turns.leaving(step, self.scenario.run.step_s))
         self._sensed = self._sense((*taking_part, *probed))
         heard = self._hear(taking_part)
         self._sleep.move_to(environment.positions_m.tolist())
@@ -154,6 +162,9 @@ class WorldCore:
         if crowded := self._cut_crowded(carried.heard, carried.largest_bytes):
             self.links = [(sender, agent) for agent, frames in enumerate(carried.heard) for sender, _ in frames]
             carried.drop("crowded", crowded)
+        self._delivered = self.downlink.carry(self._step, self._time_s, self.environment.positions_m, listening)
+        for agent, data in self._delivered:
+            carried.heard[agent].append((BASE, data))
         self._carried = carried
         return carried.heard
 
@@ -177,6 +188,8 @@ class WorldCore:
         late = self.lockstep.give_up()
         self.inbox.drop_frames(late)
         observers: Counter[int] = Counter()
+        for agent, data in self._delivered:
+            self.digest.add(self._step, agent, COMMAND, data)
         for agent in sorted(self.inbox.acts):
             data, act = self.inbox.acts[agent]
             self.environment.command(agent, act.vx_mps, act.vy_mps)
@@ -283,4 +296,6 @@ class WorldCore:
             "faults": list(self._faults.log) if self._faults else [],
             **self.inbox.totals,
             "refused_claims": self.refused_claims,
+            "commands": self.turns.log,
+            "downlink": self.downlink.totals,
         }

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable
 
 from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Clock, Status, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
@@ -14,8 +15,10 @@ from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
+from deltaswarm_world.rhythm import Rhythm
 from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.waker import Counted, Taken, Waker
+from deltaswarm_world.turns import LIVE, OFF
+from deltaswarm_world.waker import Counted, Said, Taken, Waker
 from deltaswarm_world.wires import Wires
 
 log = logging.getLogger("deltaswarm.world")
@@ -42,6 +45,10 @@ class WorldProcess:
         self._handing_on.confirm(self._core.lockstep.step)
         self._has_begun = False
         self._pace: RealTimePace | None = None
+        turns = self._core.turns
+        if config.has_station and turns.mode == OFF:
+            turns.mode = LIVE
+        self._rhythm = Rhythm(turns, self._settings.step_s, time.monotonic)
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = self._probe_due = 0.0
@@ -87,6 +94,7 @@ class WorldProcess:
         if settings.clock == "realtime":
             self._pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
         for step in range(first, settings.steps):
+            self._await_operator(step)
             for order in self._core.inject(step):
                 self._give(order)
             last = step == settings.steps - 1 or self._waker.stop_requested
@@ -106,6 +114,27 @@ class WorldProcess:
         output.finish(self._core, complete, self._overruns)
         self._send_status(step, "ended")
         return complete
+
+    def _await_operator(self, step: int) -> None:
+        """Hold a step back until the operator's turn has come and its pace allows it.
+
+        Raises:
+            TimeoutError, InterruptedError: as in `run`.
+        """
+        rhythm, waker = self._rhythm, self._waker
+        self._take_news()
+        while not rhythm.may_begin(step) and not waker.stop_requested:
+            if self._operator_left:
+                self._welcome_operator()
+            wait_s = rhythm.wait_s(step)
+            patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
+
+            def is_over() -> bool:
+                return rhythm.may_begin(step) or waker.stop_requested or self._operator_left
+
+            if not self._wait_until(is_over, patience_s) and wait_s is None:
+                raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
+        rhythm.begin()
 
     @property
     def _overruns(self) -> int:
@@ -296,6 +325,9 @@ class WorldProcess:
             if isinstance(news, Counted):
                 self._wires.workload(news.data)
                 continue
+            if isinstance(news, Said):
+                self._take_word(news.word)
+                continue
             role, number, is_there = news
             (self._there.add if is_there else self._there.discard)((role, number))
             if role == AGENT and number < self._config.scenario.agents.count:
@@ -303,6 +335,13 @@ class WorldProcess:
             elif not is_there:
                 self._taken.pop(role, None)
                 self._operator_left |= role == OPERATOR and self._has_begun
+
+    def _take_word(self, word: Turn | Pace) -> None:
+        """The operator's turn, or the pace that it wants."""
+        if isinstance(word, Pace):
+            self._rhythm.take(word)
+        elif reason := self._core.turns.take(word):
+            log.warning("dropped: %s", reason)
 
     def _take_token(self, agent: int, there: bool) -> None:
         """An agent came or went."""

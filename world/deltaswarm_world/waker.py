@@ -6,9 +6,11 @@ import socket
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from typing import NamedTuple
 
 from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import Pace, Turn, decode_pace, decode_turn
 from deltaswarm_wire.keys import Keys, parse_token
 from deltaswarm_wire.orders import decode_done, decode_taken
 from deltaswarm_wire.session import use_one_worker_thread
@@ -46,7 +48,13 @@ class Counted(NamedTuple):
     data: bytes
 
 
-News = Token | Taken | Counted
+class Said(NamedTuple):
+    """What the operator says of the steps: its turn, or the pace that it wants."""
+
+    word: Turn | Pace
+
+
+News = Token | Taken | Counted | Said
 
 
 class Waker:
@@ -74,6 +82,8 @@ class Waker:
                 (keys.done, self._on_done),
                 (keys.all_taken, self._on_taken),
                 (keys.workload, self._on_workload),
+                (keys.turn, self._saying(decode_turn)),
+                (keys.pace, self._saying(decode_pace)),
             )
         ]
         self._closed = False
@@ -109,6 +119,16 @@ class Waker:
 
     def _on_workload(self, sample: zenoh.Sample) -> None:
         self.news.append(Counted(sample.payload.to_bytes()))  # wakes nobody: the operator's next word does
+
+    def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
+        def on_word(sample: zenoh.Sample) -> None:
+            try:
+                self.news.append(Said(decode(sample.payload.to_bytes())))
+            except WireError as error:
+                log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+            self._nudge.set()
+
+        return on_word
 
     def _await_signal(self) -> None:
         """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""

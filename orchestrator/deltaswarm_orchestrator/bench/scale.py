@@ -100,7 +100,7 @@ def _measure(agents: int, steps: int, seed: int) -> dict[str, float]:
         if step == WARM_UP_STEPS:
             began = time.process_time()
         tally = swarm.step(step, step == WARM_UP_STEPS + steps - 1)
-        swarm.operator.close(Clock(step, tally.time_s, False), 0)
+        swarm.close(Clock(step, tally.time_s, False))
         in_trees += tally.agents_in_trees if step >= WARM_UP_STEPS else 0
     return {
         "steps_per_s": steps / (time.process_time() - began),

@@ -13,6 +13,7 @@ from deltaswarm_wire.arguments import listens_on, override
 from deltaswarm_wire.settings import RECORDS, Scenario
 
 DEFAULT_SCENARIO = "paper-25"
+LOOPBACK = "127.0.0.1:0"
 
 LIVE_PORT = 8765
 """The one that Foxglove suggests."""
@@ -70,6 +71,23 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
     )
+    command.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
+    command.add_argument(
+        "--speed",
+        type=_speed,
+        default=1.0,
+        metavar="N",
+        help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
+    )
+    command.add_argument(
+        "--station-listen",
+        default=LOOPBACK,
+        metavar="HOST:PORT",
+        help="where the station's page is served, without encryption (default: this machine alone, any free port)",
+    )
+    command.add_argument(
+        "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
+    )
     command.add_argument(
         "--dry-run", action="store_true", help="only check the scenario, and print it with the meaning of every key"
     )
@@ -87,6 +105,16 @@ def _port(text: str) -> int:
     if not text.isdecimal() or int(text) > 65_535:
         raise argparse.ArgumentTypeError(f"{text!r}: a port from 0 to 65535 is expected")
     return int(text)
+
+
+def _speed(text: str) -> float:
+    try:
+        speed = float(text)
+    except ValueError:
+        speed = -1.0
+    if not 0.0 <= speed <= 1000.0:
+        raise argparse.ArgumentTypeError(f"must be from 0 to 1000 (got {text})")
+    return speed
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -109,6 +137,7 @@ def run(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError
     from deltaswarm_orchestrator.run.foxglove_server import LiveError
     from deltaswarm_orchestrator.run.progress import Display, result_table
+    from deltaswarm_orchestrator.run.station import Station
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
     boards = cli_boards.boards_of(arguments, out)
@@ -121,6 +150,7 @@ def run(arguments: argparse.Namespace) -> int:
         tuple(arguments.zenoh),
         boards,
         arguments.checkpoint,
+        Station(arguments.speed, arguments.station_listen) if arguments.station else None,
         resume=arguments.resume is not None,
         live_port=(LIVE_PORT if arguments.live_port is None else arguments.live_port) if arguments.live else None,
     )
@@ -168,7 +198,20 @@ def _resume_problem(arguments: argparse.Namespace) -> str | None:
         elsewhere = {"--in-process": arguments.in_process, "--boards": arguments.boards}
         given = [name for name, value in elsewhere.items() if arguments.checkpoint and value]
         return f"--checkpoint saves processes of this machine; {given[0]} is not allowed with it" if given else None
-    names = ("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run")
+    names = (
+        "scenario",
+        "set",
+        "seed",
+        "out",
+        "force",
+        "in_process",
+        "record",
+        "boards",
+        "checkpoint",
+        "dry_run",
+        "commands",
+        "station",
+    )
     given = [name for name in names if getattr(arguments, name) not in (None, False, 0, [])]
     if given:
         shown = ", ".join(name.upper() if name == "scenario" else f"--{name.replace('_', '-')}" for name in given)
@@ -184,7 +227,7 @@ def _scenario_of(arguments: argparse.Namespace) -> Scenario:
         overrides.append(f"record={arguments.record}")
     if arguments.resume:
         return load_scenario(str(arguments.resume / "scenario.toml"))
-    return load_scenario(arguments.scenario or DEFAULT_SCENARIO, overrides, arguments.seed)
+    return load_scenario(arguments.scenario or DEFAULT_SCENARIO, overrides, arguments.seed, arguments.commands)
 
 
 def _default_folder(scenario: Scenario) -> Path:

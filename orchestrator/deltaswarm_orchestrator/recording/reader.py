@@ -12,7 +12,7 @@ from mcap.records import Attachment, McapRecord, Metadata
 from deltaswarm_orchestrator.recording.recorder import MANIFEST, PART, RECORDING, SCENARIO_ATTACHMENT
 from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
 from deltaswarm_wire.truth import EventState, Tally
 
 
@@ -108,5 +108,6 @@ class _Reader:
 
 
 def _report(message: Any) -> Report:
-    events = tuple(row_of(Event, values_of(event)) for event in message.events)
-    return Report(**{**values_of(message), "events": events})
+    kinds = {"events": Event, "members": ReportedMember, "answers": Answer}
+    rows = {name: tuple(row_of(kind, values_of(row)) for row in getattr(message, name)) for name, kind in kinds.items()}
+    return Report(**{**values_of(message), **rows})

@@ -17,7 +17,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally
 
 ROOT_FRAME = "world"
@@ -62,13 +62,17 @@ _MESSAGES: dict[str, Mapping[str, Any]] = {
     "Agents": {**_HEAD, **{name: list[hint] for name, hint in _hints(Body, AGENT_FIELDS).items()}},  # type: ignore[valid-type]
     "Event": _hints(EventState, EventState._fields),
     "Sighting": _hints(Event, Event._fields),
+    "Member": _hints(ReportedMember, ReportedMember._fields),
+    "Answer": _hints(Answer, Answer._fields),
     "Report": _hints(Report, Report._fields),
     "Inbox": {**_HEAD, "count": int, "reports": list[Report]},
     "Workload": _hints(Workload, Workload._fields),
 }
 """Our own messages, and the type of each field. In `Agents` each field has one entry per agent."""
 
-_NESTED = {Event: "Sighting", Report: "Report"}
+_NESTED = {Event: "Sighting", ReportedMember: "Member", Answer: "Answer", Report: "Report"}
+_SIGNED = ("Agents", "Member")
+"""Messages whose integers may be negative: NOBODY, and places."""
 _SCALARS = {int: FieldDescriptorProto.TYPE_UINT32, float: FieldDescriptorProto.TYPE_DOUBLE}
 _SCALARS[str] = FieldDescriptorProto.TYPE_STRING
 
@@ -89,7 +93,7 @@ def _compiled() -> dict[str, Any]:
                 message.oneof_decl.add(name=f"_{field_name}")
             if hint in _NESTED:
                 field.type, field.type_name = FieldDescriptorProto.TYPE_MESSAGE, f".deltaswarm.{_NESTED[hint]}"
-            elif hint is int and name == "Agents":  # NOBODY is negative
+            elif hint is int and name in _SIGNED:
                 field.type = FieldDescriptorProto.TYPE_SINT32
             else:
                 field.type = _SCALARS[hint]

@@ -99,3 +99,9 @@ def _fill(message: Any, report: Report) -> None:
     for event in report.events:
         sighting = message.events.add()
         sighting.event, sighting.x_m, sighting.y_m = event
+    for row in report.members:
+        member = message.members.add()
+        member.agent, member.parent, member.x_cm, member.y_cm = row
+    for number, state in report.answers:
+        answer = message.answers.add()
+        answer.command, answer.state = number, state

@@ -6,6 +6,7 @@ import logging
 import os
 import shutil
 import signal
+import socket
 import sys
 import threading
 import time
@@ -29,11 +30,13 @@ def main(
     lifeline: Connection,
     stdout: Connection | None,
     in_background: bool,
+    channel: socket.socket | None = None,
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write: it ends when the
-    orchestrator does, even by kill -9. `stdout`, if given, takes standard output. `in_background` keeps a
+    orchestrator does, even by kill -9. `stdout`, if given, takes standard output, and `channel` is the part's end of
+    the socket pair between operator and station, whose number it is told. `in_background` keeps a
     process from interrupting another as soon as a message wakes it: so the world hands out all frames of a
     step before the agents take the cores, and a third of the switches between processes goes.
     """
@@ -46,6 +49,7 @@ def main(
     logging.raiseExceptions = False  # a full disk takes no log, and is told of by the exit code
     os.environ.update(environment)
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+    argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
     sys.exit(importlib.import_module(module).main(argv))
 
 

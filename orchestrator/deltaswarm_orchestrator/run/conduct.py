@@ -27,6 +27,7 @@ from deltaswarm_orchestrator.run.onlookers import Onlooker, Tap
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
+from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop, stoppable
 from deltaswarm_wire import checked, checkpoint
@@ -46,6 +47,8 @@ class RunOptions:
     """Agents that are started elsewhere, by hand."""
     checkpoint_steps: int = 0
     """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
+    station: Station | None = None
+    """A page for a person who watches and commands."""
     resume: bool = False
     """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
     live_port: int | None = None
@@ -231,7 +234,13 @@ class _Run:
         zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
         if every:
             (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
-        with Swarm(scenario, name, folder, zenoh, who, lambda: self._stop.by, every, self._resumed) as swarm:
+        station = self._options.station
+        stopped, resumed = (lambda: self._stop.by), self._resumed
+        with Swarm(scenario, name, folder, zenoh, who, stopped, every, resumed, station) as swarm:
+            if station:
+                url = swarm.start_station()
+                self._reporter.say(f"station: {url}")
+                announce(folder, url)
             swarm.start_world(
                 folder / "scenario.toml",
                 listen=self._options.listen,

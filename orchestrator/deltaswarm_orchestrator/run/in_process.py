@@ -12,13 +12,16 @@ from typing import Any
 
 from deltaswarm_agent.controller import ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
+from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run.reporter import Quiet, Reporter
 from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
-from deltaswarm_wire.operator_messages import Clock, Status
+from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
+from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world import tracing
@@ -36,6 +39,10 @@ class InProcess:
         self._restarts: Counter[int] = Counter()
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
+        self.desk: Desk | None = None
+        """A scripted operator, where the scenario has one."""
+        if scenario.has_commander:
+            self.desk = Desk(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
@@ -85,6 +92,14 @@ class InProcess:
             self.operator.take_forwarded(forwarded)
         return tally
 
+    def close(self, clock: Clock) -> Workload:
+        """The operator closes the step, and answers it."""
+        workload = self.operator.close(clock, 0)
+        if self.desk is not None:
+            reports = self.operator.reports_of_closed_step
+            self.world.turns.take(self.desk.close(clock, workload, reports, time.monotonic()))
+        return workload
+
 
 def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
     """Trace an agent's frames at another, or its reports at the operator (None), from the next step on."""
@@ -124,7 +139,7 @@ def run_in_process(
         except ControllerError as error:  # of an agent that a fault starts anew
             outcome.messages.append(str(error))
             break
-        workload = swarm.operator.close(Clock(step, tally.time_s, last), 0)
+        workload = swarm.close(Clock(step, tally.time_s, last))
         outcome.tallies.append(tally)
         outcome.workloads.append(workload)
         if sink is not None:

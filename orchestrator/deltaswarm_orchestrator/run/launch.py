@@ -5,6 +5,7 @@ import multiprocessing
 import os
 import shutil
 import signal
+import socket
 import sys
 import threading
 import time
@@ -20,6 +21,7 @@ from typing import Self
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.run.resume import Resumed
+from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
@@ -30,6 +32,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
+MODULES[STATION] = "deltaswarm_operator.station.__main__"
 """The other parts are known by module name alone."""
 
 PRELOADED = ["deltaswarm_orchestrator.run.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
@@ -66,6 +69,7 @@ class Swarm:
         stopped: Callable[[], object] = lambda: None,
         checkpoint_steps: int = 0,
         resumed: Resumed | None = None,
+        station: Station | None = None,
     ) -> None:
         self.parts: list[Part] = []
         self.endpoint = ""
@@ -79,6 +83,7 @@ class Swarm:
         self._folder = folder
         self._zenoh = (*_patience(scenario), *zenoh)
         self._checkpoint_steps, self._resumed = checkpoint_steps, resumed
+        self._station = station
         self._restarts = Counter(resumed.restarts if resumed else {})
         self._secrets_folder = folder / SECRETS
         self._passwords: dict[str, str] = {}
@@ -118,6 +123,7 @@ class Swarm:
         argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
         argv += self._told_of_boards() + self._told_of_checkpoints()
         argv += ["--resume", str(self._resumed.step)] if self._resumed else []
+        argv += ["--station"] if self._station else []
         part = self._start(
             WORLD,
             0,
@@ -157,7 +163,29 @@ class Swarm:
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
         argv += self._told_of_checkpoints()
         argv += ["--go-on"] if go_on or self._resumed else []
-        self._start(OPERATOR, 0, ["--low-latency", *argv, *self._joining()], password=self._passwords[OPERATOR])
+        if self._station or scenario.has_commander:
+            argv += ["--briefing", str(write_briefing(self._folder, scenario, self._station))]
+        channel = self._station.operators_end if self._station else None
+        argv = ["--low-latency", *argv, *self._joining()]
+        self._start(OPERATOR, 0, argv, password=self._passwords[OPERATOR], channel=channel)
+
+    def start_station(self) -> str:
+        """Start the station's process; the URL of its page.
+
+        Raises:
+            LaunchError: it did not come up, with the last lines of its log.
+        """
+        assert self._station is not None
+        reader, writer = multiprocessing.Pipe(duplex=False)
+        argv = ["--listen", self._station.listen]
+        part = self._start(STATION, 0, argv, stdout=writer, channel=self._station.stations_end)
+        writer.close()
+        with reader:
+            url = self._line_of(part, reader).strip()
+        if not url:
+            wait_for([part], END_WITHIN_S)
+            raise LaunchError(f"the station did not come up:\n{part.log_tail()}")
+        return url
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents that are no boards, or those given; each gets its own number, password and log.
@@ -198,13 +226,20 @@ class Swarm:
         return [f"--zenoh={key}={value}" for key, value in self._zenoh]
 
     def _start(
-        self, role: str, number: int, argv: list[str], *, password: str = "", stdout: Connection | None = None
+        self,
+        role: str,
+        number: int,
+        argv: list[str],
+        *,
+        password: str = "",
+        stdout: Connection | None = None,
+        channel: socket.socket | None = None,
     ) -> Part:
         log_file = self._folder / "logs" / f"{role}-{number}.log"
         environment = {PASSWORD_VARIABLE: password} if password else {}
         process = self._context.Process(
             target=child.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD, channel),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )

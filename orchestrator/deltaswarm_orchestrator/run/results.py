@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import tomli_w
 
 from deltaswarm_orchestrator import provenance
 from deltaswarm_wire import digest
@@ -24,6 +25,10 @@ EVENTS_SO_FAR = "world-events.csv"
 """A row for each change of an event, where the world has not come to write `events.csv`."""
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
+COMMANDS = "commands.toml"
+"""The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
+DEEDS = "deeds.csv"
+"""What the person at the station did; `operator.csv` in the end."""
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
 
@@ -146,8 +151,13 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     header = [*Tally._fields, *OPERATOR_COLUMNS.values()]
     _write_csv(folder / "series.csv", header, rows())
     _write_csv(folder / "events.csv", EventState._fields, outcome.events)
-    for name in () if keep_unmerged else UNMERGED:
-        (folder / name).unlink(missing_ok=True)
+    if commands := outcome.world.get("commands"):
+        write_whole(folder / COMMANDS, tomli_w.dumps({"command": commands}).encode())
+    if not keep_unmerged:
+        for name in UNMERGED:
+            (folder / name).unlink(missing_ok=True)
+        if (folder / DEEDS).exists():
+            (folder / DEEDS).rename(folder / "operator.csv")
 
 
 def _write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -13,6 +13,7 @@ import tomli_w
 
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
+from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
@@ -20,8 +21,10 @@ from deltaswarm_wire.settings_radio import RadioSettings
 BUILT_IN = ("paper-25", "paper-100", "smoke")
 
 
-def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = None) -> Scenario:
-    """The scenario of a file or a built-in name, with `key=value` overrides.
+def load_scenario(
+    name: str, overrides: Sequence[str] = (), seed: int | None = None, commands: Path | None = None
+) -> Scenario:
+    """The scenario of a file or a built-in name, with `key=value` overrides; `commands` is a file of `[[command]]`.
 
     Raises:
         SettingsError: every mistake in file and overrides at once.
@@ -31,6 +34,8 @@ def load_scenario(name: str, overrides: Sequence[str] = (), seed: int | None = N
         problems += apply(table, override)
     if seed is not None:
         table["seed"] = seed
+    if commands is not None:
+        problems += _read_commands(table, commands)
     scenario, found = check_table(table)
     if scenario is None or problems + found:
         raise SettingsError(problems + found)
@@ -45,7 +50,34 @@ def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     if scenario is not None:
         scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
         problems += _grid_problems(scenario)
+        if not found:
+            problems += _command_problems(scenario)
     return scenario, problems
+
+
+def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
+    try:
+        table["command"] = tomllib.loads(file.read_text())["command"]
+    except (OSError, ValueError, KeyError) as error:
+        return [Problem("--commands", str(file), f"must be a TOML file with [[command]] tables: {error!r}")]
+    return []
+
+
+def _command_problems(scenario: Scenario) -> list[Problem]:
+    """Whether the controller accepts the scripted commands."""
+    if not scenario.command:
+        return []
+    forms = forms_of(find_controller(scenario.control.mode))
+    names = ", ".join(form.name for form in forms) or "none"
+    problems = []
+    for number, command in enumerate(scenario.command):
+        form = named(forms, command.name)
+        wrong = f"must be a command that {scenario.control.mode} accepts: {names}"
+        if form is not None:
+            wrong = form.problem(command.command(number).target, command.arguments) or ""
+        if wrong:
+            problems.append(Problem(f"command[{number}].name", repr(command.name), wrong))
+    return problems
 
 
 def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:

@@ -95,7 +95,7 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
 
 def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
     """Without an uplink model: whatever an agent reports is there at once."""
-    swarm.operator.close(Clock(step, 0.0, False), 0)
+    swarm.close(Clock(step, 0.0, False))
     came = [report for report in swarm.operator.reports_of_closed_step if (report.agent, report.step) == (sender, step)]
     return ["arrived"] * len(came)
 

@@ -49,6 +49,20 @@ class Agent:
         self.farewells = 0
         """How often it still says that it has left."""
         self.former: Former | None = None
+        self.founds_from = 0
+        """The step from which it may found a tree: later, once the operator has recalled its tree."""
+        self.holds_until = 0
+        """The step up to which the operator makes it stand still."""
+        self.errand: Pose | None = None
+        """Where the operator has sent it."""
+        self.errand_command = 0
+        self.done: list[int] = []
+        self.refused: list[int] = []
+        """Numbers of the operator's commands that it carried out, or could not, in this step."""
+
+    def steps(self, seconds: float | str) -> int:
+        """A time in steps."""
+        return round(float(seconds) / self.shared.step_s)
 
     def change(self, cause: Cause) -> None:
         """The one place where the state changes: along the table."""

@@ -4,7 +4,15 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from deltaswarm_agent.controller import STAND, ControllerContext, Decision, OperatorReport, Percept, Velocity
-from deltaswarm_agent.controllers.paper import baseline, dissolution, growth, orphans, recruitment, root_contest
+from deltaswarm_agent.controllers.paper import (
+    baseline,
+    commands,
+    dissolution,
+    growth,
+    orphans,
+    recruitment,
+    root_contest,
+)
 from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.beliefs import to_cm
 from deltaswarm_agent.controllers.paper.frames import (
@@ -22,8 +30,9 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, MEMBER, ORPHAN, RELOCATING, ROOT, WALKING, State
 from deltaswarm_agent.controllers.paper.walk import towards
 from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.messages import NOBODY, Event, Standing
-from deltaswarm_wire.operator_messages import MAX_REPORTED
+from deltaswarm_wire.operator_messages import MAX_REPORTED, ReportedMember
 
 _SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
 
@@ -32,6 +41,7 @@ class PaperController:
     """One agent of a decentralised, hierarchical or hybrid swarm. `step` is its one mutating method."""
 
     Settings: ClassVar[type[PaperSettings]] = PaperSettings
+    Commands: ClassVar[tuple[CommandForm, ...]] = commands.FORMS
 
     def __init__(self, context: ControllerContext) -> None:
         self.agent = Agent(context)
@@ -54,6 +64,8 @@ class PaperController:
         agent.now = percept.step
         agent.here.move_to(percept.pose, percept.poses)
         heard = self._decoded(percept.heard) if percept.heard else []
+        if percept.commands:
+            commands.obey(agent, percept.commands)
         if agent.membership is None:
             self._step_free(percept.events, heard)
         else:
@@ -118,7 +130,7 @@ class PaperController:
         agent = self.agent
         velocity, until = self._motion()
         frame = self._frame(len(sensed))
-        return Decision(
+        decision = Decision(
             velocity,
             self._observed(sensed) if sensed else (),
             None if frame is None else encode(frame),
@@ -126,10 +138,19 @@ class PaperController:
             *self._standing(frame),
             agent.now + 1 if frame is not None else until,
         )
+        if agent.done or agent.refused:
+            decision = decision._replace(done=tuple(agent.done), refused=tuple(agent.refused))
+            agent.done.clear()
+            agent.refused.clear()
+        return decision
 
     def _motion(self) -> tuple[Velocity, int]:
         """The velocity, and the step up to which it holds whatever the agent would decide until then."""
         agent, here = self.agent, self.agent.here
+        if agent.now < agent.holds_until:
+            return STAND, agent.holds_until
+        if agent.state is WALKING and (place := commands.errand(agent)):
+            return towards(here.x_m, here.y_m, *place, agent.shared), agent.now + 1
         if agent.state is WALKING:
             velocity = agent.walk.velocity(agent.now, here.x_m, here.y_m)
             return velocity, agent.walk.straight_until(agent.now, here.x_m, here.y_m, velocity)
@@ -199,5 +220,6 @@ class PaperController:
         if agent.state is ATTENDING and agent.target is not None:
             return OperatorReport((agent.target,))
         if agent.state is ROOT and agent.beliefs and type(frame) is Member:
-            return OperatorReport(tuple(agent.beliefs.active()[:MAX_REPORTED]), len(frame.table))
+            members = tuple([ReportedMember(*row[:4]) for row in frame.table]) if agent.settings.report_members else ()
+            return OperatorReport(tuple(agent.beliefs.active()[:MAX_REPORTED]), len(frame.table), members)
         return None

@@ -15,11 +15,13 @@ class Strategy:
     """What sets the modes apart; trees work the same in all of them.
 
     `founds_at` is the number of events sensed at once that makes a free agent a root (None: never).
-    `attends` says whether free agents go to events, observe them and report.
+    `attends` says whether free agents go to events, observe them and report. `has_delta`: the operator may change
+    `founds_at`.
     """
 
     founds_at: int | None
     attends: bool
+    has_delta: bool = False
 
 
 def strategy_of(mode: str, control: PaperSettings) -> Strategy:
@@ -32,4 +34,4 @@ def strategy_of(mode: str, control: PaperSettings) -> Strategy:
         return Strategy(founds_at=None, attends=True)
     if mode == "hierarchical":
         return Strategy(founds_at=control.rho, attends=False)
-    return Strategy(founds_at=control.delta, attends=True)
+    return Strategy(founds_at=control.delta, attends=True, has_delta=True)

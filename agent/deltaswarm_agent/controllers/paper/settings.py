@@ -32,6 +32,7 @@ class PaperSettings:
         source=OURS,
         choices=OBSERVES,
     )
+    report_members: bool = key(True, "a root's report names its followers, with parents and places", source=OURS)
 
     def problems_with(self, shared: AgentSettings) -> list[Problem]:
         """Members of a tree must be able to hear each other."""

@@ -45,6 +45,7 @@ class Cause(Enum):
     ADOPTED = "member of the same tree in range"
     NOBODY_FOUND = "no member in range"
     ORDERED = "recruited by its root"
+    RECALLED = "recalled by the operator"
 
 
 PAPER_SECTION = {
@@ -87,6 +88,10 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.ORPHAN, Cause.NOBODY_FOUND): State.WALKING,
     (State.RELOCATING, Cause.ADOPTED): State.MEMBER,
     (State.RELOCATING, Cause.NOBODY_FOUND): State.WALKING,
+    (State.ROOT, Cause.RECALLED): State.WALKING,
+    (State.MEMBER, Cause.RECALLED): State.WALKING,
+    (State.ORPHAN, Cause.RECALLED): State.WALKING,
+    (State.RELOCATING, Cause.RECALLED): State.WALKING,
 }
 
 

@@ -1,0 +1,139 @@
+"""How the operator's commands spread: an agent relays each command that it hears, hop by hop, until its life is over.
+
+An agent relays a command as soon as it knows it, and then at doubling intervals, so that loss and distance delay a
+command and do not stop it. Each agent takes a command in once, whoever relays it.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import (
+    MAX_LIFE_S,
+    Command,
+    CommandForm,
+    Relayed,
+    Signed,
+    decode_command,
+    decode_relayed,
+    encode_relayed,
+    named,
+)
+from deltaswarm_wire.envelope import MAX_COMMANDS
+from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
+
+FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
+"""After the first frame with a command the second follows so soon; the intervals double up to the longest."""
+
+ANSWERED_S = 600.0
+"""An agent answers for a command in its reports for so long after its life."""
+
+MAX_KNOWN = 4096
+"""Numbers of commands that an agent remembers; when it has more, those below its newest ones count as known."""
+
+Verify = Callable[[Signed], bool]
+
+
+@dataclass
+class _Known:
+    """A command that is relayed or answered for."""
+
+    signed: Signed
+    command: Command
+    ends: int
+    """The step with which its life ends."""
+    send_at: int
+    interval: int
+    state: int = HEARD
+
+
+class CommandRelay:
+    """The commands that one agent knows. Steps are the agent's own.
+
+    Args:
+        step_s: length of a step [s].
+        forms: the commands that the agent's controller accepts.
+        verify: whether a command's signature is the operator's; without it every command is believed.
+    """
+
+    def __init__(self, step_s: float, forms: Sequence[CommandForm], verify: Verify | None = None) -> None:
+        self.rejected = 0
+        """Items that broke the protocol, or whose signature is not the operator's."""
+        self._step_s = step_s
+        self._forms = forms
+        self._verify = verify
+        self._known: dict[int, _Known] = {}
+        self._numbers: set[int] = set()
+        self._forgotten_below = 0
+
+    def hear(self, items: Sequence[bytes], now: int) -> list[Command]:
+        """Take in what a frame relays; the commands that are new to this agent and that its controller accepts."""
+        return [known.command for item in items if (known := self._take(item, now)) and known.state == HEARD]
+
+    def _take(self, item: bytes, now: int) -> _Known | None:
+        try:
+            left_steps, signed = decode_relayed(item)
+            command = decode_command(signed.body)
+        except WireError:
+            self.rejected += 1
+            return None
+        number = command.number
+        if number in self._numbers or number < self._forgotten_below:
+            return None
+        if self._verify is not None and not self._verify(signed):
+            self.rejected += 1
+            return None
+        self._remember(number)
+        left_steps = min(left_steps, round(min(command.life_s, MAX_LIFE_S) / self._step_s))
+        form = named(self._forms, command.name)
+        accepted = form is not None and form.problem(command.target, command.arguments) is None
+        known = _Known(signed, command, now + left_steps, now, self._steps(FIRST_INTERVAL_S))
+        known.state = HEARD if accepted else REFUSED
+        self._known[number] = known
+        return known
+
+    def _remember(self, number: int) -> None:
+        self._numbers.add(number)
+        if len(self._numbers) > MAX_KNOWN:
+            newest = sorted(self._numbers)[MAX_KNOWN // 2 :]
+            self._forgotten_below = newest[0]
+            self._numbers = set(newest)
+
+    def _steps(self, seconds: float) -> int:
+        return max(1, round(seconds / self._step_s))
+
+    def due(self, now: int, room_bytes: int) -> tuple[bytes, ...]:
+        """What this step's radio frame relays, the newest commands first, and no more than there is room for."""
+        if not self._known:
+            return ()
+        answered_until = now - self._steps(ANSWERED_S)
+        for number in [number for number, known in self._known.items() if known.ends <= answered_until]:
+            del self._known[number]
+        items: list[bytes] = []
+        for _, known in sorted(self._known.items(), reverse=True):
+            if known.send_at > now or known.ends <= now or len(items) == MAX_COMMANDS:
+                continue
+            item = encode_relayed(Relayed(known.ends - now - 1, known.signed))
+            room_bytes -= len(item) + 3
+            if room_bytes < 0:
+                break
+            items.append(item)
+            known.send_at = now + known.interval
+            known.interval = min(2 * known.interval, self._steps(LONGEST_INTERVAL_S))
+        return tuple(items)
+
+    def next_step(self, now: int) -> int | None:
+        """The next step in which there is something to relay, if there is any."""
+        times = [known.send_at for known in self._known.values() if known.ends > now + 1]
+        return max(now + 1, min(times)) if times else None
+
+    def note(self, done: Sequence[int], refused: Sequence[int]) -> None:
+        """The controller has carried out some commands, and cannot carry out others."""
+        for numbers, state in ((done, DONE), (refused, REFUSED)):
+            for number in numbers:
+                if number in self._known:
+                    self._known[number].state = state
+
+    def answers(self) -> tuple[Answer, ...]:
+        """What this agent says of the newest commands that it knows."""
+        return tuple([Answer(number, self._known[number].state) for number in sorted(self._known)[-MAX_ANSWERS:]])

@@ -1,0 +1,103 @@
+"""The operator's commands under the paper's control structures. The paper has no commands: all of this is ours.
+
+- `set delta`: from now on so many events sensed at once make the agent a root (hybrid control only).
+- `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
+- `attend`: free agents near a place go there, and walk on if they sense nothing on the way.
+- `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.states import FREE, Cause
+from deltaswarm_wire.commands import AGENT, ALL, CIRCLE, PLACE, TREE, ArgumentForm, Command, CommandForm
+from deltaswarm_wire.messages import Pose
+
+SET_DELTA, RECALL, ATTEND, HOLD, RESUME = "set delta", "recall", "attend", "hold", "resume"
+ANYBODY = (ALL, CIRCLE, TREE, AGENT)
+
+FORMS = (
+    CommandForm(
+        SET_DELTA,
+        ANYBODY,
+        (ArgumentForm("delta", "integer", 1, 1000, default=3, help="events sensed at once that make an agent a root"),),
+        "Hybrid control: how many events sensed at once make an agent a root. More is less centralised.",
+    ),
+    CommandForm(
+        RECALL,
+        (TREE,),
+        (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="found no new tree for so long"),),
+        "Dissolve a tree: its root gives up, and its members go their own ways.",
+    ),
+    CommandForm(
+        ATTEND,
+        (PLACE,),
+        (ArgumentForm("within_m", "number", 1, 1000, default=20, unit="m", help="free agents up to here from it go"),),
+        "Send the free agents near a place to it.",
+    ),
+    CommandForm(
+        HOLD,
+        ANYBODY,
+        (ArgumentForm("for_s", "number", 1, 86400, default=300, unit="s", help="after this they go on by themselves"),),
+        "Make agents stand still; they go on observing, reporting and joining trees.",
+    ),
+    CommandForm(RESUME, ANYBODY, (), "End a hold, and an order to go to a place."),
+)
+
+
+def obey(agent: Agent, commands: Sequence[Command]) -> None:
+    """Begin to carry out commands that are new to the agent; what is done or refused at once is noted."""
+    for command in commands:
+        fate = _RULES[command.name](agent, command)
+        if fate is not None:
+            (agent.done if fate else agent.refused).append(command.number)
+
+
+def _set_delta(agent: Agent, command: Command) -> bool:
+    if not agent.strategy.has_delta:
+        return False
+    agent.strategy = replace(agent.strategy, founds_at=int(command.arguments["delta"]))
+    return True
+
+
+def _recall(agent: Agent, command: Command) -> bool:
+    membership = agent.membership
+    if membership is None:
+        return False
+    agent.founds_from = agent.now + agent.steps(command.arguments["pause_s"])
+    agent.leave_tree(Cause.RECALLED)
+    return True
+
+
+def _attend(agent: Agent, command: Command) -> bool | None:
+    x_m, y_m = command.target.numbers
+    within_m = float(command.arguments["within_m"])
+    is_near = agent.here.distance_m2(x_m, y_m) <= within_m**2
+    if agent.state not in FREE or not is_near or not agent.here.is_in_arena(x_m, y_m):
+        return False
+    agent.errand = (x_m, y_m)
+    agent.errand_command = command.number
+    return None
+
+
+def _hold(agent: Agent, command: Command) -> bool:
+    agent.holds_until = agent.now + agent.steps(command.arguments["for_s"])
+    return True
+
+
+def _resume(agent: Agent, command: Command) -> bool:
+    agent.holds_until = agent.now
+    agent.errand = None
+    return True
+
+
+_RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, RESUME: _resume}
+
+
+def errand(agent: Agent) -> Pose | None:
+    """Where a walking agent has been sent; it is done with it there."""
+    if agent.errand is not None and agent.here.is_at(*agent.errand):
+        agent.errand = None
+        agent.done.append(agent.errand_command)
+    return agent.errand

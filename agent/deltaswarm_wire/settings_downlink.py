@@ -1,0 +1,66 @@
+"""The operator's downlink, and the commands of a scripted operator.
+
+Commands leave the operator's base as radio frames, which are repeated during a command's life. Each limit is off by
+default; without any of them every agent hears the base.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import MAX_LIFE_S, TARGET_NUMBERS, Command, Target, encode_command, make_target
+from deltaswarm_wire.settings_radio import BlackoutSettings, Place
+
+FIRST_STEP = 2
+"""The first step in which a command can leave the base: the world begins this step once it has the turn of step 0."""
+
+
+@dataclass(frozen=True)
+class DownlinkSettings:
+    """The way of commands from the operator's base to the agents, emulated by the world."""
+
+    base_m: Place | None = key(None, "where the base is [m]; default: uplink.base_m", length=2)
+    range_m: float | None = key(None, "the base is heard up to here [m]; default: everywhere", above=0, high=1e6)
+    loss: float = key(0.0, "share of the base's frames that an agent does not hear", low=0, high=1)
+    latency_s: float = key(0.0, "least delay of a frame [s]", low=0, high=3600)
+    jitter_s: float = key(0.0, "more delay, uniform from 0 to this [s]", low=0, high=3600)
+    outages: tuple[BlackoutSettings, ...] = key((), "the base is not heard, as tables of from_s, until_s")
+    repeat_s: float = key(5.0, "the base repeats the commands that are alive this often [s]", above=0, high=3600)
+
+
+@dataclass(frozen=True)
+class CommandSettings:
+    """One command of a scripted operator."""
+
+    at_s: float = key(0.0, "when it leaves the base [s]; not before the third step", low=0, high=1e8)
+    name: str = key("", "one that the controller accepts: `deltaswarm list` shows them")
+    target: str = key("all", "whom it is for", choices=tuple(TARGET_NUMBERS))
+    numbers: tuple[float, ...] = key(
+        (), "circle: x, y and radius [m]; tree: its root; agent: its number; place: x and y [m]"
+    )
+    arguments: dict[str, Any] = key(dict, "its arguments, by name")
+    life_s: float = key(120.0, "agents relay it, and begin to carry it out, for so long [s]", above=0, high=MAX_LIFE_S)
+
+    def __hash__(self) -> int:
+        return hash((self.at_s, self.name, self.target, self.numbers, repr(self.arguments), self.life_s))
+
+    def command(self, number: int) -> Command:
+        """The command that is sent."""
+        return Command(number, self.name, Target(self.target, self.numbers), dict(self.arguments), self.life_s)
+
+    def problems(self) -> list[Problem]:
+        """A target has its numbers, and all of it fits on the wire."""
+        try:
+            make_target([self.target, *self.numbers])
+            encode_command(self.command(0))
+        except WireError as error:
+            return [Problem("target", repr(self.target), str(error))]
+        return []
+
+
+def downlink_problems(downlink: DownlinkSettings, uplink_base: Place | None) -> list[Problem]:
+    """A range needs a base."""
+    if downlink.range_m is not None and (downlink.base_m or uplink_base) is None:
+        return [Problem("downlink.range_m", f"{downlink.range_m:g}", "a range needs downlink.base_m or uplink.base_m")]
+    return []

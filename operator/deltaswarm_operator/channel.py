@@ -1,0 +1,39 @@
+"""The operator's end of the socket pair to its station: nothing here ever waits, and what does not fit is dropped."""
+
+import socket
+import threading
+from collections.abc import Callable
+
+MAX_INTENT_BYTES = 64 * 1024
+SEND_BUFFER_BYTES = 1024 * 1024
+
+
+class Channel:
+    """Datagrams to the station, and the intents that come back.
+
+    `take` gets each intent, in a thread of its own; None once the station has closed its end.
+    """
+
+    def __init__(self, end: socket.socket, take: Callable[[bytes | None], None]) -> None:
+        end.setblocking(True)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        self._end = end
+        self._take = take
+        threading.Thread(target=self._receive, daemon=True).start()
+
+    def send(self, datagram: bytes) -> None:
+        """Send one datagram; it is dropped if the station is behind, or gone."""
+        try:
+            self._end.send(datagram, socket.MSG_DONTWAIT)
+        except OSError:
+            return
+
+    def _receive(self) -> None:
+        while True:
+            try:
+                data = self._end.recv(MAX_INTENT_BYTES)
+            except OSError:
+                data = b""
+            self._take(data or None)
+            if not data:
+                return

@@ -1,0 +1,112 @@
+"""The operator's commands: numbered, checked against what the controller accepts, followed by agents' answers."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from deltaswarm_wire.commands import (
+    MAX_IN_TURN,
+    Command,
+    CommandForm,
+    Signed,
+    Target,
+    Value,
+    decode_command,
+    encode_command,
+    named,
+)
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Report
+
+SENT, KNOWN, CARRIED_OUT, EXPIRED = "sent", "heard", "done", "expired"
+LIFE_S = 120.0
+MAX_QUEUE = 128
+SHOWN = 50
+
+
+@dataclass
+class Sent:
+    """A command that was given, and the agents that answered it, by the state that they told."""
+
+    command: Command
+    sent_s: float
+    answers: dict[int, int] = field(default_factory=dict)
+
+    def count(self, *states: int) -> int:
+        """How many agents told one of these states last."""
+        return sum(state in states for state in self.answers.values())
+
+    def state(self, now_s: float) -> str:
+        """What has become of it: a fate that the station shows."""
+        if self.count(DONE):
+            return CARRIED_OUT
+        if now_s > self.sent_s + self.command.life_s:
+            return EXPIRED
+        return KNOWN if self.answers else SENT
+
+
+class Commander:
+    """All commands of one run, in order.
+
+    Args:
+        forms: the commands that the controller accepts.
+        sign: the signature of an encoded command; without it there is none.
+    """
+
+    def __init__(self, forms: Sequence[CommandForm], sign: Callable[[bytes], bytes] = lambda body: b"") -> None:
+        self.sent: list[Sent] = []
+        self._forms = forms
+        self._sign = sign
+        self._queue: list[Command] = []
+
+    def give(
+        self, name: str, target: Target, arguments: Mapping[str, Value], now_s: float, life_s: float = LIFE_S
+    ) -> Command:
+        """Queue a command for the next turn.
+
+        Raises:
+            ValueError: the controller does not accept it, or too many wait; the text is for the operator.
+        """
+        form = named(self._forms, name)
+        if form is None:
+            known = ", ".join(form.name for form in self._forms) or "none"
+            raise ValueError(f"the command must be one that the controller accepts: {known} (got {name!r:.40})")
+        if problem := form.problem(target, arguments):
+            raise ValueError(problem)
+        if len(self._queue) >= MAX_QUEUE:
+            raise ValueError(f"at most {MAX_QUEUE} commands may wait to be sent")
+        command = Command(len(self.sent), name, target, dict(arguments), life_s)
+        encode_command(command)
+        self._queue.append(command)
+        self.sent.append(Sent(command, now_s))
+        return command
+
+    def take(self) -> tuple[Signed, ...]:
+        """The commands of the next turn, as they are sent."""
+        taken, self._queue = self._queue[:MAX_IN_TURN], self._queue[MAX_IN_TURN:]
+        bodies = [encode_command(command) for command in taken]
+        return tuple([Signed(body, self._sign(body)) for body in bodies])
+
+    def hear(self, report: Report) -> None:
+        """Note what a report answers."""
+        for number, state in report.answers:
+            if number < len(self.sent):
+                self.sent[number].answers[report.agent] = state
+
+    def rows(self, now_s: float) -> list[list[Any]]:
+        """The newest commands and their fate, for the station."""
+        rows = []
+        for sent in self.sent[-SHOWN:]:
+            command = sent.command
+            counts = [sent.count(HEARD, DONE, REFUSED), sent.count(DONE), sent.count(REFUSED)]
+            expires_s = sent.sent_s + command.life_s
+            told = [command.number, command.name, str(command.target), command.arguments, sent.sent_s]
+            rows.append([*told, *counts, expires_s, sent.state(now_s)])
+        return rows
+
+    def state(self) -> list[Any]:
+        """All that is needed to go on, as JSON has it."""
+        return [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
+
+    def go_on(self, state: Sequence[Any]) -> None:
+        """Go on from what another's `state` said: all its commands have been sent."""
+        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in state]

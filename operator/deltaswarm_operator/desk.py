@@ -1,0 +1,260 @@
+"""The operator's desk: picture, commands, pace and probes of one run, as a person or a script uses them.
+
+Pure: what arrives goes in, turns and the station's datagrams come out. The station's messages are in `docs/STATION.md`.
+"""
+
+import json
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from random import Random
+from typing import Any, NamedTuple
+
+from deltaswarm_operator.commander import Commander
+from deltaswarm_operator.picture import Item, Picture, item_row
+from deltaswarm_operator.probes import Probes
+from deltaswarm_wire.checked import plain
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import Pace, Target, Turn, make_target
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_wire.settings_downlink import FIRST_STEP
+from deltaswarm_wire.settings_operator import Briefing
+
+LIVE = "live"
+SPEEDS = (1, 2, 5, 10, 20, 50, 0)
+INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
+HISTORY_ROWS = 600
+MAX_NOTE = 2000
+"""Characters."""
+RESIDUE_S = 60.0
+"""An item that is unread for longer is residue of an earlier load [simulated s]."""
+
+
+class Deed(NamedTuple):
+    """One act of the person, or of what stands in for one; `detail` is JSON."""
+
+    time_s: float
+    kind: str
+    detail: str
+
+
+class Desk:
+    """One operator's desk."""
+
+    def __init__(self, briefing: Briefing, sign: Callable[[bytes], bytes] = lambda body: b"") -> None:
+        self.picture = Picture(briefing.step_s)
+        self.commander = Commander(briefing.forms, sign)
+        self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
+        self.pace = Pace(briefing.speed, -1)
+        self.deeds: deque[Deed] = deque()
+        """Acts that have not been written down yet."""
+        self.rejected = 0
+        """Intents of the station that were dropped."""
+        self._briefing = briefing
+        self._script = deque(sorted(briefing.command, key=lambda command: command.at_s))
+        self._step = -1
+        self._is_over = False
+        self._workload: Workload | None = None
+        self._messages = 0
+        self._steps_above = [0 for _ in self._thresholds]
+        self._history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
+        self._shown = 0
+
+    @property
+    def _thresholds(self) -> list[float]:
+        return [self._briefing.operator.threshold_hz, *self._briefing.operator.more_thresholds_hz]
+
+    def begin(self, wall_s: float) -> None:
+        """Before the first step: a session's sheet holds the run back until it is filled in."""
+        self.probes.begin(wall_s)
+        if self.probes.open(wall_s):
+            self.pace = self.pace._replace(hold_step=0)
+
+    def close(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
+        """Take in a closed step; the operator's turn."""
+        self._step, self._is_over, self._workload = clock.step, clock.last, workload
+        for report in reports:
+            self.commander.hear(report)
+        self.picture.take(reports, clock.time_s)
+        self._messages += workload.messages
+        for index, threshold_hz in enumerate(self._thresholds):
+            self._steps_above[index] += workload.rate_60s_hz > threshold_hz
+        self._history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
+        self.probes.tick(clock.time_s, clock.last, wall_s)
+        self._follow_script(clock.step + FIRST_STEP)
+        return self.turn()
+
+    def turn(self) -> Turn:
+        """What the operator commands now."""
+        return Turn(self._step, self.commander.take())
+
+    def _follow_script(self, step: int) -> None:
+        """Give the commands that are to leave the base in this step; those that are too early leave in the first."""
+        while self._script and round(self._script[0].at_s / self._briefing.step_s) <= step:
+            scripted = self._script.popleft()
+            target = Target(scripted.target, scripted.numbers)
+            self._command(scripted.name, target, scripted.arguments, scripted.life_s)
+
+    def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
+        command = self.commander.give(name, target, arguments, self.picture.now_s, *life_s)
+        self._note("command", [command.number, name, str(target), dict(arguments)])
+        return command.number
+
+    def _note(self, kind: str, detail: Any) -> None:
+        self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
+
+    def go_on(self, step: int, commands: Sequence[Any]) -> None:
+        """Go on after a step; `commands` is what the commander before had as its `state`."""
+        self._step = step
+        self.commander.go_on(commands)
+        while self._script and round(self._script[0].at_s / self._briefing.step_s) <= step + FIRST_STEP:
+            self._script.popleft()
+
+    # The station
+
+    def hello(self, run: str, kind: str = LIVE) -> bytes:
+        """What the page must know of the run."""
+        briefing = self._briefing
+        probes = briefing.operator.probes
+        return _json(
+            type="hello",
+            kind=kind,
+            run=run,
+            title=briefing.title,
+            step_s=briefing.step_s,
+            duration_s=briefing.duration_s,
+            arena_m=[briefing.width_m, briefing.height_m],
+            obstacles=[[list(corner) for corner in obstacle.corners_m] for obstacle in briefing.obstacles],
+            base_m=briefing.base_m,
+            range_m=briefing.range_m,
+            agents=briefing.agents,
+            thresholds_hz=self._thresholds,
+            commands=[plain(form) for form in briefing.forms],
+            speeds=SPEEDS,
+            session={
+                "sheet": {"consent": probes.consent, "participant": "", "condition": ""} if probes.consent else None,
+                "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
+            },
+        )
+
+    def show(self, wall_s: float, **more: Any) -> bytes:
+        """The newest picture."""
+        picture, workload = self.picture, self._workload
+        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))
+        self._shown = len(picture.inbox)
+        above_s = [steps * self._briefing.step_s for steps in self._steps_above]
+        return _json(
+            type="picture",
+            step=self._step,
+            time_s=round(picture.now_s, 3),
+            over=self._is_over,
+            **picture.rows(),
+            inbox=_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
+            unread=len(picture.unread),
+            workload={
+                "messages": self._messages,
+                "rate_1s_hz": round(workload.rate_1s_hz, 3) if workload else 0.0,
+                "rate_60s_hz": round(workload.rate_60s_hz, 3) if workload else 0.0,
+                "senders": workload.senders if workload else 0,
+                "residue": picture.waiting(RESIDUE_S),
+                "above_s": above_s,
+            },
+            commands=self.commander.rows(picture.now_s),
+            pace={"paused": self.pace.hold_step >= 0, "speed": self.pace.speed},
+            probe=self.probes.open(wall_s),
+            **more,
+        )
+
+    def intend(self, data: bytes, wall_s: float) -> list[bytes]:
+        """Do what somebody at the station wants; what the station is answered."""
+        try:
+            raw = json.loads(data)
+        except ValueError:
+            raw = None
+        kind = raw.get("type") if isinstance(raw, dict) else None
+        act = self._intents.get(kind) if isinstance(kind, str) else None
+        if act is None:
+            self.rejected += 1
+            return []
+        to = raw.get("from")
+        try:
+            return act(self, raw, to, wall_s)
+        except (ValueError, TypeError, KeyError, WireError) as error:
+            self.rejected += 1
+            why = str(error) if isinstance(error, ValueError | WireError) else f"{kind}: something is missing or wrong"
+            return [_json(type="refused", to=to, id=str(raw.get("id", kind))[:64], why=why)]
+
+    def _intend_command(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        target = raw["target"]
+        fields = {"circle": ("x_m", "y_m", "radius_m"), "tree": ("root",), "agent": ("agent",), "place": ("x_m", "y_m")}
+        numbers = [target[field] for field in fields.get(target["kind"], ())]
+        number = self._command(raw["name"], make_target([target["kind"], *numbers]), raw.get("arguments", {}))
+        return [_json(type="accepted", to=to, id=str(raw.get("id", ""))[:64], number=number)]
+
+    def _intend_pace(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        if "speed" in raw:
+            speed = float(raw["speed"])
+            if not 0.0 <= speed <= 1000.0:
+                raise ValueError(f"the speed must be from 0 to 1000 (got {speed:g})")
+            self.pace = self.pace._replace(speed=speed)
+        elif "steps" in raw:
+            steps = int(raw["steps"])
+            if not 1 <= steps <= 10_000:
+                raise ValueError(f"the number of steps must be from 1 to 10,000 (got {steps})")
+            self.pace = self.pace._replace(hold_step=self._step + 1 + steps)
+        else:
+            self.pace = self.pace._replace(hold_step=self._step + 1 if raw["paused"] else -1)
+        self._note("pace", {name: raw[name] for name in ("speed", "steps", "paused") if name in raw})
+        return []
+
+    def _intend_read(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        numbers = list(self.picture.unread) if raw.get("all") else [int(number) for number in raw["items"]]
+        fresh = self.picture.read(numbers)
+        if fresh:
+            self._note("read", fresh)
+        return [_json(type="read", items=fresh)]
+
+    def _intend_isa(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        self.probes.answer_isa(raw["number"], raw["answer"], wall_s)
+        self._note("isa", raw["answer"])
+        return []
+
+    def _intend_tlx(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        self.probes.answer_tlx(raw["scales"], raw.get("weights"), wall_s)
+        self._note("tlx", raw["scales"])
+        return []
+
+    def _intend_note(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        self._note("note", str(raw["text"])[:MAX_NOTE])
+        return []
+
+    def _intend_sheet(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        if raw.get("consent") is not True:
+            raise ValueError("the run begins once the participant has consented")
+        self.probes.take_sheet()
+        self._note("sheet", {name: str(raw.get(name, ""))[:64] for name in ("participant", "condition")})
+        self.pace = self.pace._replace(hold_step=-1)
+        return []
+
+    def _intend_catch_up(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        newest = self.picture.inbox[-INBOX_CAUGHT_UP:]
+        read = [item.number for item in newest if item.number not in self.picture.unread]
+        return [_json(type="catch_up", to=to, inbox=_rows(newest), read=read, history=list(self._history))]
+
+    _intents: Mapping[str, Callable[["Desk", dict[str, Any], Any, float], list[bytes]]] = {
+        "command": _intend_command,
+        "pace": _intend_pace,
+        "read": _intend_read,
+        "isa": _intend_isa,
+        "tlx": _intend_tlx,
+        "note": _intend_note,
+        "sheet": _intend_sheet,
+        "catch_up": _intend_catch_up,
+    }
+
+
+def _rows(items: Sequence[Item]) -> list[list[Any]]:
+    return [item_row(item) for item in items]
+
+
+def _json(**message: Any) -> bytes:
+    return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

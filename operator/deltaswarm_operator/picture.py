@@ -1,0 +1,163 @@
+"""The operator's picture of the swarm: what the reports that arrived add up to, and how old it is.
+
+Pure: reports and clock in; places, roles, trees, events and inbox out. An agent of which no report told is not in it,
+and what was told is kept with its time: it ages, and nothing else is made up.
+"""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from deltaswarm_wire.messages import NOBODY
+from deltaswarm_wire.operator_messages import Report
+
+EVENT_MEMORY_S = 300.0
+"""An event that nobody has reported for so long is taken off the map."""
+
+MAX_EVENTS = 2000
+MAX_INBOX = 20_000
+LEFT = "left its tree"
+"""The role of an agent that its root no longer names: what it does now is not known."""
+
+
+class KnownAgent(NamedTuple):
+    """What was last told of an agent. `is_own`: by its own report, else by its root's."""
+
+    x_m: float
+    y_m: float
+    role: str
+    parent: int
+    root: int
+    said_s: float
+    is_own: bool
+
+
+class KnownEvent(NamedTuple):
+    """An event, since when it is known, when it was reported last, and by whom."""
+
+    x_m: float
+    y_m: float
+    first_s: float
+    seen_s: float
+    by: int
+
+
+class Item(NamedTuple):
+    """One item of the inbox: a report that tells something its sender had not told before.
+
+    `is_new` says that it names an event, or a root, that the operator did not know.
+    """
+
+    number: int
+    time_s: float
+    agent: int
+    role: str
+    followers: int
+    events: tuple[int, ...]
+    is_new: bool
+
+
+class Picture:
+    """What the operator knows. Times are simulated [s]."""
+
+    def __init__(self, step_s: float) -> None:
+        self.agents: dict[int, KnownAgent] = {}
+        self.events: dict[int, KnownEvent] = {}
+        self.inbox: list[Item] = []
+        """All items, oldest first; item n is at index n."""
+        self.unread: set[int] = set()
+        """Numbers of the items that nobody has read."""
+        self.now_s = 0.0
+        self._step_s = step_s
+        self._told: dict[int, tuple[str, frozenset[int]]] = {}
+        """By sender, the role and the events of its newest report."""
+
+    def take(self, reports: Iterable[Report], now_s: float) -> list[Item]:
+        """Take in the reports of a closed step; the items that are new in the inbox."""
+        self.now_s = now_s
+        items = [item for report in reports if (item := self._take(report)) is not None]
+        old = [event for event, known in self.events.items() if now_s - known.seen_s > EVENT_MEMORY_S]
+        for event in old:
+            del self.events[event]
+        return items
+
+    def _take(self, report: Report) -> Item | None:
+        said_s = report.step * self._step_s
+        before = self.agents.get(report.agent)
+        if before is not None and before.is_own and before.said_s > said_s:
+            return None  # an older report that was delayed
+        item = self._item(report)
+        self._take_tree(report, said_s)
+        self._take_events(report, said_s)
+        self._told[report.agent] = report.role, frozenset(event.event for event in report.events)
+        return item
+
+    def _item(self, report: Report) -> Item | None:
+        events = tuple(event.event for event in report.events)
+        role, told = self._told.get(report.agent, ("", frozenset()))
+        if role == report.role and told.issuperset(events):
+            return None
+        is_new = any(event not in self.events for event in events) or (report.role == "root" and role != "root")
+        item = Item(len(self.inbox), self.now_s, report.agent, report.role, report.followers, events[:8], is_new)
+        if len(self.inbox) < MAX_INBOX:
+            self.inbox.append(item)
+            self.unread.add(item.number)
+        return item
+
+    def _take_tree(self, report: Report, said_s: float) -> None:
+        """Places and trees, as a root tells them; who is no longer named has left."""
+        root, agents = report.agent, self.agents
+        is_root = report.role == "root"
+        named = {member.agent for member in report.members}
+        for agent, known in tuple(agents.items()):
+            if known.root == root and agent != root and agent not in named and (not is_root or report.members):
+                agents[agent] = known._replace(role=LEFT, parent=NOBODY, root=NOBODY)
+        agents[root] = KnownAgent(
+            report.x_m, report.y_m, report.role, NOBODY, root if is_root else NOBODY, said_s, is_own=True
+        )
+        for member in report.members:
+            known_member = agents.get(member.agent)
+            if known_member is None or known_member.said_s <= said_s:
+                agents[member.agent] = KnownAgent(
+                    member.x_cm / 100, member.y_cm / 100, "member", member.parent, root, said_s, is_own=False
+                )
+
+    def _take_events(self, report: Report, said_s: float) -> None:
+        named = {event.event for event in report.events}
+        _, before = self._told.get(report.agent, ("", frozenset()))
+        for event in before - named:  # its own reporter does not tell of it any more
+            if (known := self.events.get(event)) is not None and known.by == report.agent:
+                del self.events[event]
+        for number, x_m, y_m in report.events:
+            known = self.events.get(number)
+            if known is None and len(self.events) >= MAX_EVENTS:
+                continue
+            first_s = said_s if known is None else known.first_s
+            self.events[number] = KnownEvent(x_m, y_m, first_s, said_s, report.agent)
+
+    def read(self, numbers: Iterable[int]) -> list[int]:
+        """Mark items as read; those that were not."""
+        fresh = sorted(self.unread.intersection(numbers))
+        self.unread.difference_update(fresh)
+        return fresh
+
+    def waiting(self, longer_than_s: float) -> int:
+        """How many unread items are older than this [s]."""
+        return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
+
+    def rows(self) -> dict[str, list[list[Any]]]:
+        """Agents and events as the station's page takes them."""
+        return {
+            "agents": [
+                [agent, round(k.x_m, 2), round(k.y_m, 2), k.role, k.parent, k.root, round(k.said_s, 2), int(k.is_own)]
+                for agent, k in sorted(self.agents.items())
+            ],
+            "events": [
+                [event, round(k.x_m, 2), round(k.y_m, 2), round(k.first_s, 2), round(k.seen_s, 2), k.by]
+                for event, k in sorted(self.events.items())
+            ],
+        }
+
+
+def item_row(item: Item) -> list[Any]:
+    """An item as the station's page takes it."""
+    return [*item[:5], list(item.events), int(item.is_new)]

@@ -1,0 +1,131 @@
+"""What a person at the station is asked: ISA during the run, NASA-TLX at its end.
+
+ISA (instantaneous self-assessment): workload from 1 to 5, at fixed intervals of simulated time; an answer that does not
+come in time is missing. NASA-TLX: six scales from 0 to 100, raw, and if asked for the 15 pairwise weights.
+"""
+
+from collections.abc import Mapping
+from random import Random
+from typing import Any, NamedTuple
+
+from deltaswarm_wire.settings_operator import ProbeSettings
+
+ISA, TLX, SHEET = "isa", "tlx", "sheet"
+SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+PAIRS = 15
+
+
+class ProbeRow(NamedTuple):
+    """One answer, or its absence (`value` is empty). `latency_s` is wall time from question to answer [s]."""
+
+    probe: str
+    number: int
+    item: str
+    value: int | None
+    asked_s: float
+    latency_s: float | None
+
+
+class _Asked(NamedTuple):
+    kind: str
+    number: int
+    asked_s: float
+    asked_wall_s: float
+
+
+class Probes:
+    """The questions of one run. `wall_s` is any clock that goes on, as `time.monotonic`."""
+
+    def __init__(self, settings: ProbeSettings, rng: Random) -> None:
+        self.rows: list[ProbeRow] = []
+        self._settings = settings
+        self._rng = rng
+        self._isa_number = 0
+        self._isa_due_s = self._next_isa_s(0.0)
+        self._asked: _Asked | None = None
+        self._is_over = False
+
+    def _next_isa_s(self, after_s: float) -> float:
+        every_s = self._settings.isa_every_s
+        if not every_s:
+            return float("inf")
+        return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
+
+    def begin(self, wall_s: float) -> None:
+        """Ask for the session's sheet, if there is a text to consent to."""
+        if self._settings.consent:
+            self._asked = _Asked(SHEET, 0, 0.0, wall_s)
+
+    def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
+        """Ask what is due at a simulated time; a question that was not answered in time is missing."""
+        self._expire(wall_s, at_once=is_last)
+        if is_last:
+            if self._settings.tlx and not self._is_over:
+                self._asked = _Asked(TLX, 0, now_s, wall_s)
+            self._is_over = True
+        elif now_s >= self._isa_due_s and self._asked is None:
+            self._asked = _Asked(ISA, self._isa_number, now_s, wall_s)
+            self._isa_number += 1
+            self._isa_due_s = self._next_isa_s(self._isa_due_s)
+
+    def _expire(self, wall_s: float, *, at_once: bool) -> None:
+        asked = self._asked
+        if asked is None or asked.kind != ISA:
+            return
+        if at_once or wall_s - asked.asked_wall_s >= self._settings.isa_wait_s:
+            self.rows.append(ProbeRow(ISA, asked.number, ISA, None, asked.asked_s, None))
+            self._asked = None
+
+    def open(self, wall_s: float) -> dict[str, Any] | None:
+        """The question that waits for an answer, as the station's page takes it."""
+        self._expire(wall_s, at_once=False)
+        asked = self._asked
+        if asked is None:
+            return None
+        if asked.kind != ISA:
+            return {"kind": asked.kind}
+        left_s = self._settings.isa_wait_s - (wall_s - asked.asked_wall_s)
+        return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": round(left_s, 1)}
+
+    def answer_isa(self, number: Any, answer: Any, wall_s: float) -> None:
+        """Take an ISA answer. Raises ValueError: it is not asked for, or not from 1 to 5."""
+        self._expire(wall_s, at_once=False)
+        asked = self._asked
+        if asked is None or asked.kind != ISA or asked.number != number:
+            raise ValueError("this question is no longer open")
+        if type(answer) is not int or not 1 <= answer <= 5:
+            raise ValueError("the answer must be from 1 to 5")
+        self._add(asked, {ISA: answer}, wall_s)
+
+    def answer_tlx(self, scales: Any, weights: Any, wall_s: float) -> None:
+        """Take the NASA-TLX form. Raises ValueError: it is not asked for, or not filled in rightly."""
+        asked = self._asked
+        if asked is None or asked.kind != TLX:
+            raise ValueError("NASA-TLX is not open")
+        _check_table(scales, 100, "each scale must be from 0 to 100")
+        answers = {scale: scales[scale] for scale in SCALES}
+        if self._settings.tlx_weights:
+            _check_table(weights, 5, "each weight must be from 0 to 5")
+            if sum(weights.values()) != PAIRS:
+                raise ValueError(f"the weights must add up to {PAIRS}")
+            answers |= {f"{scale} weight": weights[scale] for scale in SCALES}
+        self._add(asked, answers, wall_s)
+
+    def take_sheet(self) -> None:
+        """The session's sheet has been filled in. Raises ValueError: it is not open."""
+        if self._asked is None or self._asked.kind != SHEET:
+            raise ValueError("the session's sheet is not open")
+        self._asked = None
+
+    def _add(self, asked: _Asked, answers: Mapping[str, int], wall_s: float) -> None:
+        latency_s = round(wall_s - asked.asked_wall_s, 3)
+        for item, value in answers.items():
+            self.rows.append(ProbeRow(asked.kind, asked.number, item, value, asked.asked_s, latency_s))
+        self._asked = None
+
+
+def _check_table(table: Any, most: int, problem: str) -> None:
+    if not isinstance(table, Mapping) or table.keys() != set(SCALES):
+        raise ValueError(f"an answer to each of {', '.join(SCALES)} is needed")
+    if not all(type(value) is int and 0 <= value <= most for value in table.values()):
+        raise ValueError(problem)

@@ -1,0 +1,67 @@
+"""The station of a run: what the operator is told for it, the socket pair between the two, where its page is."""
+
+import json
+import os
+import socket
+import webbrowser
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import tomli_w
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.commands import forms_of
+from deltaswarm_wire.plugins import find_controller
+from deltaswarm_wire.settings import Scenario
+
+STATION = "station"
+"""The role of the station's process."""
+
+BRIEFING, ADDRESS = "operator.toml", "station.json"
+LOOPBACK = "127.0.0.1:0"
+
+
+@dataclass
+class Station:
+    """What the user wants of the station, and the two ends of its channel.
+
+    Both stay open here, so that either process can be started again. `speed`: simulated per wall second, 0 as fast as
+    the machine goes. `listen`: HOST:PORT of the page.
+    """
+
+    speed: float = 1.0
+    listen: str = LOOPBACK
+    operators_end: socket.socket = field(init=False)
+    stations_end: socket.socket = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.operators_end, self.stations_end = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+
+    def close(self) -> None:
+        """Close both ends."""
+        self.operators_end.close()
+        self.stations_end.close()
+
+
+def write_briefing(folder: Path, scenario: Scenario, station: Station | None) -> Path:
+    """What the operator is told of a scenario, as a file in the run folder."""
+    forms = forms_of(find_controller(scenario.control.mode))
+    briefing = scenario.for_operator(forms, station.speed if station else 0.0)
+    file = folder / BRIEFING
+    file.write_text(tomli_w.dumps(checked.plain(briefing)))
+    return file
+
+
+def announce(folder: Path, url: str) -> None:
+    """Leave the page's address in the run folder, for this user alone, and open it where there is a browser."""
+    file = folder / ADDRESS
+    file.touch(mode=0o600)
+    file.write_text(json.dumps({"url": url}) + "\n")
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        webbrowser.open(url)
+
+
+def address(folder: Path) -> str | None:
+    """The page of a run's station; None where the run has none."""
+    file = folder / ADDRESS
+    return str(json.loads(file.read_text())["url"]) if file.exists() else None

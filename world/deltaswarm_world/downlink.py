@@ -1,0 +1,122 @@
+"""The operator's downlink: which agents hear the base's radio frames, and when; the mirror of `uplink/`.
+
+The base sends a command as soon as it has it, and then repeats the commands that are alive. Agents relay what they hear
+by themselves. The base's frames are no part of the books of agents' frames.
+"""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from deltaswarm_wire.commands import BASE, MAX_LIFE_S, Relayed, Signed, decode_command, encode_relayed
+from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, encode_sample
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.air.channel.queues import DelayLine, Packet
+from deltaswarm_world.density import Floats
+from deltaswarm_world.environment import generator
+
+LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
+"""Each model has its own chance, as on the air."""
+
+MAX_FRAME_BYTES = 1400
+"""A base's frame fits into an agent's frame, whatever else the agent hears."""
+
+
+class _Alive(NamedTuple):
+    """A command that is repeated up to the step `ends`."""
+
+    signed: Signed
+    ends: int
+
+
+class Downlink:
+    """The downlink of one run; `carry` is called once a step, in order."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        settings, step_s = scenario.downlink, scenario.run.step_s
+        self.frames_sent = self.frames_heard = 0
+        self.dropped: Counter[str] = Counter()
+        """Frames that an agent did not hear, by reason."""
+        self._settings = settings
+        self._step_s = step_s
+        self._count = scenario.agents.count
+        self._base_m = np.array(settings.base_m or scenario.uplink.base_m or (0.0, 0.0))
+        self._alive: list[_Alive] = []
+        self._new = False
+        self._repeat_steps = max(1, round(settings.repeat_s / step_s))
+        self._repeat_at = 0
+        self._rng = generator(scenario.seed, LOSS_STREAM)
+        rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
+        has_delay = settings.latency_s > 0 or settings.jitter_s > 0
+        self._delays = DelayLine(settings.latency_s, settings.jitter_s, step_s, *rngs) if has_delay else None
+
+    def send(self, step: int, commands: Sequence[Signed]) -> None:
+        """Let the base send these commands from this step on."""
+        for signed in commands:
+            life_s = min(decode_command(signed.body).life_s, MAX_LIFE_S)
+            self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
+            self._new = True
+
+    def carry(
+        self, step: int, time_s: float, positions_m: Floats, listening: Sequence[bool]
+    ) -> list[tuple[int, bytes]]:
+        """What agents at these places [m] hear of the base in this step: (agent, sample) in agent order."""
+        if not self._alive and not (self._delays and self._delays.waiting):
+            return []
+        self._alive = [alive for alive in self._alive if alive.ends > step]
+        arriving: list[tuple[int, bytes]] = []
+        if self._alive and (self._new or step >= self._repeat_at):
+            self._new, self._repeat_at = False, step + self._repeat_steps
+            sample = self._sample(step)
+            arriving = [(agent, sample) for agent in self._in_reach(time_s, positions_m)]
+        if self._delays is not None:
+            packets = [(agent, Packet(BASE, self.frames_sent, data)) for agent, data in arriving]
+            arrived = self._delays.send(step, packets, self._delays.draw(len(packets)).tolist())
+            arrived += self._delays.take(step)
+            arriving = [(agent, packet.data) for agent, packet in sorted(arrived)]
+        heard = []
+        for agent, data in arriving:
+            if listening[agent]:
+                heard.append((agent, data))
+            else:
+                self.dropped["dead"] += 1
+        self.frames_heard += len(heard)
+        return heard
+
+    def _sample(self, step: int) -> bytes:
+        """The base's next radio frame: the newest commands that fit."""
+        items: list[bytes] = []
+        room = MAX_FRAME_BYTES
+        for signed, ends in reversed(self._alive):
+            item = encode_relayed(Relayed(ends - step, signed))
+            room -= len(item) + 3
+            if room < 0 or len(items) == MAX_COMMANDS:
+                break
+            items.append(item)
+        self.frames_sent += 1
+        return encode_sample(Sample(self.frames_sent, None, tuple(items)))
+
+    def _in_reach(self, time_s: float, positions_m: Floats) -> list[int]:
+        """The agents that the frame of this step reaches."""
+        settings = self._settings
+        lucky = self._rng.random(self._count) >= settings.loss
+        if any(o.from_s <= time_s and (o.until_s is None or time_s < o.until_s) for o in settings.outages):
+            self.dropped["outage"] += self._count
+            return []
+        offsets = positions_m - self._base_m
+        near = (offsets**2).sum(axis=1) <= (np.inf if settings.range_m is None else settings.range_m**2)
+        self.dropped["range"] += int((~near).sum())
+        self.dropped["loss"] += int((near & ~lucky).sum())
+        reached: list[int] = np.flatnonzero(near & lucky).tolist()
+        return reached
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The counts of the run."""
+        return {
+            "frames_sent": self.frames_sent,
+            "frames_heard": self.frames_heard,
+            "dropped": {reason: count for reason, count in sorted(self.dropped.items()) if count},
+        }
