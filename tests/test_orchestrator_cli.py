@@ -26,7 +26,7 @@ from tests.swarms import COMMAND
 Printed = pytest.CaptureFixture[str]
 
 COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
-COMMANDS += ["bundle", "certificates"]
+COMMANDS += ["bundle", "certificates", "top"]
 
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
 

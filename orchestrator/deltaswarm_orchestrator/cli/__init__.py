@@ -22,6 +22,7 @@ COMMANDS = {
     "station": "open the page of a run that is under way, for the person who watches and commands",
     "replay": "show a run once more on the station's page, from its recording",
     "info": "show a finished or interrupted run, from its folder",
+    "top": "watch a run under way on a terminal",
     "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",

@@ -1,9 +1,11 @@
 """A run under way: take what is heard, do what the world asks for, notice who ends, hangs or says nothing."""
 
 import time
+from collections.abc import Sequence
 
 from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.onlookers import Onlooker
 from deltaswarm_orchestrator.run.part import Part
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.stopping import Stop
@@ -21,7 +23,15 @@ RESTARTS_WITHOUT_A_STEP = 3
 class Watch:
     """Watches a swarm to its end."""
 
-    def __init__(self, swarm: Swarm, observer: Observer, reporter: Reporter, stop: Stop, patience_s: float) -> None:
+    def __init__(
+        self,
+        swarm: Swarm,
+        observer: Observer,
+        reporter: Reporter,
+        stop: Stop,
+        patience_s: float,
+        onlookers: Sequence[Onlooker] = (),
+    ) -> None:
         self.why: list[str] = []
         """Who ended too early, and how; each a line."""
         self.logs: dict[str, str] = {}
@@ -31,6 +41,7 @@ class Watch:
         self._observer = observer
         self._reporter = reporter
         self._stop = stop
+        self._onlookers = onlookers
         self._patience_s = patience_s + SILENCE_S
         self._noted: set[Part] = set()
         self._deadline = float("inf")
@@ -69,6 +80,8 @@ class Watch:
         if observer.status is not None:
             workload = observer.newest_workload
             self._reporter.update(observer.status, workload.rate_60s_hz if workload else None)
+        for onlooker in self._onlookers:
+            onlooker.look(observer)
 
     def _end_soon(self) -> None:
         self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S / 2)
