@@ -108,9 +108,7 @@ def test_a_client_starts_without_its_router_and_finds_it_again(tmp_path: Path) -
                 listener = Listener(session)
                 listener.wait_for_frames(0, 3)
                 assert listener.alive == {0}
-                wait_until(
-                    lambda links=links: running.said(0).count("links: 1 (was 0)") == links, "word of the link"
-                )
+                wait_until(lambda links=links: running.said(0).count("links: 1 (was 0)") == links, "word of the link")
             wait_until(lambda links=links: running.said(0).count("links: 0 (was 1)") == links, "word of its end")
         assert running.stop(0) == 0
 
