@@ -17,6 +17,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Self
+from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
@@ -169,22 +170,29 @@ class Swarm:
         argv = ["--low-latency", *argv, *self._joining()]
         self._start(OPERATOR, 0, argv, password=self._passwords[OPERATOR], channel=channel)
 
+    @property
+    def has_station(self) -> bool:
+        """Whether a person may watch and command."""
+        return self._station is not None
+
     def start_station(self) -> str:
-        """Start the station's process; the URL of its page.
+        """Start the station's process, maybe in place of one that died; return the URL of its page.
 
         Raises:
             LaunchError: it did not come up, with the last lines of its log.
         """
-        assert self._station is not None
+        station = self._station
+        assert station is not None
         reader, writer = multiprocessing.Pipe(duplex=False)
-        argv = ["--listen", self._station.listen]
-        part = self._start(STATION, 0, argv, stdout=writer, channel=self._station.stations_end)
+        argv = ["--listen", station.listen]
+        part = self._start(STATION, 0, argv, password=station.token, stdout=writer, channel=station.stations_end)
         writer.close()
         with reader:
             url = self._line_of(part, reader).strip()
         if not url:
             wait_for([part], END_WITHIN_S)
             raise LaunchError(f"the station did not come up:\n{part.log_tail()}")
+        station.listen = urlsplit(url).netloc  # one that is started in its place has the same page
         return url
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:

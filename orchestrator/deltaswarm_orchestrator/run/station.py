@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import socket
 import webbrowser
 from dataclasses import dataclass, field
@@ -31,6 +32,8 @@ class Station:
 
     speed: float = 1.0
     listen: str = LOOPBACK
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    """The secret part of the page's URL."""
     operators_end: socket.socket = field(init=False)
     stations_end: socket.socket = field(init=False)
 

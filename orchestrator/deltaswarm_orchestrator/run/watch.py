@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.onlookers import Onlooker
-from deltaswarm_orchestrator.run.part import Part
+from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import NO_ROOM
 from deltaswarm_wire.keys import OPERATOR, WORLD
@@ -16,6 +17,7 @@ POLL_S = 0.1
 SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
 
+STATION_RESTARTS = 5
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
 
@@ -46,6 +48,7 @@ class Watch:
         self._noted: set[Part] = set()
         self._deadline = float("inf")
         """When the orchestrator waits no longer for the world to end."""
+        self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
 
@@ -72,6 +75,7 @@ class Watch:
                 break
         while observer.work(0.0):
             pass
+        self._wait_for_answers()
         if not is_stopping:  # a world that failed just now is why others did
             self._mourn(self._failed(), first=True)
 
@@ -102,6 +106,27 @@ class Watch:
                     del self.logs[part.name]
                 else:
                     self._end_soon()
+            elif part.role == STATION:
+                self._start_station_again(part)
+
+    def _start_station_again(self, station: Part) -> None:
+        """Start a station in place of one that died; without one the run goes on."""
+        if self._station_restarts >= STATION_RESTARTS or station.exit_code == NO_ROOM:
+            return
+        self._station_restarts += 1
+        try:
+            self._swarm.start_station()
+        except LaunchError as error:
+            self.why.append(str(error))
+        else:
+            del self.logs[station.name]
+            self._swarm.write_pids()
+
+    def _wait_for_answers(self) -> None:
+        """Let the person at the station answer what is asked at the end."""
+        if self._swarm.has_station and self._swarm.part(WORLD).exit_code == 0:
+            while not self._stop.by and wait_for([self._swarm.part(OPERATOR)], POLL_S):
+                pass
 
     def _start_again(self, operator: Part) -> bool:
         """Start an operator in place of one that died; False if that does not help."""
