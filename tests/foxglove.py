@@ -3,6 +3,7 @@
 import base64
 import json
 import re
+import socket
 import struct
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,12 +14,16 @@ from mcap_protobuf.decoder import DecoderFactory
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
+from deltaswarm_orchestrator.recording.schemas import TOPICS
 from tests.swarms import PATIENCE_S, RunningSwarm
 
 SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE = struct.Struct("<BIQ")
 MESSAGE_DATA = 1
 MAX_BYTES = 1 << 24
+
+CHANNELS = range(1, len(TOPICS) + 1)
+"""Their numbers at the server of a process that has no other."""
 
 
 class Viewer:
@@ -70,3 +75,22 @@ def url_of(swarm: RunningSwarm) -> str:
         if found := re.search(r"ws://\S+", line):
             return found[0]
     raise AssertionError("the run ended without a URL")
+
+
+def stuck_at(url: str) -> socket.socket:
+    """A viewer that subscribes to everything and never reads again."""
+    host, port = url.removeprefix("ws://").split(":")
+    stuck = socket.create_connection((host, int(port)))
+    stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    head = [
+        *("GET / HTTP/1.1", f"Host: {host}:{port}", "Upgrade: websocket", "Connection: Upgrade"),
+        *("Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13"),
+        *(f"Sec-WebSocket-Protocol: {SUBPROTOCOL}", "", ""),
+    ]
+    stuck.sendall("\r\n".join(head).encode())
+    wanted = [{"id": number, "channelId": number} for number in CHANNELS]
+    text = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
+    stuck.recv(4096)  # the answer to the handshake
+    # One text frame, masked with zeros, of more than 125 bytes.
+    stuck.sendall(b"\x81" + bytes([0x80 | 126]) + len(text).to_bytes(2) + bytes(4) + text)
+    return stuck

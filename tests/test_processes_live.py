@@ -13,15 +13,12 @@ from websockets.sync.client import connect
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
-from tests.foxglove import SUBPROTOCOL, url_of, viewing
+from tests.foxglove import CHANNELS, stuck_at, url_of, viewing
 from tests.swarms import COMMAND, run, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 LONG = ("--set", "run.duration_s=1500")
-CHANNELS = range(1, len(TOPICS) + 1)
-"""Their numbers at the server."""
-
 LIVE = ("--live", "foxglove", "--live-port", "0")
 
 
@@ -66,7 +63,7 @@ def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path, digest: str) -> N
         url = url_of(swarm)
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
         # Plain sockets: a WebSocket library would read on in a thread of its own.
-        with _subscribed(url), _subscribed(url), connected(swarm.part, 10.0), connected(swarm.part, 10.0):
+        with stuck_at(url), stuck_at(url), connected(swarm.part, 10.0), connected(swarm.part, 10.0):
             code, _, errors = swarm.finish()
         assert code == 0, errors
         assert swarm.summary()["digest"] == digest
@@ -125,22 +122,3 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path) -> None:
 def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     command = [*COMMAND, "run", "smoke", "--out", "run", *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-
-
-def _subscribed(url: str) -> socket.socket:
-    """A viewer that subscribes to everything and never reads again."""
-    host, port = url.removeprefix("ws://").split(":")
-    stuck = socket.create_connection((host, int(port)))
-    stuck.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    head = [
-        *("GET / HTTP/1.1", f"Host: {host}:{port}", "Upgrade: websocket", "Connection: Upgrade"),
-        *("Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==", "Sec-WebSocket-Version: 13"),
-        *(f"Sec-WebSocket-Protocol: {SUBPROTOCOL}", "", ""),
-    ]
-    stuck.sendall("\r\n".join(head).encode())
-    wanted = [{"id": number, "channelId": number} for number in CHANNELS]
-    text = json.dumps({"op": "subscribe", "subscriptions": wanted}).encode()
-    stuck.recv(4096)  # the answer to the handshake
-    # One text frame, masked with zeros, of more than 125 bytes.
-    stuck.sendall(b"\x81" + bytes([0x80 | 126]) + len(text).to_bytes(2) + bytes(4) + text)
-    return stuck

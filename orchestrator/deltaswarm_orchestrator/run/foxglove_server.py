@@ -5,7 +5,11 @@ so a viewer never makes the run wait.
 """
 
 import logging
+import os
+import socket
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, Self
 
@@ -19,6 +23,9 @@ HOST = "127.0.0.1"
 
 BACKLOG_MESSAGES = 256
 """Kept for each viewer; about two seconds' worth."""
+
+STOP_WITHIN_S = 1.0
+"""Viewers get so long to take what is on its way."""
 
 INSTALL_LIVE = "pip install 'deltaswarm[live]'"
 
@@ -85,10 +92,12 @@ class FoxgloveServer(Thinned):
             reason = str(error).removeprefix("FoxgloveError: ")
             raise LiveError(f"--live-port {port}: {reason}; choose another port, or 0 for any free one") from None
 
+        self._port: int = self._server.port
+
     @property
     def url(self) -> str:
         """What to give a viewer."""
-        return f"ws://{HOST}:{self._server.port}"
+        return f"ws://{HOST}:{self._port}"
 
     def __enter__(self) -> Self:
         return self
@@ -96,8 +105,14 @@ class FoxgloveServer(Thinned):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._server.stop()
         self._stop_logging()
+        # The server would wait without end until each viewer has read what is on its way.
+        stopping = threading.Thread(target=self._server.stop, daemon=True)
+        stopping.start()
+        stopping.join(STOP_WITHIN_S)
+        if stopping.is_alive():
+            _cut_off(self._port)
+            stopping.join(STOP_WITHIN_S)
 
     def look(self, seen: object) -> None:
         """The run's watch comes by; also while no step is made."""
@@ -124,6 +139,14 @@ def _channel(foxglove: Any, context: Any, topic: str) -> Any:
     data = build_file_descriptor_set(kind).SerializeToString()
     schema = foxglove.Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=data)
     return foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context).base
+
+
+def _cut_off(port: int) -> None:
+    """Shut every connection of this process that came in at a port of its own: viewers that do not read."""
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as found:
+            if found.family == socket.AF_INET and found.getsockname()[1] == port:
+                found.shutdown(socket.SHUT_RDWR)
 
 
 def _listener(base: Any, subscribed: Callable[[], None]) -> Any:
