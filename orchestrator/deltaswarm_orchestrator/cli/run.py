@@ -102,6 +102,9 @@ def add(command: argparse.ArgumentParser) -> None:
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
     command.add_argument(
+        "--researcher", action="store_true", help="also serve a page that shows the truth, at another address"
+    )
+    command.add_argument(
         "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
     )
     command.add_argument(
@@ -149,6 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
         boards,
         arguments.checkpoint,
         Station(arguments.speed, arguments.station_listen) if arguments.station else None,
+        arguments.researcher,
         resume=arguments.resume is not None,
         live_port=(LIVE_PORT if arguments.live_port is None else arguments.live_port) if arguments.live else None,
     )

@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.recording.thinning import ViewersOnly
 from deltaswarm_orchestrator.room import RoomError
 from deltaswarm_orchestrator.run import results, resume
+from deltaswarm_orchestrator.run.feed import ResearcherFeed
 from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.run.in_process import run_in_process
@@ -49,6 +50,8 @@ class RunOptions:
     """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
     station: Station | None = None
     """A page for a person who watches and commands."""
+    researcher: bool = False
+    """Another page, which shows the truth."""
     resume: bool = False
     """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
     live_port: int | None = None
@@ -241,6 +244,12 @@ class _Run:
                 url = swarm.start_station()
                 self._reporter.say(f"station: {url}")
                 announce(folder, url)
+            if self._options.researcher and recorder is not None:
+                page = Station()
+                feed = ResearcherFeed(page.operators_end, name, scenario)
+                self._onlookers.append(feed)
+                url = swarm.start_station(page, 1)
+                self._reporter.say(f"researcher's view, which shows what no operator knows: {url}")
             swarm.start_world(
                 folder / "scenario.toml",
                 listen=self._options.listen,

@@ -22,7 +22,7 @@ BRIEFING, ADDRESS = "operator.toml", "station.json"
 LOOPBACK = "127.0.0.1:0"
 
 
-@dataclass
+@dataclass(eq=False)
 class Station:
     """What the user wants of the station, and the two ends of its channel.
 

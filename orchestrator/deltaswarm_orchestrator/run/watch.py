@@ -111,7 +111,7 @@ class Watch:
 
     def _start_station_again(self, station: Part) -> None:
         """Start a station in place of one that died; without one the run goes on."""
-        if self._station_restarts >= STATION_RESTARTS or station.exit_code == NO_ROOM:
+        if station.number or self._station_restarts >= STATION_RESTARTS or station.exit_code == NO_ROOM:
             return
         self._station_restarts += 1
         try:
