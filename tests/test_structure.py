@@ -14,7 +14,7 @@ import pytest
 from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_wire import settings as wire_settings
-from deltaswarm_wire import settings_fault, settings_obstacles, settings_radio, settings_uplink
+from deltaswarm_wire import settings_fault, settings_obstacles, settings_operator, settings_radio, settings_uplink
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -143,7 +143,7 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 SETTINGS: list[Any] = [
     found
     for module in (
-        *(wire_settings, settings_fault, settings_obstacles, settings_radio, settings_uplink),
+        *(wire_settings, settings_fault, settings_obstacles, settings_operator, settings_radio, settings_uplink),
         *(paper_settings, potential),
     )
     for found in vars(module).values()
