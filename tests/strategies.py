@@ -389,7 +389,7 @@ def assert_decodes_or_complains(codec: Codec, data: bytes) -> None:
     if error is not None:
         known = {"sample", "version", codec.name, *(f"{codec.name}.{field}" for field in codec.places)}
         assert any(error.field == name or error.field.startswith(f"{name}.") for name in known), error.field
-        assert str(error).startswith(f"{error.field}: ")
+        assert str(error).startswith(f"{error.field} must ")
         assert len(str(error)) < 2500
 
 

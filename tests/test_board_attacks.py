@@ -104,7 +104,10 @@ def test_a_file_of_ten_megabytes_is_not_read(tmp_path: Path, capsys: pytest.Capt
     """Nor an endless one."""
     file = tmp_path / "3.toml"
     file.write_text(f'run = "{"x" * 10_000_000}"\n')
-    assert check(file, capsys) == (2, f"{file}: is too large; at most {MAX_FILE_BYTES} bytes are allowed\n")
+    code, said = check(file, capsys)
+    assert code == 2
+    assert said.startswith(f"{file}: ")
+    assert str(MAX_FILE_BYTES) in said
     assert check(Path("/dev/zero"), capsys)[0] == 2
 
 
@@ -117,7 +120,8 @@ def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: p
     file.chmod(0o646)
     code, said = check(file, capsys)
     assert code == 2
-    assert f"has mode 0646; only its owner may write to what names code to run: chmod 644 {file}" in said
+    assert "0646" in said
+    assert f"chmod 644 {file}" in said
 
 
 @pytest.mark.parametrize("endless", ["/dev/zero", "fifo", "large"])
@@ -168,7 +172,7 @@ def test_a_secret_that_others_may_read_is_refused_everywhere(
         file.write_text(tomli_w.dumps({"id": 3, "air": air}))
         code, said = check(file, capsys)
         assert code == 2
-        assert f"has mode {mode:04o}" in said
+        assert f"{mode:04o}" in said
         assert "chmod 600" in said
     common = ["--run", "field", "--out", str(tmp_path / "out")]
     for arguments in (
@@ -179,4 +183,4 @@ def test_a_secret_that_others_may_read_is_refused_everywhere(
         assert operator_main([*common, *arguments]) == 2
         said = capsys.readouterr().err
         assert said.count("\n") == 1
-        assert f"has mode {mode:04o}; 0600 is needed: chmod 600 " in said
+        assert f"{mode:04o}: chmod 600 " in said

@@ -178,9 +178,9 @@ def test_without_numbers_there_are_no_rules(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("air", "problem"),
     [
-        ({"agents": "3-x"}, "numbers such as 3,7 or 20-24 are expected"),
-        ({"agents": "0-2"}, "agent 3 itself must be among them"),
-        ({"agents": "0-3", "connect": ["tcp/10.0.0.1:7447"]}, "tls/ endpoints alone are allowed"),
+        ({"agents": "3-x"}, "20-24"),
+        ({"agents": "0-2"}, "air.agents must .*3"),
+        ({"agents": "0-3", "connect": ["tcp/10.0.0.1:7447"]}, "tls/"),
     ],
 )
 def test_numbers_that_cannot_be_are_told(air: dict[str, Any], problem: str, folder: Path) -> None:
@@ -198,10 +198,10 @@ def test_an_agent_more_costs_two_rules() -> None:
 
 def test_numbers_need_certificates(tmp_path: Path) -> None:
     """A board's and the operator's."""
-    with pytest.raises(SettingsError, match="names are in certificates"):
+    with pytest.raises(SettingsError, match=r"agents must .*certificates"):
         load(AirSettings, {"agents": "0-3", "multicast": True})
     command = ["--no-world", "--run", RUN, "--out", str(tmp_path), "--listen", "tcp/127.0.0.1:1", "--agents", "0-3"]
-    with pytest.raises(ValueError, match="names are in certificates"):
+    with pytest.raises(ValueError, match=r"--agents must .*certificates"):
         _open_air_config(open_air_parser().parse_args(command))
 
 
@@ -215,13 +215,13 @@ def test_a_certificate_is_tried_before_it_meets_silence(
     mine, other = (str(folder / f"agent-{agent}") for agent in (3, 4))
     for cert, secret, word in (
         (mine, mine, ""),
-        (other, other, "it is of agent-4; that of agent-3 is needed"),
-        (mine, other, "it does not go with its key or its authority: KEY_VALUES_MISMATCH"),
-        (str(tmp_path / "agent-3"), str(tmp_path / "agent-3"), "the other end would refuse it: "),
+        (other, other, "agent-4"),
+        (mine, other, "KEY_VALUES_MISMATCH"),
+        (str(tmp_path / "agent-3"), str(tmp_path / "agent-3"), "other end"),
         (
             str(tmp_path / "expired"),
             str(tmp_path / "expired"),
-            "the other end would refuse it: certificate has expired",
+            "certificate has expired",
         ),
     ):
         files = {"ca_file": str(folder / "ca.pem"), "cert_file": f"{cert}.pem", "key_file": f"{secret}.key"}

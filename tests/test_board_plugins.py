@@ -79,11 +79,11 @@ def test_a_body_of_another_package_drives_an_agent(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "word"),
     [
-        ("raises", "raise RuntimeError('no licence')", "cannot be imported: RuntimeError: no licence"),
-        ("no_python", "def (", "cannot be imported: SyntaxError"),
-        ("empty", "", "cannot be imported: AttributeError"),
-        ("exits", "class Rover: sense = 1", "lacks Settings, REAL_TIME, move, close"),
-        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "its Settings is no dataclass"),
+        ("raises", "raise RuntimeError('no licence')", "RuntimeError: no licence"),
+        ("no_python", "def (", "SyntaxError"),
+        ("empty", "", "AttributeError"),
+        ("exits", "class Rover: sense = 1", "Settings, REAL_TIME, move, close"),
+        ("plain", ROVER.replace("@dataclass(frozen=True)", ""), "dataclass"),
     ],
 )
 def test_a_module_that_is_no_body_is_refused(
@@ -145,7 +145,7 @@ def test_a_body_that_raises_now_and_then_is_not_well_then() -> None:
     """Each seventh call; the agent goes on, and tells it to stand meanwhile."""
     driver, body, faults = steps(*(RuntimeError("seventh") if step % 7 == 6 else WELL for step in range(70)))
     assert [bool(fault) for fault in faults] == [step % 7 == 6 for step in range(70)]
-    assert faults[6] == "its code fails: RuntimeError: seventh"
+    assert "RuntimeError: seventh" in faults[6]
     assert (driver.faulty_steps, body.moves) == (10, 70)
 
 
@@ -164,7 +164,7 @@ def test_a_body_that_cannot_be_moved_is_not_well() -> None:
     body._gives = iter([WELL] * MAX_FAILURES)
     for step in range(2, MAX_FAILURES + 1):
         assert driver.step(step, float(step), lambda at: ()) is not None
-        assert driver.fault == "its code fails: OSError: the wheel is off"
+        assert "OSError: the wheel" in driver.fault
     with pytest.raises(OSError, match="wheel"):
         driver.step(99, 99.0, lambda at: ())
 
@@ -172,14 +172,14 @@ def test_a_body_that_cannot_be_moved_is_not_well() -> None:
 @pytest.mark.parametrize(
     ("gives", "word"),
     [
-        (None, "NoneType and no Sensed"),
-        ((5.0, 5.0, 0.1), "tuple and no Sensed"),
+        (None, "got NoneType"),
+        ((5.0, 5.0, 0.1), "got tuple"),
         (Sensed("left", 5.0, 0.1), "could not convert"),  # type: ignore[arg-type]
-        (Sensed(5.0, 5.0, -1.0), "uncertain by -1 m"),
-        (Sensed(5.0, 5.0, 0.1, (Event(1, math.nan, 3.0),)), r"event 1 at \(nan, 3\)"),
-        (Sensed(5.0, 5.0, 0.1, (Event(1, 1e300, 3.0),)), "event 1 at"),
-        (Sensed(5.0, 5.0, 0.1, (Event(-1, 2.0, 3.0),)), "event -1 at"),
-        (Sensed(5.0, 5.0, 0.1, (WELL.events * (MAX_SENSED + 1))), "1001 events; at most 1000"),
+        (Sensed(5.0, 5.0, -1.0), "deviation of -1 m"),
+        (Sensed(5.0, 5.0, 0.1, (Event(1, math.nan, 3.0),)), r"event=1, x_m=nan"),
+        (Sensed(5.0, 5.0, 0.1, (Event(1, 1e300, 3.0),)), "event=1, x_m=1e"),
+        (Sensed(5.0, 5.0, 0.1, (Event(-1, 2.0, 3.0),)), "event=-1"),
+        (Sensed(5.0, 5.0, 0.1, (WELL.events * (MAX_SENSED + 1))), "1000 .*1001"),
     ],
 )
 def test_what_no_body_may_give_is_a_fault(gives: Any, word: str) -> None:

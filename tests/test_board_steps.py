@@ -100,7 +100,7 @@ def test_of_each_neighbour_the_newest_frame_is_heard_once() -> None:
         (2, frame(), at(1.0) * 9, "malformed"),
         (2, bytes(9000), None, "oversized"),
         (None, frame(), None, "on no agent's key"),
-        (1, frame(), None, "of another agent with this number"),
+        (1, frame(), None, "from another agent with this number"),
     ],
 )
 def test_what_no_neighbour_would_send_is_counted_and_dropped(
@@ -244,10 +244,10 @@ def a_driver() -> tuple[Driver, Puppet]:
     ("sensed", "fault"),
     [
         (NOWHERE, "no position yet"),
-        (Sensed(5.0, 5.0, 2.0), "uncertain by 2 m"),
-        (Sensed(5.0, 5.0, math.nan), "uncertain"),
-        (Sensed(math.nan, 5.0, 0.1), "no number"),
-        (Sensed(1e9, 5.0, 0.1), "not on this Earth"),
+        (Sensed(5.0, 5.0, 2.0), "deviation of 2 m"),
+        (Sensed(5.0, 5.0, math.nan), "deviation"),
+        (Sensed(math.nan, 5.0, 0.1), "not a number"),
+        (Sensed(1e9, 5.0, 0.1), "Earth"),
         (Sensed(5.0, 5.0, 0.1, fault="battery"), "battery"),
     ],
 )

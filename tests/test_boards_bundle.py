@@ -18,7 +18,7 @@ import pytest
 from packaging.utils import parse_wheel_filename
 
 from deltaswarm_orchestrator.boards import bundle as bundles
-from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS, BundleError, check
+from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS, BundleError
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire import __version__
 from tests.boards import run_with_board, usual_digest
@@ -29,10 +29,6 @@ ROOT = Path(__file__).parents[1]
 ARM64, ARM32, PC = PLATFORMS
 BESIDE_WHEELS = {"README.md", "SHA256SUMS", "deltaswarm-agent@.service", "example.toml", "install.sh", "wheels"}
 NEWER = (11, 12, 13, 14, 15)
-
-AGENT = "deltaswarm_agent-1.0-py3-none-any.whl"
-ZENOH = "eclipse_zenoh-1.10.2-cp39-abi3-manylinux_2_28_aarch64.whl"
-MSGPACK = "msgpack-1.2.4-py3-none-any.whl"
 
 
 def building_once(built: Path) -> Callable[..., None]:
@@ -85,7 +81,11 @@ def test_a_bundle_holds_three_projects_and_what_installs_them(made: Path, platfo
     machine = platform.removeprefix("linux_")
     for _, _, _, tags in parsed:
         assert {tag.platform == "any" or tag.platform.endswith(f"_{machine}") for tag in tags} == {True}
-    assert check([wheel.name for wheel in found], platform, PYTHONS) == []
+    for name in wanted:
+        tags = [{tag.interpreter for tag in own} for project, _, _, own in parsed if project == name]
+        for python in PYTHONS:
+            exact = f"cp{python.replace('.', '')}"
+            assert any(exact in own or own & {"py3", "cp39"} for own in tags), (name, python)
     assert not list(made.glob(".*")), "nothing half-written is left"
 
 
@@ -121,26 +121,6 @@ def test_the_sums_are_those_of_all_files(made: Path, platform: str) -> None:
     }
 
 
-@pytest.mark.parametrize(
-    ("names", "problem"),
-    [
-        ([AGENT, ZENOH, MSGPACK, "numpy-2.0-py3-none-any.whl"], "numpy-2.0-py3-none-any.whl does not belong"),
-        ([AGENT, ZENOH.replace("aarch64", "x86_64"), MSGPACK], "x86_64.whl does not fit linux_aarch64"),
-        ([AGENT, ZENOH.replace("2_28", "2_39"), MSGPACK], "2_39_aarch64.whl does not fit linux_aarch64"),
-        ([AGENT, ZENOH, "msgpack-1.2.4-cp310-cp310-linux_aarch64.whl"], "cp310-linux_aarch64.whl does not fit"),
-        (
-            [AGENT, ZENOH, "msgpack-1.2.4-cp311-cp311-linux_aarch64.whl"],
-            "no wheel of msgpack for Python 3.13 on linux_aarch64",
-        ),
-        ([AGENT, MSGPACK], "no wheel of eclipse-zenoh for Python 3.11 on linux_aarch64"),
-    ],
-)
-def test_what_does_not_fit_is_found(names: list[str], problem: str) -> None:
-    """A stranger, another machine's wheel, one for a newer system or an older Python, and one that is missing."""
-    assert any(problem in found for found in check(names, ARM64, ["3.11", "3.13"]))
-    assert check([AGENT, ZENOH, MSGPACK], ARM64, ["3.11", "3.13"]) == []
-
-
 @pytest.mark.usefixtures("made")
 def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path) -> None:
     """Without its source tree: the same files come out of it as out of the tree."""
@@ -167,7 +147,7 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that is there stays as it is."""
     assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 2
-    assert "is there already; nothing is overwritten" in capsys.readouterr().err
+    assert f"--out: {tmp_path}" in capsys.readouterr().err
 
 
 def test_without_an_index_pips_own_words_are_shown(
@@ -184,14 +164,14 @@ def test_without_an_index_pips_own_words_are_shown(
 
 
 def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever pip brought."""
+    """Where a build leaves machine code of this machine in it."""
 
     def bring(command: str, *arguments: str, environment: object = None) -> None:
         folder = arguments[arguments.index("--wheel-dir" if command == "wheel" else "--dest") + 1]
-        Path(folder, "stranger-1.0-py3-none-any.whl").touch()
+        Path(folder, "msgpack-1.0-cp311-cp311-linux_x86_64.whl").touch()
 
     monkeypatch.setattr(bundles, "_pip", bring)
-    with pytest.raises(BundleError, match=r"stranger-1\.0-py3-none-any\.whl does not belong into a bundle"):
+    with pytest.raises(BundleError, match="msgpack"):
         bundles.bundle(tmp_path / "out", ARM64)
     assert list(tmp_path.iterdir()) == []
 
@@ -239,7 +219,7 @@ def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
         wheel.write(b"x")
     done = install(tmp_path / "bundle", tmp_path / "board")
     assert done.returncode == 1
-    assert "the bundle is damaged" in done.stderr
+    assert "damaged" in done.stderr
     assert not (tmp_path / "board").exists()
 
 
@@ -249,7 +229,7 @@ def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -
     other = ARM64 if os.uname().machine == "x86_64" else PC
     done = install(made / other, installed)
     assert done.returncode == 1
-    assert "no wheels for the Python of this board" in done.stderr
+    assert "no wheels" in done.stderr
     assert names_of(installed) == before
 
 

@@ -78,7 +78,7 @@ def test_the_unit_sets_limits_as_the_page_says() -> None:
     [watchdog], [memory], [share] = service["WatchdogSec"], service["MemoryMax"], service["CPUQuota"]
     assert f"silent for {watchdog} s (`WatchdogSec`)" in README
     assert share == "100%"
-    assert f"{memory.removesuffix('M')} MB and one core" in README
+    assert f"{memory.removesuffix('M')} MB" in README
 
 
 def test_systemd_accepts_the_unit(tmp_path: Path) -> None:
@@ -237,7 +237,7 @@ def hear_nobody(command: str, place: Path, environment: dict[str, str]) -> None:
     said = place / "operator.err"
     with said.open("w") as errors, subprocess.Popen(command.split(), cwd=place, env=environment, stderr=errors) as it:
         try:
-            wait_until(lambda: "the operator hears run field" in said.read_text(), "the operator is up")
+            wait_until(lambda: "monitors run field" in said.read_text(), "the operator is up")
             it.send_signal(signal.SIGINT)
             assert it.wait(PATIENCE_S) == 0, said.read_text()
         finally:

@@ -1,5 +1,6 @@
 """Who comes in over TLS, and as whom: by certificate, not by user name."""
 
+import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
@@ -224,9 +225,9 @@ def test_an_agent_over_tls_takes_part_in_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("endpoints", "change", "message"),
     [
-        (["tls/127.0.0.1:0"], {"key": None}, "tls/127.0.0.1:0 needs ca, certificate and key; missing: key"),
+        (["tls/127.0.0.1:0"], {"key": None}, "tls/127.0.0.1:0 .*missing: key"),
         (["tls/127.0.0.1:0"], {"ca": "/nowhere/ca.pem"}, "ca: .*No such file.*: '/nowhere/ca.pem'"),
-        (["tcp/127.0.0.1:0"], {}, "ca, certificate, key: only for an endpoint that begins with tls/"),
+        (["tcp/127.0.0.1:0"], {}, "ca, certificate, key must .*tls/"),
     ],
 )
 def test_certificates_are_asked_for_where_they_are_needed(
@@ -244,7 +245,7 @@ def test_a_key_that_others_may_read_is_refused(made: Router, tmp_path: Path) -> 
     key.write_bytes((made.folder / "agent-3.key").read_bytes())
     key.chmod(0o640)
     files = vars(replace(tls_files(made.folder, "agent-3"), key=str(key)))
-    with pytest.raises(ValueError, match=f"{key} has mode 0640; 0600 is needed: chmod 600"):
+    with pytest.raises(ValueError, match=f"{key} .*0640: chmod 600"):
         tls_of(["tls/127.0.0.1:0"], **files)
     key.chmod(0o600)
     assert tls_of(["tls/127.0.0.1:0"], **files) is not None
@@ -259,7 +260,7 @@ def test_the_world_listens_on_the_network_over_tls_alone(
     arguments = ["--scenario", str(scenario), "--run", "x", "--credentials", str(tmp_path / "credentials")]
     arguments += ["--out", str(tmp_path / "out"), "--listen", "tls/0.0.0.0:0", "--listen", "tcp/0.0.0.0:0"]
     assert world_main([*arguments, *tls_arguments(made.folder, "world")]) == 2
-    assert "tcp/0.0.0.0:0: beside a tls/ endpoint, others are allowed on loopback only" in capsys.readouterr().err
+    assert re.search(r"--listen .*loopback.*tcp/0\.0\.0\.0:0", capsys.readouterr().err)
 
 
 def test_the_certified_are_admitted_once(tmp_path: Path) -> None:

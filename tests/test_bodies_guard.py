@@ -74,21 +74,21 @@ def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place)
 @pytest.mark.parametrize(
     ("corners", "message"),
     [
-        ([(0, 0), (1, 1)], "2 corners"),
-        ([(0, 0), (1, 1), (2, 2)], r"the edges \(0, 0\)-\(1, 1\) and \(2, 2\)-\(0, 0\) cross or touch"),
-        ([(0, 0), (100, 100), (100, 0), (0, 80)], r"\(0, 0\)-\(100, 100\) and \(100, 0\)-\(0, 80\) cross"),
+        ([(0, 0), (1, 1)], "3 corners.* 2"),
+        ([(0, 0), (1, 1), (2, 2)], r"\(0, 0\)-\(1, 1\) and \(2, 2\)-\(0, 0\)"),
+        ([(0, 0), (100, 100), (100, 0), (0, 80)], r"\(0, 0\)-\(100, 100\) and \(100, 0\)-\(0, 80\)"),
         ([(0, 0), (9, 0), (9, 9), (5, 0), (0, 9)], r"\(0, 0\)-\(9, 0\) and \(9, 9\)-\(5, 0\)"),
         ([(0, 0), (9, 0), (4, 0), (4, 9)], r"\(0, 0\)-\(9, 0\) and \(9, 0\)-\(4, 0\)"),
-        ([(0, 0), (9, 0), (9, 9), (0, 0), (-9, 0)], r"the corner \(0, 0\) comes twice"),
-        ([(0, 0), (9, 0), (9, 9), (0, 0)], r"the corner \(0, 0\) comes twice"),
-        ([(0, 0), (9, 0), (9, 9), (9, 9)], r"the corner \(9, 9\) comes twice"),
+        ([(0, 0), (9, 0), (9, 9), (0, 0), (-9, 0)], r"corner once.*\(0, 0\)"),
+        ([(0, 0), (9, 0), (9, 9), (0, 0)], r"corner once.*\(0, 0\)"),
+        ([(0, 0), (9, 0), (9, 9), (9, 9)], r"corner once.*\(9, 9\)"),
     ],
 )
 def test_a_fence_that_is_no_simple_polygon_is_refused(corners: list[Place], message: str) -> None:
     """What is within it would be a matter of opinion; the edges or the corner are named."""
     with pytest.raises(ValueError, match=message):
         Fence(corners)
-    with pytest.raises(SettingsError, match=f"^fence_m: .*{message}"):
+    with pytest.raises(SettingsError, match=f"^fence_m must .*{message}"):
         load(MavlinkSettings, {"fence_m": [list(corner) for corner in corners]})
 
 
@@ -202,7 +202,7 @@ def test_a_vehicle_that_objects_stands_and_says_why() -> None:
     guard.beat(True, "GUIDED", 0.0)
     guard.locate(5.0, 5.0, 0.0)
     guard.command(1.0, 0.0, 0.0)
-    guard.object("it is on the ground")
-    assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "it is on the ground")
+    guard.object("on the ground")
+    assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "on the ground")
     guard.object("")
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == ((1.0, 0.0), "")

@@ -55,7 +55,7 @@ def test_connection_strings_mean_what_they_do_elsewhere(text: str, device: Devic
     if isinstance(device, Device):
         assert parse_device(text, 57600) == device
     else:
-        with pytest.raises(ValueError, match=r"is allowed|such as"):
+        with pytest.raises(ValueError, match=r"^must "):
             parse_device(text, 57600)
         with pytest.raises(SettingsError, match="device"):
             load(MavlinkSettings, {"device": text})
@@ -111,7 +111,7 @@ def test_tcp_opens_again_after_the_other_end_hung_up() -> None:
                     link.write(b"go")
                     assert autopilot.recv(10) == b"go"
                     assert link.receive(0.01) == b""
-                with pytest.raises(ConnectionResetError, match="hung up"):
+                with pytest.raises(ConnectionResetError):
                     link.receive(PATIENCE_S)
                 link.write(b"lost")
                 assert link.receive(0.01) == b"", "open again"
@@ -230,5 +230,5 @@ def test_modes_are_named_in_any_case_and_one_that_no_autopilot_has_is_refused() 
     assert load(MavlinkSettings, {"modes": ["guided", "OffBoard"]}).limits(1.0).modes == ("GUIDED", "OFFBOARD")
     for mode in MODES:
         assert load(MavlinkSettings, {"modes": [mode]}).limits(1.0).modes == (mode,)
-    with pytest.raises(SettingsError, match=r"^modes: 'GUIDE', 'UNKNOWN'; ACRO, .* GUIDED, .* are allowed$"):
+    with pytest.raises(SettingsError, match=r"^modes must .*ACRO, .*'GUIDE', 'UNKNOWN'"):
         load(MavlinkSettings, {"modes": ["GUIDE", "GUIDED", "UNKNOWN"]})

@@ -65,7 +65,7 @@ def test_the_api_comes_from_docstrings(site: Path, page: str, names: list[str]) 
     for name in names:
         assert f'id="{name}"' in text, name
     if page == "settings":
-        assert "an event is sensed up to here [m]" in re.sub(r"<[^>]+>", "", text)
+        assert "sensing range for events [m]" in re.sub(r"<[^>]+>", "", text)
 
 
 def test_the_citation_is_of_this_version() -> None:

@@ -52,6 +52,13 @@ def test_every_study_is_listed() -> None:
         assert (ROOT / "docs" / target).exists(), target
 
 
+def test_the_index_links_every_published_study_of_the_limits() -> None:
+    """As `deltaswarm study limits` writes it."""
+    index = (ROOT / "docs" / "studies" / "index.md").read_text()
+    published = [folder.name for folder in PUBLISHED if folder.name in COLLECTIONS["limits"]]
+    assert re.findall(r"\]\((.*?)/page\.md\)", index) == published
+
+
 @pytest.mark.parametrize("folder", PUBLISHED, ids=lambda folder: folder.name)
 def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     """Every estimate, contrast and verdict, from the published runs; no finding that they do not carry."""

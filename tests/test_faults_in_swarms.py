@@ -250,7 +250,7 @@ def test_faults_stand_in_the_log_of_the_recording(tmp_path: Any) -> None:
         recorder.log = kept  # type: ignore[method-assign]
         run_in_process(scenario, recorder)
         recorder.close({})
-    assert lines == [
-        (5.0, "step 5: radio-dead of named agents: agent 1"),
-        (10.0, "step 10: radio-dead ends: agent 1"),
+    assert [(time_s, "radio-dead" in text and "agent 1" in text) for time_s, text in lines] == [
+        (5.0, True),
+        (10.0, True),
     ]

@@ -59,7 +59,7 @@ def test_boards_on_another_machine_take_part(factor: int, listen: str, tmp_path:
     for board, attendance in summary["boards"].items():
         assert attendance["absences"] == 0
         assert attendance["late_steps"] < steps / 2, f"board {board}: {attendance}"
-        assert f"ends after step {steps - 1}" in made.said(int(board))
+        assert f"exits after step {steps - 1}" in made.said(int(board))
 
 
 def test_boards_that_cannot_be_in_time_stall_nobody(tmp_path: Path) -> None:

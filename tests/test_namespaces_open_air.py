@@ -160,7 +160,7 @@ def test_a_board_whose_link_was_down_is_taken_back(tmp_path: Path) -> None:
         made.operator_says(f"agent {cut} is gone", before)
         made.listener.wait_for(lambda: made.listener.frames[ROOT] >= off, f"{OFF_S} s", WITHIN_S)
         made.net.mend(cut)
-        made.operator_says(f"agent {cut} is there", before)
+        made.operator_says(f"agent {cut} is present", before)
         made.wait_for_tree()
         _, totals = made.end()
         assert totals["agents"][str(cut)]["absences"] == 1

@@ -1,4 +1,4 @@
-"""The simulated operator: what it is told is read, missed or waits; its load is a share; the same seed, the same acts."""
+"""The simulated operator: its items are read, missed or wait; its load is a share; the same seed, the same acts."""
 
 import json
 from collections.abc import Sequence

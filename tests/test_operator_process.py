@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_operator.process import End
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
@@ -122,7 +123,7 @@ def test_what_breaks_the_protocol_is_counted_and_told_once(world: World) -> None
     assert process.wait(PATIENCE_S) == 0
     assert [(row.messages, row.rejected) for row in world.rows()] == [(1, 2), (0, 0)]
     log = world.log.read_text()
-    assert log.count("report: sample: not MessagePack") == 1
+    assert log.count("report: sample") == 1
     assert log.count("dropped") == 1
 
 
@@ -235,7 +236,7 @@ def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals)
     assert [row.messages for row in world.rows()] == [1]
     totals = world.totals()
     assert totals["complete"] is False
-    assert (totals["end"], totals["messages"]) == ("stopped by a signal", 1)
+    assert (totals["end"], totals["messages"]) == (End.STOPPED.value, 1)
 
 
 def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
@@ -249,7 +250,7 @@ def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
     assert process.wait(PATIENCE_S) == 1
     assert [row.step for row in world.rows()] == list(range(500))
     assert world.totals()["complete"] is False
-    assert "ERROR deltaswarm.operator: the world is gone before its last step: 500 steps" in world.log.read_text()
+    assert f"ERROR deltaswarm.operator: {End.WORLD_GONE.value}: 500 steps" in world.log.read_text()
 
 
 ROUTER = """
@@ -295,14 +296,14 @@ def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> N
         router.communicate()
         assert process.wait(PATIENCE_S) == 1
         assert [row.step for row in world.rows()] == [0, 1, 2]
-        assert world.totals()["end"] == "the world is gone before its last step"
+        assert world.totals()["end"] == End.WORLD_GONE.value
 
 
 def test_it_does_not_start_without_a_world(world: World) -> None:
     """A router that refuses its password is as good as none: exit code 1, and nothing is written."""
     process = world.start_operator(password="wrong")
     assert process.wait(PATIENCE_S) == 1
-    assert f"cannot join the world at {world.endpoint}" in world.log.read_text()
+    assert world.endpoint in world.log.read_text()
     assert not world.out.exists()
 
 
@@ -311,21 +312,21 @@ def test_nothing_is_overwritten(world: World) -> None:
     world.out.mkdir()
     (world.out / "operator.csv").write_text("precious")
     assert world.start_operator().wait(PATIENCE_S) == 2
-    assert "nothing is overwritten" in world.log.read_text()
+    assert "--out must" in world.log.read_text()
     assert (world.out / "operator.csv").read_text() == "precious"
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--step-s", "0"], "run.step_s: 0.0; a number at least 0.01 and at most 60 is allowed"),
-        (["--threshold-hz", "nan"], "operator.threshold_hz: nan; a number at least 0 is allowed"),
+        (["--step-s", "0"], "run.step_s must"),
+        (["--threshold-hz", "nan"], "operator.threshold_hz must"),
         (["--password-file", "/nonexistent/secret"], "No such file"),
-        (["--zenoh", "mode"], "KEY=VALUE is expected"),
+        (["--zenoh", "mode"], "KEY=VALUE"),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_starts(world: World, arguments: list[str], said: str) -> None:
-    """Exit code 2, with the value and what is allowed."""
+    """Exit code 2, with the argument and what it must be."""
     assert world.start_operator(*arguments).wait(PATIENCE_S) == 2
     assert said in world.log.read_text()
     assert not world.out.exists()

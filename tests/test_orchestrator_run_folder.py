@@ -53,7 +53,7 @@ def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
     scenario = load_scenario("smoke")
     with RunFolder(tmp_path / "run", force=False) as folder:
         folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
-        with pytest.raises(FolderError, match="by a run under way"):
+        with pytest.raises(FolderError, match="under way"):
             RunFolder(tmp_path / "run", force=force)
         assert (folder.path / "manifest.json").exists()
     RunFolder(tmp_path / "run", force=True).close()
@@ -69,7 +69,7 @@ def test_only_runs_are_replaced_by_force(tmp_path: Path, monkeypatch: pytest.Mon
     for name in ("manifest.json", "sweep.toml"):
         (tmp_path / "sweep" / name).touch()
     for target in (tmp_path / "work", tmp_path / "work" / "thesis", Path(), Path(".."), tmp_path / "sweep"):
-        with pytest.raises(FolderError, match="does not replace it"):
+        with pytest.raises(FolderError, match="replace"):
             RunFolder(target, force=True)
     assert (tmp_path / "work" / "thesis").exists()
     assert (tmp_path / "sweep" / "runs").exists()
@@ -80,7 +80,7 @@ def test_no_folder_is_taken_that_is_no_runs(tmp_path: Path) -> None:
     (tmp_path / "run.part").mkdir()
     (tmp_path / "run.part" / "thesis").touch()
     for force in (False, True):
-        with pytest.raises(FolderError, match="is no run folder"):
+        with pytest.raises(FolderError, match=r"run\.part"):
             RunFolder(tmp_path / "run", force=force)
     assert [path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")] == ["run.part", "run.part/thesis"]
 
@@ -98,7 +98,7 @@ def test_a_symbolic_link_is_refused_at_the_start(tmp_path: Path, name: str, forc
 
 def test_a_folder_has_a_name() -> None:
     """`..` is none, though there be no such folder."""
-    with pytest.raises(FolderError, match="must end in the name"):
+    with pytest.raises(FolderError, match="name"):
         RunFolder(Path("nowhere/.."), force=True)
 
 
@@ -136,7 +136,7 @@ def test_what_appears_during_a_run_is_replaced_only_if_it_is_a_run(tmp_path: Pat
             assert [path.name for path in tmp_path.iterdir()] == ["run"]
             return
         before = target.lstat()
-        with pytest.raises(FolderTakenError, match="the whole run is in"):
+        with pytest.raises(FolderTakenError, match="whole run"):
             folder.finish()
     assert os.path.samestat(target.lstat(), before)
     assert (folder.path / "scenario.toml").read_text() == to_toml(scenario)

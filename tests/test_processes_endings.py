@@ -1,5 +1,6 @@
 """However a run is stopped, and whatever state its processes are in: it ends in time and says why."""
 
+import errno
 import os
 import shutil
 import signal
@@ -92,8 +93,9 @@ def test_a_silent_world_is_given_up(stopped: list[str], tmp_path: Path) -> None:
             swarm.signal(part, signal.SIGSTOP)
         code, errors = ends_by_itself(swarm)
     assert code == 1
-    assert "the world said nothing" in errors
-    assert any("the world said nothing" in line for line in swarm.manifest()["why"])
+    [why] = swarm.manifest()["why"]
+    assert "world" in why
+    assert why in errors
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
 
@@ -172,13 +174,13 @@ def test_a_full_disk_ends_it_with_a_line(tmp_path: Path) -> None:
     with running(small / "run", *IMPATIENT, inside=[*in_little_room("500k", small), *copy]) as swarm:
         code, errors = ends_by_itself(swarm)
     assert code == 1
-    assert "No space left on device" in errors or "bytes are free" in errors, errors
+    assert os.strerror(errno.ENOSPC) in errors or "bytes are free" in errors, errors
     assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) <= 8, (
         errors
     )  # each part may be the first to see it
     told = subprocess.run([*COMMAND, "info", str(kept)], capture_output=True, text=True, check=True).stdout
     assert "incomplete (failed)" in told
-    assert "No space left on device" in told or "bytes are free" in told
+    assert os.strerror(errno.ENOSPC) in told or "bytes are free" in told
 
 
 @pytest.mark.parametrize(("free_mb", "is_said"), [(1, True), (1000, False)])

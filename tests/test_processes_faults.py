@@ -1,6 +1,7 @@
 """Faults on real processes: real signals at exact steps, the same digest as in one process, nothing left behind."""
 
 import os
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
         summary = swarm.summary()
         assert summary["agents_lost"] == [3]
         assert [fault["agents"] for fault in summary["faults"]] == [[1]]
-        assert "agent 3 was killed by SIGKILL" in errors
+        assert re.search("agent 3 .*SIGKILL", errors)
         assert "agent 1 was killed" not in errors
         recording = read_recording(swarm.out / "recording.mcap")
         assert len(recording.tallies) == 300

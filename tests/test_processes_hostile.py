@@ -131,4 +131,4 @@ def test_rubbish_on_its_own_keys_is_counted_and_harms_nobody(stage: Stage) -> No
     assert summary["steps"] == STEPS
     assert summary["agents_lost"] == []
     log = (stage.folder / "logs" / "world-0.log").read_text()
-    assert log.count("was dropped") == 1
+    assert log.count("dropped a sample") == 1

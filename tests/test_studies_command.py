@@ -9,6 +9,8 @@ import pytest
 from deltaswarm_orchestrator.cli import main
 from tests.studying import OWN
 
+FINDING = "Loss is no matter to those who do not listen."
+
 QUESTION = """
 schema = 1
 name = "own"
@@ -69,7 +71,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_question_becomes_a_page(done: Path) -> None:
     """With verdicts, figures, tables and the finding that the runs carry; two controllers and a limit."""
     page = (done / "out" / "page.md").read_text()
-    assert "Loss is no matter to those who do not listen." in page
+    assert FINDING in page
     claims = pd.read_csv(done / "out" / "claims.csv")
     assert claims["verdict"].tolist() == ["holds"]
     runs = pd.read_csv(done / "out" / "runs.csv")
@@ -96,18 +98,19 @@ def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Print
     """Exit code 3, and the sentence is named."""
     (done / "wrong.toml").write_text(QUESTION.replace('is = "holds"', 'is = "refuted"'))
     assert main(["study", str(done / "wrong.toml"), "--out", str(done / "out"), "--render"]) == 3
-    assert "Loss is no matter" in capsys.readouterr().err
+    assert FINDING in capsys.readouterr().err
     assert main(["study", str(done / "own.toml"), "--out", str(done / "out"), "--render"]) == 0
 
 
 def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys: Printed) -> None:
     """Exit code 3; expected to be refuted, it does not."""
+    text = "It waits for ever"
     value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [9000.0, 9001.0]\n'
     for expect, code in (("holds", 3), ("refuted", 0)):
-        claim = f'[[claim]]\nid = "v"\ntext = "It waits for ever"\nexpect = "{expect}"\n{value}\n[[figure]]'
+        claim = f'[[claim]]\nid = "v"\ntext = "{text}"\nexpect = "{expect}"\n{value}\n[[figure]]'
         (done / "value.toml").write_text(QUESTION.replace("[[figure]]", claim))
         assert main(["study", str(done / "value.toml"), "--out", str(done / "out"), "--render"]) == code
-    assert "It waits for ever" in capsys.readouterr().err
+    assert text in capsys.readouterr().err
 
 
 def test_studies_share_the_runs_that_they_have_in_common(done: Path, capsys: Printed) -> None:

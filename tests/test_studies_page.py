@@ -1,6 +1,7 @@
 """A study's page: whole in one file, the same from its tables, and honest about what cannot be shown."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -9,7 +10,7 @@ from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
 from deltaswarm_orchestrator.report.page import render, table
-from deltaswarm_orchestrator.studies.page import Evidence, pages, write
+from deltaswarm_orchestrator.studies.page import Evidence, pages, write, write_index
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 from tests.studying import OWN, made, series, spread
 from tests.studying import table as runs_table
@@ -126,3 +127,14 @@ def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None
     _, markdown, pictures = pages(made(ASKED), found, PROVENANCE)
     assert "boxes" not in [picture.name for picture in pictures]
     assert "'boxes' is missing" in markdown
+
+
+def test_an_index_links_the_pages_that_are_there(evidence: Evidence, tmp_path: Path) -> None:
+    """As HTML and as Markdown, with each study's question; a study without a page is left out."""
+    study = made(ASKED)
+    write(study, evidence, PROVENANCE, tmp_path / study.name)
+    index = write_index("mine", [study, replace(study, name="other")], tmp_path)
+    for file in (index, index.with_suffix(".md")):
+        links = re.findall(r"(?:href=\"|\]\()([^#\")]+)", file.read_text())
+        assert links == [f"{study.name}/page{file.suffix}"]
+        assert (tmp_path / links[0]).exists()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import threading
 import uuid
@@ -137,7 +138,7 @@ def test_a_run_whose_worker_is_killed_each_time_is_reported_once(mark: str) -> N
         done = by_label(list(LocalEngine(1).run(tasks)))
     assert len(killed) == 2
     assert done["fatal"].result is None
-    assert done["fatal"].reason == "its process was killed by signal 9, 2 times"
+    assert re.search("signal 9.* 2 times", done["fatal"].reason)
     assert kept(done["a"].result) == kept(work(tasks[1]))
     assert done["b"].result is not None
     assert len(done) == 3
@@ -220,7 +221,7 @@ def test_a_swarm_that_is_killed_each_time_is_reported(tmp_path: Path, mark: str)
         (done,) = LocalEngine(1).run([Task(job, PROCESSES, str(tmp_path))])
     assert len(killed) == 2
     assert done.result is None
-    assert done.reason.startswith("2 times disturbed; the last time deltaswarm run was killed by signal 9")
+    assert re.search("2 times .*signal 9", done.reason)
     assert list(tmp_path.iterdir()) == []
     all_gone(mark)
 

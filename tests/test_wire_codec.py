@@ -90,7 +90,7 @@ def test_what_is_not_one_messagepack_value_is_refused_with_a_reason(data: bytes)
     """Cut, trailing, not UTF-8, keys that are no strings, endless lengths, bad timestamps, too deep."""
     error = refused(codec.unpack, data)
     assert error.field == "sample"
-    assert str(error).removeprefix("sample: not MessagePack: ")
+    assert "(got )" not in str(error)
 
 
 @given(st.binary(max_size=200))
@@ -139,10 +139,10 @@ def test_arrays_have_their_length() -> None:
     """Either exactly, or at most; and nothing else is an array."""
     assert codec.array([1, 2], 2, "m") == [1, 2]
     assert codec.arrays([1, 2], 2, "m") == [1, 2]
-    assert "3 items are expected, not 2" in str(refused(codec.array, [1, 2], 3, "m"))
+    assert "3 items (got 2)" in str(refused(codec.array, [1, 2], 3, "m"))
     assert "at most 1" in str(refused(codec.arrays, [1, 2], 1, "m"))
     for check in (codec.array, codec.arrays):
-        assert "not tuple" in str(refused(check, (1, 2), 2, "m"))
+        assert "got tuple" in str(refused(check, (1, 2), 2, "m"))
 
 
 def test_a_map_has_exactly_its_fields() -> None:
@@ -173,4 +173,4 @@ def test_a_deeply_nested_value_is_refused_as_any_other() -> None:
         value: list[Any] = []
         for _ in range(depth):
             value = [value]
-        assert str(refused(codec.version, value)) == f"version: list is not known, {PROTOCOL_VERSION} is"
+        assert "list" in str(refused(codec.version, value))

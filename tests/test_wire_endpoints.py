@@ -40,7 +40,7 @@ def test_what_has_no_port_needs_none(endpoint: str) -> None:
         ("", "PROTOCOL/ADDRESS"),
         ("nonsense", "PROTOCOL/ADDRESS"),
         ("tcp/", "PROTOCOL/ADDRESS"),
-        ("tpc/0.0.0.0:7447", "protocols: tcp, udp, tls"),
+        ("tpc/0.0.0.0:7447", "tcp, udp, tls"),
         ("unixpipe/", "PROTOCOL/ADDRESS"),
         ("tcp/nonsense", "HOST:PORT"),
         ("tcp/0.0.0.0", "HOST:PORT"),
@@ -51,8 +51,8 @@ def test_what_has_no_port_needs_none(endpoint: str) -> None:
         ("tcp/::1:7447", "HOST:PORT"),
         ("tcp/10.0.0.1:7447,tcp/10.0.0.2:7447", "HOST:PORT"),
         ("tcp/10.0.0.1 :7447", "HOST:PORT"),
-        ("tls/127.0.0.999:7447", "127.0.0.999 is no IPv4 address"),
-        ("tcp/10.0.1:7447", "10.0.1 is no IPv4 address"),
+        ("tls/127.0.0.999:7447", "IPv4"),
+        ("tcp/10.0.1:7447", "IPv4"),
     ],
 )
 def test_what_is_no_endpoint_is_told(endpoint: str, word: str) -> None:
@@ -83,11 +83,13 @@ def test_over_tls_nobody_connects_to_an_ipv6_address() -> None:
     ],
 )
 def test_every_command_checks_its_endpoints(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 2, and what is allowed."""
+    """Exit code 2, and what an endpoint must be."""
     with pytest.raises(SystemExit) as ended:
         main([*command.split(), "tpc/127.0.0.1:1"])
     assert ended.value.code == 2
-    assert f"argument {command.split()[-1]}: 'tpc/127.0.0.1:1': PROTOCOL/ADDRESS" in capsys.readouterr().err
+    error = capsys.readouterr().err
+    assert f"argument {command.split()[-1]}: must be PROTOCOL/ADDRESS" in error
+    assert "'tpc/127.0.0.1:1'" in error
 
 
 @given(st.sampled_from(WITH_PORT), st.text(max_size=20))

@@ -49,21 +49,21 @@ def test_a_wrong_field_is_named(sample: Sample, data: st.DataObject) -> None:
 @pytest.mark.parametrize("version", [1, PROTOCOL_VERSION + 1, True, None, 2.0])
 def test_another_version_is_refused(version: Any) -> None:
     """Also the one whose frames were not opaque."""
-    with pytest.raises(WireError, match=r"^version: "):
+    with pytest.raises(WireError, match=r"^version must"):
         decode_sample(repacked(encode_sample(PLAIN), 0, version))
 
 
 @pytest.mark.parametrize("payload", ["text", None, 5, [1, 2], [], True])
 def test_a_payload_is_bytes(payload: Any) -> None:
     """Text is not, nor are values that a sender did not encode."""
-    with pytest.raises(WireError, match=r"^radio\.payload: bytes are expected, not "):
+    with pytest.raises(WireError, match=r"^radio\.payload must be bytes"):
         decode_sample(repacked(encode_sample(PLAIN), 2, payload))
 
 
 @pytest.mark.parametrize("counter", [-1, MAX_ID + 1, True, 1.0])
 def test_a_counter_is_an_integer_of_32_bits(counter: Any) -> None:
     """From 0 on."""
-    with pytest.raises(WireError, match=r"^radio\.counter: "):
+    with pytest.raises(WireError, match=r"^radio\.counter must"):
         decode_sample(repacked(encode_sample(PLAIN), 1, counter))
 
 
@@ -72,7 +72,7 @@ def test_commands_are_bytes_and_few() -> None:
     full = Sample(5, b"", (b"go",) * MAX_COMMANDS)
     assert decode_sample(encode_sample(full)) == full
     for wrong in ((b"go",) * (MAX_COMMANDS + 1), ("go",), (5,)):
-        with pytest.raises(WireError, match=r"^radio\.commands: "):
+        with pytest.raises(WireError, match=r"^radio\.commands must"):
             decode_sample(encode_sample(Sample(5, b"", wrong)))  # type: ignore[arg-type]
 
 
@@ -86,7 +86,7 @@ def test_a_frame_without_commands_does_not_pay_for_them() -> None:
 def test_a_sample_has_three_or_four_items(length: int) -> None:
     """No fewer and no more."""
     raw = [PROTOCOL_VERSION, 5, b"", [], 0, 0, 0, 0][:length]
-    with pytest.raises(WireError, match=r"^radio: an array of 3 or 4 items"):
+    with pytest.raises(WireError, match=r"^radio must .*3 or 4"):
         decode_sample(msgpack.packb(raw))
 
 
@@ -94,7 +94,7 @@ def test_an_oversized_sample_is_refused_at_both_ends() -> None:
     """The sender gets an error; a receiver does not even look. The limit is that of the whole sample."""
     largest = Sample(MAX_ID, bytes(MAX_RADIO_BYTES - 10))
     assert len(encode_sample(largest)) == MAX_RADIO_BYTES
-    with pytest.raises(WireError, match=rf"^sample: {MAX_RADIO_BYTES + 1} bytes to send, at most {MAX_RADIO_BYTES}"):
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_RADIO_BYTES} .*{MAX_RADIO_BYTES + 1}"):
         encode_sample(largest._replace(payload=largest.payload + b"x"))
-    with pytest.raises(WireError, match=rf"^sample: {MAX_RADIO_BYTES + 1} bytes"):
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_RADIO_BYTES + 1}"):
         decode_sample(bytes(MAX_RADIO_BYTES + 1))

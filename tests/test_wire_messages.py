@@ -135,7 +135,7 @@ def test_the_longest_report_is_far_below_the_limit() -> None:
     full = Report(65535, 2**32 - 1, 2**32 - 1, "attending", -1e6, 1e6, 65535, (event,) * 64)
     assert len(encode_report(full)) < MAX_SAMPLE_BYTES / 10
     more = full._replace(events=(event,) * (MAX_REPORTED + 1))
-    with pytest.raises(WireError, match=r"^report\.events: 65 items, at most 64"):
+    with pytest.raises(WireError, match=r"^report\.events must .*64.*got 65"):
         decode_report(encode_report(more))
 
 
@@ -150,7 +150,7 @@ def test_whatever_a_body_says_of_itself_can_be_sent(fault: str) -> None:
 
 def test_a_word_of_health_with_control_characters_is_refused() -> None:
     """It would be written into a log and on a terminal."""
-    with pytest.raises(WireError, match="printable characters are allowed"):
+    with pytest.raises(WireError, match=r"^health\.fault must .*printable"):
         decode_health(msgpack.packb({"v": PROTOCOL_VERSION, "fault": "well\x1b[2J\nagent 4 is there"}))
 
 

@@ -1,7 +1,9 @@
 """How a session is configured, and what a user reads of Zenoh's errors."""
 
+import errno
 import json
 import logging
+import os
 import socket
 
 import pytest
@@ -24,7 +26,7 @@ def test_shared_memory_is_off_unless_the_user_asks_for_it() -> None:
 @pytest.mark.parametrize("setting", [("no/such", "1"), ("mode", "}")], ids=["unknown", "malformed"])
 def test_a_refused_setting_shows_no_rust_source(setting: tuple[str, str]) -> None:
     """The setting and the reason are enough."""
-    with pytest.raises(ValueError, match="Zenoh refuses it: ") as refusal:
+    with pytest.raises(ValueError, match="Zenoh") as refusal:
         configured(zenoh.Config, [], RouterLink(LINK.endpoint, overrides=(setting,)))
     assert ".rs" not in str(refusal.value)
     assert setting[0] in str(refusal.value)
@@ -42,4 +44,4 @@ def test_a_log_shows_no_rust_source() -> None:
     record = logging.LogRecord("n", logging.ERROR, "f", 1, "%s", (error,), (type(error), error, None))
     text = LogFormatter().format(record)
     assert ".rs" not in text
-    assert text.count("Address already in use (os error 98)]") == 2
+    assert text.count(os.strerror(errno.EADDRINUSE)) == 2

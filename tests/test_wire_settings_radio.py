@@ -8,79 +8,79 @@ from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run.scenario import load_scenario, reference, to_toml
-from deltaswarm_wire.checked import SettingsError, load, plain
+from deltaswarm_wire.checked import Problem, SettingsError, load, plain
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import LEAST_FRAME_BYTES, RadioSettings
 from tests.airs import EVERYTHING, radios
 
 
-def problems(**radio: Any) -> list[str]:
+def problems(**radio: Any) -> list[Problem]:
     """The mistakes in a radio's table, for 5 agents in 100 m x 100 m."""
     with pytest.raises(SettingsError) as caught:
         load(Scenario, {"agents": {"count": 5}, "radio": radio})
-    return [str(problem) for problem in caught.value.problems]
+    return caught.value.problems
 
 
 @pytest.mark.parametrize(
     ("radio", "said"),
     [
-        ({"loss": -0.1}, "radio.loss: -0.1; a number at least 0 and at most 1 is allowed"),
-        ({"duplication": 1.5}, "radio.duplication: 1.5; a number at least 0 and at most 1"),
-        ({"burst": {"p_good_to_bad": 2}}, "radio.burst.p_good_to_bad: 2; a number at least 0 and at most 1"),
+        ({"loss": -0.1}, ("radio.loss", "-0.1")),
+        ({"duplication": 1.5}, ("radio.duplication", "1.5")),
+        ({"burst": {"p_good_to_bad": 2}}, ("radio.burst.p_good_to_bad", "2")),
         (
             {"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}},
-            "radio.burst.p_bad_to_good: 0; above 0 is allowed where p_good_to_bad is above 0",
+            ("radio.burst.p_bad_to_good", "0"),
         ),
-        ({"latency_s": -1}, "radio.latency_s: -1; a number at least 0"),
-        ({"bandwidth": {"queue_bytes": -1}}, "radio.bandwidth.queue_bytes: -1; an integer at least 0"),
+        ({"latency_s": -1}, ("radio.latency_s", "-1")),
+        ({"bandwidth": {"queue_bytes": -1}}, ("radio.bandwidth.queue_bytes", "-1")),
         (
             {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 4}},
-            "radio.bandwidth.sender_bytes_per_s: 3; 0, or at least 5 bytes in a step or in the queue, is allowed",
+            ("radio.bandwidth.sender_bytes_per_s", "3"),
         ),
-        ({"reception": "dics"}, "radio.reception: 'dics'; did you mean 'disc'? one of disc, log-distance is allowed"),
+        ({"reception": "dics"}, ("radio.reception", "'dics'; did you mean 'disc'?")),
         (
             {"path_loss": {"sensitivity_dbm": -30}},
-            "radio.path_loss.sensitivity_dbm: -30; at most the power received at 1 m (-40 dBm) is allowed",
+            ("radio.path_loss.sensitivity_dbm", "-30"),
         ),
-        ({"ranges": [{"agents": [5], "range_m": 3}]}, "radio.ranges[0].agents: there is no agent 5; 0 to 4 is allowed"),
-        ({"ranges": [{"agents": [1]}, {"agents": [1]}]}, "radio.ranges[1].agents: agent 1 again; one range for each"),
-        ({"ranges": [{}]}, "radio.ranges[0].agents: none; at least one agent is expected"),
-        ({"ranges": [{"agents": [1], "range_m": 0}]}, "radio.ranges[0].range_m: 0; a number above 0"),
-        ({"walls": [{"a_m": [5, 5], "b_m": [5, 5]}]}, "radio.walls[0].b_m: [5.0, 5.0]; another point than a_m"),
-        ({"walls": [{"a_m": [-1, 0], "b_m": [-1, 100]}]}, "radio.walls[0]: [-1.0, 0.0] to [-1.0, 100.0]; a place in"),
+        ({"ranges": [{"agents": [5], "range_m": 3}]}, ("radio.ranges[0].agents", "5")),
+        ({"ranges": [{"agents": [1]}, {"agents": [1]}]}, ("radio.ranges[1].agents", "1 again")),
+        ({"ranges": [{}]}, ("radio.ranges[0].agents", "none")),
+        ({"ranges": [{"agents": [1], "range_m": 0}]}, ("radio.ranges[0].range_m", "0")),
+        ({"walls": [{"a_m": [5, 5], "b_m": [5, 5]}]}, ("radio.walls[0].b_m", "[5.0, 5.0]")),
+        ({"walls": [{"a_m": [-1, 0], "b_m": [-1, 100]}]}, ("radio.walls[0]", "[-1.0, 0.0] to [-1.0, 100.0]")),
         (
             {"walls": [{"a_m": [0, 0], "b_m": [5, 5], "from_s": 9, "until_s": 9}]},
-            "radio.walls[0].until_s: 9; above from_s (9) is allowed",
+            ("radio.walls[0].until_s", "9"),
         ),
-        ({"blackouts": [{}, {"from_s": 9, "until_s": 3}]}, "radio.blackouts[1].until_s: 3; above from_s (9)"),
-        ({"jammers": [{"center_m": [108, 108]}]}, "radio.jammers[0]: [108.0, 108.0], 10 m is wholly outside; a place"),
-        ({"jammers": [{"center_m": [5, 5], "radius_m": -3}]}, "radio.jammers[0].radius_m: -3; a number above 0"),
-        ({"jammers": [{"center_m": [5]}]}, "radio.jammers[0].center_m: [5]; 2 items expected"),
+        ({"blackouts": [{}, {"from_s": 9, "until_s": 3}]}, ("radio.blackouts[1].until_s", "3")),
+        ({"jammers": [{"center_m": [108, 108]}]}, ("radio.jammers[0]", "[108.0, 108.0], 10 m")),
+        ({"jammers": [{"center_m": [5, 5], "radius_m": -3}]}, ("radio.jammers[0].radius_m", "-3")),
+        ({"jammers": [{"center_m": [5]}]}, ("radio.jammers[0].center_m", "[5]")),
         (
             {"jammers": [{"waypoints_m": [[1, 2], [3, 4]], "times_s": [5]}]},
-            "radio.jammers[0].times_s: 1 for 2 waypoints; one time for each waypoint is allowed",
+            ("radio.jammers[0].times_s", "1 for 2 waypoints"),
         ),
         (
             {"jammers": [{"waypoints_m": [[1, 2], [3, 4]], "times_s": [5, 5]}]},
-            "radio.jammers[0].times_s: [5.0, 5.0]; ascending times after from_s are allowed",
+            ("radio.jammers[0].times_s", "[5.0, 5.0]"),
         ),
         (
             {"jammers": [{"from_s": 6, "waypoints_m": [[1, 2]], "times_s": [5]}]},
-            "radio.jammers[0].times_s: [5.0]; ascending times after from_s are allowed",
+            ("radio.jammers[0].times_s", "[5.0]"),
         ),
         (
             {"jammers": [{"waypoints_m": [[1, 2, 3]], "times_s": [5]}]},
-            "radio.jammers[0].waypoints_m[0]: [1.0, 2.0, 3.0]; two coordinates are allowed",
+            ("radio.jammers[0].waypoints_m[0]", "[1.0, 2.0, 3.0]"),
         ),
-        ({"jammer": []}, "radio.jammer: unknown key; did you mean 'jammers'?"),
-        ({"walls": {}}, "radio.walls: {}; a list expected"),
+        ({"jammer": []}, ("radio.jammer", "unknown key")),
+        ({"walls": {}}, ("radio.walls", "{}")),
     ],
 )
-def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: str) -> None:
-    """The key's path, what was found, and what is allowed."""
-    (found,) = problems(**radio)
-    assert found.startswith(said)
+def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[str, str]) -> None:
+    """It has the key's path and what was found."""
+    (problem,) = problems(**radio)
+    assert (problem.path, problem.found) == said
 
 
 def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -93,7 +93,7 @@ def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pyte
     assert (
         main(["run", "smoke", *(text for one in wrong for text in ("--set", one)), "--out", str(tmp_path / "r")]) == 2
     )
-    assert [line.split(":")[1].strip() for line in capsys.readouterr().err.splitlines()] == [
+    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == [
         "radio.loss",
         "radio.burst.loss_bad",
         "radio.walls[0].b_m[1]",

@@ -6,52 +6,52 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire.access import world_rules
-from deltaswarm_wire.checked import SettingsError, load, plain
+from deltaswarm_wire.checked import Problem, SettingsError, load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES, UplinkSettings
 
 
-def problems(**uplink: Any) -> list[str]:
+def problems(**uplink: Any) -> list[Problem]:
     with pytest.raises(SettingsError) as caught:
         load(Scenario, {"uplink": uplink})
-    return [str(problem) for problem in caught.value.problems]
+    return caught.value.problems
 
 
 @pytest.mark.parametrize(
     ("uplink", "said"),
     [
-        ({"loss": -0.1}, "uplink.loss: -0.1; a number at least 0 and at most 1 is allowed"),
-        ({"los": 0.1}, "uplink.los: unknown key; did you mean 'loss'?"),
-        ({"latency_s": -1}, "uplink.latency_s: -1; a number at least 0"),
-        ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, "uplink.burst.p_bad_to_good: 0; above 0 is allowed"),
-        ({"outages": [{"from_s": 9, "until_s": 3}]}, "uplink.outages[0].until_s: 3; above from_s (9) is allowed"),
-        ({"base_m": [5, 5]}, "uplink.range_m: none; a base needs a range"),
-        ({"range_m": 5}, "uplink.range_m: 5; a range is that of a base: base_m is needed"),
-        ({"relay": True}, "uplink.relay: true; a relay goes to a base: base_m and range_m are needed"),
-        ({"base_m": [5], "range_m": 5}, "uplink.base_m: [5]; 2 items expected"),
-        ({"base_m": [5, 5], "range_m": 0}, "uplink.range_m: 0; a number above 0"),
+        ({"loss": -0.1}, ("uplink.loss", "-0.1")),
+        ({"los": 0.1}, ("uplink.los", "unknown key")),
+        ({"latency_s": -1}, ("uplink.latency_s", "-1")),
+        ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, ("uplink.burst.p_bad_to_good", "0")),
+        ({"outages": [{"from_s": 9, "until_s": 3}]}, ("uplink.outages[0].until_s", "3")),
+        ({"base_m": [5, 5]}, ("uplink.range_m", "nothing")),
+        ({"range_m": 5}, ("uplink.range_m", "5")),
+        ({"relay": True}, ("uplink.relay", "true")),
+        ({"base_m": [5], "range_m": 5}, ("uplink.base_m", "[5]")),
+        ({"base_m": [5, 5], "range_m": 0}, ("uplink.range_m", "0")),
         (
             {"base_m": [5, 100.5], "range_m": 5},
-            "uplink.base_m: [5.0, 100.5]; a place within 100 m x 100 m is allowed",
+            ("uplink.base_m", "[5.0, 100.5]"),
         ),
         (
             {"bandwidth": {"receiver_bytes_per_s": 3, "queue_bytes": 5}},
-            "uplink.bandwidth.receiver_bytes_per_s: 3; 0, or at least 82 bytes in a step or in the queue, is allowed",
+            ("uplink.bandwidth.receiver_bytes_per_s", "3"),
         ),
     ],
 )
-def test_a_mistake_is_named(uplink: dict[str, Any], said: str) -> None:
-    """Path, value, what is allowed."""
-    (found,) = problems(**uplink)
-    assert found.startswith(said)
+def test_a_mistake_is_named(uplink: dict[str, Any], said: tuple[str, str]) -> None:
+    """With its path and value."""
+    (problem,) = problems(**uplink)
+    assert (problem.path, problem.found) == said
 
 
 def test_a_mistake_ends_with_2(capsys: pytest.CaptureFixture[str]) -> None:
     """Before anything is started."""
     assert main(["run", "smoke", "--set", "uplink.relay=true", "--set", "uplink.loss=2"]) == 2
-    assert "uplink.loss: 2; a number at least 0 and at most 1 is allowed" in capsys.readouterr().err
+    assert "uplink.loss must" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
         "links": [],
         "tally": list(wrong.values()),
     }
-    with pytest.raises(WireError, match=rf"^truth\.tally\.{field}: "):
+    with pytest.raises(WireError, match=rf"^truth\.tally\.{field} must"):
         decode_truth(msgpack.packb(raw))
 
 
@@ -77,7 +77,7 @@ def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
 def test_a_wrong_value_in_a_row_is_named(place: str, row: Any, field: str) -> None:
     """Unknown roles, negative times, NaN, a bool for an agent."""
     step = Truth(0, 0.0, (), (), (), TALLY)._replace(**{place: (row,)})
-    with pytest.raises(WireError, match=rf"^truth\.{place}\.{field}: "):
+    with pytest.raises(WireError, match=rf"^truth\.{place}\.{field} must"):
         decode_truth(encode_truth(step))
 
 
@@ -95,9 +95,9 @@ def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
 def test_oversized_truth_is_refused_at_both_ends() -> None:
     """The sender gets an error; a receiver does not even look."""
     body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
-    with pytest.raises(WireError, match=rf"^sample: .*{MAX_ORDINARY_BYTES}"):
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_ORDINARY_BYTES}"):
         encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
-    with pytest.raises(WireError, match=r"^sample: "):
+    with pytest.raises(WireError, match=r"^sample must"):
         decode_truth(bytes(MAX_ORDINARY_BYTES + 1))
 
 

@@ -60,7 +60,7 @@ def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: floa
 
 def test_a_density_outside_the_arena_is_given_up() -> None:
     """With an error that names the key, instead of drawing for ever."""
-    with pytest.raises(ValueError, match=r"events\.density: 10000 draws"):
+    with pytest.raises(ValueError, match=r"events\.density must .*10000"):
         places({"mean_m": [5000, 5000], "covariance_m2": PAPER}, 1)
 
 
@@ -150,7 +150,7 @@ def test_a_file_that_holds_no_table_is_refused(tmp_path: Path, name: str) -> Non
     """Whatever is in it."""
     content = {"junk": b"no array", "words": b"a,b\n", "ragged": b"1,2\n3\n", "bytes": b"\xff\xfe\x80"}
     (tmp_path / name).write_bytes(content.get(name.split(".")[0], b""))
-    with pytest.raises(SettingsError, match=r"cannot be read|a table of finite weights"):
+    with pytest.raises(SettingsError, match=r"events\.density\.file"):
         load_grid(str(tmp_path / name))
 
 

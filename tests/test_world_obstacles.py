@@ -216,4 +216,4 @@ def test_why_names_the_obstacle() -> None:
     answers = [ask(scenario, 0, receiver, 30, []) for receiver in range(1, 10)]
     assert {answer.reason for answer in answers} == {None, "obstacle"}
     said = {finding["says"] for answer in answers for finding in answer.findings if finding["reason"] == "obstacle"}
-    assert said == {"obstacle 0 in between, blocking", "no obstacle between them"}
+    assert {"obstacle 0" in text for text in said} == {True, False}

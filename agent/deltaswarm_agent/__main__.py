@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_agent`: one agent in a world; with `board FILE` one on a board, with a body of its own."""
+"""`python -m deltaswarm_agent`: one agent in a world or, with `board FILE`, on a board with its own body."""
 
 import argparse
 import logging
@@ -27,35 +27,33 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(
         prog=name,
         description="Run one agent in a world.",
-        epilog=f"On a board, with a body of its own: {name} board FILE; see its --help.",
+        epilog=f"On a board with its own body: {name} board FILE; see its --help.",
     )
     made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
-    made.add_argument("--restart", type=int, default=0, metavar="N", help="how often it was started before in this run")
+    made.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
     made.add_argument(
         "--world-lost-s", type=float, default=5.0, help="exit after this long without a world [s] (default: 5)"
     )
-    made.add_argument(
-        "--checkpoints", type=Path, metavar="FOLDER", help="save the agent there when the world asks for it"
-    )
-    made.add_argument("--resume", type=int, metavar="STEP", help="go on as the agent saved after this step")
+    made.add_argument("--checkpoints", type=Path, metavar="FOLDER", help="save the agent there at the world's request")
+    made.add_argument("--resume", type=int, metavar="STEP", help="resume the agent saved after this step")
     add_link_arguments(made)
     return made
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one agent; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
+    """Run one agent. Exit code: 0 after a complete run, 2 for bad arguments, else 1."""
     argv = sys.argv[1:] if argv is None else argv
     if argv[:1] == [BOARD]:
-        from deltaswarm_agent.board.__main__ import main as board_main  # in a world nobody needs it
+        from deltaswarm_agent.board.__main__ import main as board_main  # not needed in a world
 
         return board_main(argv[1:])
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
         if not 0 <= arguments.id <= MAX_AGENT_ID:
-            raise ValueError(f"--id {arguments.id}: 0 to {MAX_AGENT_ID} is allowed")
+            raise ValueError(f"--id must be from 0 to {MAX_AGENT_ID} (got {arguments.id})")
         if arguments.resume is not None and arguments.checkpoints is None:
             raise ValueError("--resume needs --checkpoints")
         config = AgentConfig(

@@ -1,8 +1,8 @@
-"""The body: what an agent has of a robot. In a simulation it is the world's frame; on a board it is a plug-in.
+"""The body: an agent's interface to its robot, a plug-in on a board. In a simulation the world's frame replaces it.
 
 A plug-in is a class, named in the board's file by an entry point of the group `deltaswarm.bodies` or as
-`module:Class`. It says what options it takes (`Settings`), and whether it can be run faster than real time
-(`REAL_TIME`). Places are in m in the arena's frame, from (0, 0) at a corner; x and y as the arena's file says.
+`module:Class`. It declares its options (`Settings`) and whether it only runs in real time (`REAL_TIME`). Positions are
+in m in the arena's frame, with (0, 0) at a corner.
 """
 
 from dataclasses import dataclass
@@ -14,10 +14,10 @@ from deltaswarm_wire.settings import AgentSettings
 
 
 class Sensed(NamedTuple):
-    """What a body knows at one time.
+    """A body's state at one time.
 
-    `std_m` is the standard deviation of the place along each axis [m]. `fault` is empty while the body is well;
-    else it says in a few words what is wrong, and the agent neither moves nor speaks on the strength of the rest.
+    `std_m` is the standard deviation of the position along each axis [m]. `fault` is "" while the body is well. With a
+    fault, a short description, the agent ignores the rest, stands, and sends nothing.
     """
 
     x_m: float
@@ -28,12 +28,12 @@ class Sensed(NamedTuple):
 
 
 NOWHERE = Sensed(0.0, 0.0, float("inf"), fault="no position yet")
-"""What a body knows before its first position."""
+"""The state before the first position."""
 
 
 @dataclass(frozen=True)
 class BodyContext:
-    """What any body is told of its agent: its number, its settings, and a generator of its own."""
+    """The arguments of a new body: its agent's number and settings, and its own generator."""
 
     agent: int
     settings: AgentSettings
@@ -41,25 +41,26 @@ class BodyContext:
 
 
 class Body(Protocol):
-    """One robot, for one agent. All calls come from one thread; none may block for as long as a step.
+    """One robot for one agent. All calls come from one thread; each must be faster than a step.
 
-    A call that raises, or gives what it may not, is a fault of that step; after ten such steps in a row the agent ends.
+    A call that raises or returns an invalid value is a fault of that step. After ten such consecutive steps the agent
+    fails.
     """
 
     Settings: ClassVar[type[Any]]
-    """A frozen dataclass whose fields are made by `deltaswarm_wire.checked.key`: the options in the board's file."""
+    """The options in the board's file: a frozen dataclass with fields made by `deltaswarm_wire.checked.key`."""
 
     REAL_TIME: ClassVar[bool]
-    """Whether time on this body passes by the wall clock alone."""
+    """Whether this body runs only in real time."""
 
     def sense(self, time_s: float) -> Sensed:
-        """Where the robot is at `time_s` [s since the agent's start; never less than before], and what it senses."""
+        """Return the robot's position and sensed events at `time_s` [s since the agent's start; never decreasing]."""
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Go at this velocity [m/s; arena frame] until told otherwise, and observe these events meanwhile.
+        """Move at this velocity [m/s; arena frame] and observe these events until the next command.
 
-        A command holds for one step and a little; a robot that is not commanded again stops by itself.
+        A command holds for slightly more than one step; without another one the robot must stop.
         """
 
     def close(self) -> None:
-        """Stop the robot and let go of it. Called once, whatever has happened."""
+        """Stop and release the robot. Called exactly once, even after errors."""

@@ -1,9 +1,9 @@
-"""Controllers: what an agent decides. Each is a plug-in: a pure object that takes a percept and gives a decision.
+"""Controllers: plug-ins that decide for an agent. A controller is a pure object from percepts to decisions.
 
-A controller is named in `control.mode`, by a short name, by an entry point of the group `deltaswarm.controllers`, or
-as `module:Class`. Its options are a frozen dataclass of its own, `Settings`, and stand in `[control]`. It has no
-clock, no network and no randomness but the generator that it is handed, so that it runs the same as a process, in
-one process with others, and on a board.
+`control.mode` names a controller by a short name, by an entry point of the group `deltaswarm.controllers`, or as
+`module:Class`. Its options are its own frozen dataclass `Settings` and stand in `[control]`. It has no clock, no
+network and no randomness except the given generator, so it behaves the same in its own process, in one process with
+others, and on a board.
 """
 
 from dataclasses import dataclass
@@ -36,11 +36,11 @@ STAND: Velocity = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class ControllerContext:
-    """What a controller is told when it is made.
+    """The arguments of a new controller.
 
     Attributes:
         agent: the agent's id.
-        mode: the name by which the controller was asked for.
+        mode: the name of the controller in `control.mode`.
         settings: its own options, an instance of its `Settings`.
         shared: the agent's task and body: arena, step, speed, ranges.
         rng: the agent's own generator; the only source of chance.
@@ -59,12 +59,11 @@ class Percept(NamedTuple):
     Attributes:
         step: the number of the step; steps may be missing between two percepts.
         time_s: its simulated time [s].
-        pose: where the agent is [m; world frame].
-        poses: where it was in the steps since its last percept, oldest first.
+        pose: the agent's position [m; world frame].
+        poses: its positions in the steps since its last percept, oldest first.
         events: the events within its sensing range.
-        heard: (sender, payload) of the radio frames that reached it, by sender: of each the newest.
-        commands: the operator's commands that are new to it and meant for it, of the forms that its controller
-            declares.
+        heard: (sender, payload) of received radio frames in sender order, the newest of each sender.
+        commands: operator commands that are new to the agent, meant for it, and declared by its controller.
     """
 
     step: int
@@ -77,7 +76,7 @@ class Percept(NamedTuple):
 
 
 class OperatorReport(NamedTuple):
-    """One message for the operator: events that the agent tells of, and how many agents it speaks for besides itself.
+    """One message for the operator: reported events, and the number of agents represented besides the sender.
 
     `members` may name these agents, with parents and places. At most 64 events and 350 members are sent
     (`operator_messages.MAX_REPORTED`, `MAX_MEMBERS`).
@@ -89,18 +88,18 @@ class OperatorReport(NamedTuple):
 
 
 class Decision(NamedTuple):
-    """What an agent does until it is asked again.
+    """What an agent does until its next percept.
 
     Attributes:
         velocity: [m/s; world frame]; above the body's speed limit the direction is kept.
-        observed: ids of the events that it works on; those out of its sensing range do not count.
-        payload: what it broadcasts in this step, or None.
-        report: what it tells the operator in this step, or None.
+        observed: ids of the events that it works on; events out of its sensing range do not count.
+        payload: its broadcast in this step, or None.
+        report: its message to the operator in this step, or None.
         role: a word for figures and recordings, such as "free" or "attending".
         level, parent, root: its place in a tree, if it is in one (see `Standing`).
-        until: the step in which it wants to be asked again, later than this one; None is the next. It is asked earlier
-            when it senses an event, hears a frame, is commanded, or while a fault is upon it.
-        done, refused: numbers of the operator's commands that it has carried out, or cannot.
+        until: the step of the next percept, later than this one; None: the next step. The percept comes earlier if the
+            agent senses an event, receives a frame or a command, or has a fault.
+        done, refused: numbers of the operator commands that it has carried out, or cannot.
     """
 
     velocity: Velocity = STAND
@@ -119,8 +118,8 @@ class Decision(NamedTuple):
 class Controller(Protocol):
     """One agent's decisions. Made once per agent and start; `step` is called in order of the steps.
 
-    It may have a mapping `counts`, names to numbers, that the agent's log tells at the end. Its class may have
-    `Commands`, a tuple of `CommandForm`: the operator's commands that it accepts. Without it, it is given none.
+    A mapping `counts` of names to numbers, if there is one, goes into the agent's log at the end. `Commands` of the
+    class, a tuple of `CommandForm`, are the operator commands that it accepts; without it there are none.
     """
 
     Settings: ClassVar[type[Any]]
@@ -136,20 +135,20 @@ class Controller(Protocol):
 
 
 class ControllerError(Exception):
-    """A controller raised, or returned what it may not; the agent has failed. The text is one line."""
+    """A controller raised or returned an invalid decision; the agent has failed. The text is one line."""
 
 
 def agent_rng(seed: int, agent: int, restart: int = 0) -> Random:
-    """The agent's own generator; the same for the same seed and number of its restart on any machine."""
+    """Make the agent's generator; equal for equal seed and restart number on any machine."""
     return Random(f"deltaswarm/{seed}/agent/{agent}" + (f"/restart/{restart}" if restart else ""))
 
 
 def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Controller:
-    """The controller that an agent's settings ask for.
+    """Make the controller that an agent's settings name.
 
     Raises:
         SettingsError: there is no such controller, or its options have mistakes.
-        ControllerError: it raised while it was made.
+        ControllerError: its constructor raised.
     """
     control = settings.control
     found = find_controller(control.mode)
@@ -165,10 +164,10 @@ def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Co
 
 
 def checked_act(decision: Any, step: int) -> Act:
-    """The act of a decision, as plain values that the wire carries; a controller may be anybody's.
+    """Convert a decision to an act with plain values; a controller may be third-party code.
 
     Raises:
-        TypeError, ValueError: it is not what a controller may return; the text says what must hold.
+        TypeError, ValueError: the decision is invalid; the text says what must hold.
     """
     if type(decision) is not Decision:
         raise TypeError(f"step must return a Decision (got {type(decision).__name__})")

@@ -1,4 +1,4 @@
-"""Obstacles as an agent knows them: where a straight way meets one, and how a walk reflects. Places in m."""
+"""Obstacles on an agent's map: crossings of straight paths, and reflections of a walk. Positions in m."""
 
 import math
 from typing import NamedTuple
@@ -7,15 +7,15 @@ from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.settings_obstacles import signed_area_m2
 
 EDGE_M = 1e-5
-"""A place so near to an edge counts as on it. The world stops bodies nearer to the edge, so a way that is free for
-an agent is free."""
+"""A position this close to an edge counts as on it. The world stops bodies closer to the edge, so a path that is free
+for an agent is free in the world."""
 
 Crossing = tuple[float, tuple[float, float]]
-"""The share of a straight way after which it enters an obstacle, and the outward unit normal of the edge there."""
+"""The share of a straight path before it enters an obstacle, and the edge's outward unit normal there."""
 
 
 class _Edge(NamedTuple):
-    """One edge of an obstacle: from a corner along (ex, ey), with the outward unit normal (nx, ny)."""
+    """One edge of an obstacle: from a corner along (ex, ey), with outward unit normal (nx, ny)."""
 
     x_m: float
     y_m: float
@@ -26,7 +26,7 @@ class _Edge(NamedTuple):
 
 
 class Stride(NamedTuple):
-    """Where a stride ends, and the stride that follows in the same leg."""
+    """The end of a stride, and the next stride of the same leg."""
 
     to_x_m: float
     to_y_m: float
@@ -49,9 +49,9 @@ class Obstacles:
                 self._edges.append(_Edge(ax, ay, ex, ey, turn * ey / length, -turn * ex / length))
 
     def first_crossing(self, x_m: float, y_m: float, dx_m: float, dy_m: float) -> Crossing | None:
-        """Where the straight way from a place by (dx_m, dy_m) first enters an obstacle.
+        """Find where the straight path from a position by (dx_m, dy_m) first enters an obstacle.
 
-        A way that leaves an obstacle does not count: who is in one by mistake walks out.
+        Leaving an obstacle is no crossing: an agent that is inside by mistake can walk out.
         """
         first: Crossing | None = None
         for edge in self._edges:
@@ -70,9 +70,9 @@ class Obstacles:
         return first
 
     def free_strides(self, x_m: float, y_m: float, dx_m: float, dy_m: float, most: int) -> int:
-        """How many strides of (dx_m, dy_m) lead straight on before an obstacle or the arena's edge; at most `most`.
+        """Count the strides of (dx_m, dy_m) before an obstacle or the arena's edge, up to `most`.
 
-        None of these strides has a crossing of its own, so a walk need not look at them one by one.
+        None of these strides has a crossing, so a walk need not check them individually.
         """
         free = float(most)
         for at_m, stride_m, end_m in ((x_m, dx_m, self._size_m[0]), (y_m, dy_m, self._size_m[1])):
@@ -84,9 +84,9 @@ class Obstacles:
         return math.floor(free)
 
     def reflect(self, x_m: float, y_m: float, stride: Stride) -> Stride | None:
-        """A stride from a place, mirrored at the obstacle that it meets; where there is no room, up to the edge.
+        """Mirror a stride at the obstacle that it meets, or cut it at the edge if there is no room.
 
-        None if it meets no obstacle.
+        Returns None if it meets no obstacle.
         """
         way_x, way_y = stride.to_x_m - x_m, stride.to_y_m - y_m
         crossing = self.first_crossing(x_m, y_m, way_x, way_y)
@@ -104,9 +104,9 @@ class Obstacles:
 
 
 def _share_before(edge: _Edge, x_m: float, y_m: float, dx_m: float, dy_m: float) -> float:
-    """The share of a straight way after which it comes near an edge from outside; 1 if it does not.
+    """The share of a straight path before it comes near an edge from outside; 1 if it does not.
 
-    Near is twice as far as a single stride may end from the edge without crossing it.
+    Near means 2 `EDGE_M`: twice the tolerance of a crossing.
     """
     inwards = -(dx_m * edge.nx + dy_m * edge.ny)
     gap_m = (x_m - edge.x_m) * edge.nx + (y_m - edge.y_m) * edge.ny
@@ -123,6 +123,6 @@ def _share_before(edge: _Edge, x_m: float, y_m: float, dx_m: float, dy_m: float)
 
 
 def _mirrored(dx: float, dy: float, nx: float, ny: float) -> tuple[float, float]:
-    """A vector that leads away from an edge rather than into it."""
+    """Mirror a vector that points into an edge."""
     into = min(0.0, dx * nx + dy * ny)
     return dx - 2.0 * into * nx, dy - 2.0 * into * ny

@@ -1,4 +1,4 @@
-"""The agent's process: the one file of an agent that touches Zenoh."""
+"""The agent's process: the only file of an agent that uses Zenoh."""
 
 import logging
 import os
@@ -25,29 +25,29 @@ log = logging.getLogger("deltaswarm.agent")
 
 FRAME_QUEUE = 64
 GOODBYE_S = 3.0
-"""How long an agent waits, after its last act, for the world to have taken it."""
+"""Time that an agent waits after its last act for the world to exit."""
 
 
 @dataclass(frozen=True)
 class AgentConfig:
-    """What one agent process is told."""
+    """Configuration of one agent process."""
 
     run: str
     agent: int
     link: RouterLink
     settings: AgentSettings
     restart: int = 0
-    """How often an agent of this number was started before in this run."""
+    """Earlier starts of this agent in this run."""
     world_lost_s: float = 5.0
-    """An agent that has not heard of a world for so long ends."""
+    """Time without a world after which the agent exits."""
     checkpoints: Path | None = None
-    """The folder for its part of checkpoints, if there are any."""
+    """The folder for its part of checkpoints; None: no checkpoints."""
     resume_step: int | None = None
-    """Go on as the agent that was saved after this step."""
+    """Resume the agent that was saved after this step."""
 
 
 class WorldWatch:
-    """Notes by the world's liveliness token whether it is there, and ends the process without it."""
+    """Watches the world's liveliness token and exits the process without a world."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, patience_s: float) -> None:
         self.gone = threading.Event()
@@ -70,12 +70,12 @@ class WorldWatch:
             self.gone.clear()
 
     def _give_up(self) -> None:
-        log.error("the world has been gone for %g s: this agent ends", self._patience_s)
+        log.error("no world for %g s: this agent exits", self._patience_s)
         logging.shutdown()
-        os._exit(1)  # the main thread is blocked in Zenoh and cannot be told
+        os._exit(1)  # the main thread is blocked in Zenoh
 
     def goodbye(self) -> None:
-        """From now on the world's end is the expected one; wait for it."""
+        """Wait for the world's exit, which is expected from now on."""
         self._ending = True
         self.gone.wait(GOODBYE_S)
 
@@ -97,7 +97,7 @@ class Outbox:
         self._taken = publisher(TAKEN, "Taken")
 
     def wait_until_heard(self) -> None:
-        """Wait until each publisher knows a subscriber: before that it would send nothing, silently."""
+        """Wait until each publisher knows a subscriber; before that it silently sends nothing."""
         for publisher in (self._radio, self._report, self._act):
             heard = threading.Event()
 
@@ -111,7 +111,7 @@ class Outbox:
             listener.undeclare()
 
     def send(self, said: Outbound) -> None:
-        """Send what was decided; the act comes last, since it closes the step, and rides on a radio frame."""
+        """Send a step's output. The act closes the step: it comes last, attached to the radio frame if any."""
         if said.report_bytes is not None:
             self._report.put(said.report_bytes)
         if said.radio is not None:
@@ -120,12 +120,12 @@ class Outbox:
             self._act.put(said.act_bytes)
 
     def taken(self, step: int) -> None:
-        """Tell that what the agent was after this step is saved."""
+        """Confirm that the agent's state after this step is saved."""
         self._taken.put(encode_taken(step))
 
 
 def _shell(config: AgentConfig) -> tuple[Shell, int]:
-    """The agent as it begins or goes on, and the step of its newest frame; one that can be saved, if it is to be."""
+    """Make or resume the agent; return it with the step of its newest frame. Check that it can be saved, if needed."""
     if config.checkpoints is not None and config.resume_step is not None:
         return saving.load(config.checkpoints, config.resume_step, config.agent)
     controller = make_controller(config.agent, config.settings, config.restart)
@@ -136,19 +136,19 @@ def _shell(config: AgentConfig) -> tuple[Shell, int]:
 
 
 def _save(config: AgentConfig, shell: Shell, newest: int, step: int, outbox: Outbox) -> None:
-    """Save the agent, and tell the world; it goes on without this checkpoint if that fails."""
+    """Save the agent and confirm it to the world. If that fails, log it and continue without this checkpoint."""
     try:
         if config.checkpoints is None:
-            raise ControllerError("it was not told where")
+            raise ControllerError("--checkpoints must be given to save an agent")
         saving.save(config.checkpoints, step, shell, newest)
     except (ControllerError, OSError) as error:
-        log.error("agent %d is not saved after step %d: %s", config.agent, step, error)
+        log.error("agent %d cannot be saved after step %d: %s", config.agent, step, error)
     else:
         outbox.taken(step)
 
 
 def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
-    """Run one agent until its last frame; the process's exit code. `on_ready` is called once the world knows of it.
+    """Run one agent until its last frame; return the exit code. `on_ready` is called once its token is declared.
 
     Raises:
         ValueError: the controller's options have mistakes, or the user's own Zenoh settings are refused.
@@ -161,7 +161,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
     try:
         opened = zenoh.open(settings)
     except zenoh.ZError as error:
-        log.error("agent %d has no session with %s: %s", config.agent, config.link.endpoint, error)
+        log.error("agent %d cannot join the world at %s: %s", config.agent, config.link.endpoint, error)
         return 1
     with opened as session:
         frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
@@ -183,7 +183,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
             except WireError as error:
                 rejected += 1
                 if rejected == 1:
-                    log.warning("a frame was dropped: %s", error)
+                    log.warning("dropped a frame: %s", error)
                 continue
             if frame.step <= newest:
                 continue
@@ -194,6 +194,6 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
         watch.goodbye()
         token.undeclare()
     log.info(
-        "agent %d ends after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, shell.counts
+        "agent %d exits after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, shell.counts
     )
     return 0

@@ -1,4 +1,4 @@
-"""An agent's part of a checkpoint: all that it is, in a file of its own."""
+"""An agent's part of a checkpoint: its full state in its own file."""
 
 import pickle
 from pathlib import Path
@@ -10,14 +10,14 @@ from deltaswarm_wire.plugins import described
 
 
 def saved(shell: Shell, newest: int) -> bytes:
-    """An agent, and the step of its newest frame (-1 before the first).
+    """Pickle an agent with the step of its newest frame (-1 before the first).
 
     Raises:
-        ControllerError: the controller holds something that pickle cannot save.
+        ControllerError: pickle cannot save the controller.
     """
     try:
         return pickle.dumps((shell, newest))
-    except Exception as error:  # a controller may be anybody's
+    except Exception as error:  # a controller may be third-party code
         name = f"{type(shell.controller).__module__}:{type(shell.controller).__qualname__}"
         raise ControllerError(f"controller {name} cannot be saved in a checkpoint: {described(error)}") from error
 
@@ -28,7 +28,7 @@ def save(folder: Path, step: int, shell: Shell, newest: int) -> None:
 
 
 def load(folder: Path, step: int, agent: int) -> tuple[Shell, int]:
-    """An agent as it was after a step, and the step of its newest frame.
+    """Load an agent's state after a step, and the step of its newest frame.
 
     Raises:
         ControllerError: its file cannot be read.
@@ -37,5 +37,5 @@ def load(folder: Path, step: int, agent: int) -> tuple[Shell, int]:
     try:
         shell, newest = pickle.loads(file.read_bytes())
         return shell, newest
-    except Exception as error:  # whatever is in a file, and in somebody else's controller
+    except Exception as error:  # the file, or a third-party controller, may raise anything
         raise ControllerError(f"{file} cannot be read: {described(error)}") from error

@@ -1,4 +1,4 @@
-"""The shell around a controller: hears, numbers and encodes, and holds the controller to what it may return."""
+"""The shell around a controller: decodes, numbers and encodes messages, and checks what the controller returns."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -17,27 +17,27 @@ ENVELOPE_BYTES = 16
 """What a radio frame takes besides its payload and the commands that it relays."""
 
 FORGET_SENDER_S = 20.0
-"""A sender unheard for this long may begin its counter anew."""
+"""After this silence a sender may restart its counter."""
 
 
 _opened = lru_cache(maxsize=256)(decode_sample)
-"""In one process with others, a frame that many hear is opened once."""
+"""Caches a frame with many receivers in one process."""
 
 
 class Outbound(NamedTuple):
-    """What an agent sends in one step; the act closes it."""
+    """An agent's output in one step; the act closes it."""
 
     act: Act
     act_bytes: bytes
     counter: int
-    """The radio frame's, if there is one."""
+    """The radio frame's counter, if there is a frame."""
     radio: bytes | None
     report: Report | None
     report_bytes: bytes | None
 
 
 class Receiver:
-    """Takes radio frames out of their envelopes; of each sender it keeps the newest."""
+    """Decodes the envelopes of radio frames and keeps the newest frame of each sender."""
 
     def __init__(self, agent: int, step_s: float) -> None:
         self.rejected = 0
@@ -47,7 +47,7 @@ class Receiver:
         self._newest: dict[int, tuple[int, int]] = {}
 
     def newest_of(self, heard: Sequence[Heard], now: int) -> tuple[list[tuple[int, bytes]], list[bytes]]:
-        """Of each sender its newest payload, in sender order, and the commands that the frames relay.
+        """Return the newest payload of each sender, in sender order, and the commands that the frames relay.
 
         Late and duplicate frames are dropped.
         """
@@ -71,7 +71,7 @@ class Receiver:
 
 
 class Shell:
-    """One agent without its edges. `step` is its one mutating method.
+    """One agent without input and output. `step` is its only mutating method.
 
     Args:
         agent: its id.
@@ -91,12 +91,12 @@ class Shell:
 
     @property
     def rejected_frames(self) -> int:
-        """Frames heard whose envelope broke the protocol."""
+        """Received frames with an invalid envelope."""
         return self._receiver.rejected
 
     @property
     def counts(self) -> str:
-        """What was dropped, for a log: frames whose envelope broke the protocol, and the controller's own counts."""
+        """Counts for the log: frames with an invalid envelope, and the controller's own counts."""
         own = getattr(self.controller, "counts", {})
         return ", ".join(
             f"{name} {count}" for name, count in {"rejected_envelopes": self.rejected_frames, **own}.items()
@@ -106,7 +106,7 @@ class Shell:
         """Decide. Frames come in order of their steps; steps may be missing between them.
 
         Raises:
-            ControllerError: the controller raised, or returned what it may not.
+            ControllerError: the controller raised, or returned an invalid decision.
         """
         step, time_s, _, x_m, y_m, poses, events, heard = frame
         frames: list[tuple[int, bytes]] = []
@@ -127,7 +127,7 @@ class Shell:
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
     def _outbound(self, act: Act, decision: Decision, pose: Pose) -> Outbound:
-        """Number and encode. Raises ValueError for what the wire does not carry."""
+        """Number and encode. Raises ValueError for values that the wire cannot carry."""
         radio = report = report_bytes = None
         counter, payload, relay = self._counter, decision.payload, self.commands
         if decision.done or decision.refused:
@@ -154,7 +154,7 @@ class Shell:
                 relay.answers(),
             )
             report_bytes = encode_report(report)
-            report = decode_report(report_bytes)  # a controller may be anybody's
+            report = decode_report(report_bytes)  # a controller may be third-party code
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)
 

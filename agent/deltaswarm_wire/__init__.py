@@ -1,6 +1,6 @@
-"""The vocabulary that all parts of deltaswarm share: messages, keys, codec, settings.
+"""The vocabulary shared by all parts of deltaswarm: messages, keys, codec, settings.
 
-It knows nothing of the parts and imports only the standard library and its codec (msgpack).
+It does not depend on any part and imports only the standard library and its codec (msgpack).
 """
 
 __version__ = "0.1.0"

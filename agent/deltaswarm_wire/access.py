@@ -1,10 +1,10 @@
-"""Who may do what: the rules of Zenoh's access control, default deny.
+"""The rules of Zenoh's access control, default deny.
 
-At the world's router they make range gating a fact: an agent may send on its own keys and receive its own
-frame, and nothing else. All hear the world alone: its router's one thread never waits for room on a link to hand on
-what another one said, and so never keeps itself from making that room. In open air each end has rules of its own, by
-which nobody speaks as another. Who is who is told by user name and password, or, over TLS, by the name in the other
-end's certificate alone.
+At the world's router they enforce radio range: an agent may send on its own keys and receive its own frame, nothing
+else. Every client receives from the world only, so the router's one thread never waits for room on a link in order to
+forward another client's sample, which would block it. In open air each end has its own rules, by which no process can
+impersonate another. A process is identified by user name and password or, over TLS, only by the name in its
+certificate.
 """
 
 from collections.abc import Iterable, Sequence
@@ -16,18 +16,18 @@ TLS = "tls"
 
 
 def user_name(role: str, number: int = 0) -> str:
-    """The name under which a process logs in at the router."""
+    """The user name of a process at the router."""
     return f"agent-{number}" if role == AGENT else role
 
 
 def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None) -> dict[str, Any]:
-    """Zenoh's `access_control`: default deny; per user what it may send and what may reach it.
+    """Build Zenoh's `access_control` for the router: what each user may send and receive.
 
-    With `named_over`, the protocols over which a user's name counts, its certificate's name counts too (over TLS).
+    `named_over` lists the protocols over which user names identify clients; over TLS, certificate names do.
 
-    A client's publisher stays silent until the router tells it of a matching subscription, so the
-    subscribers' own key expressions must pass outwards (`declare_subscriber`, egress). The operator gets no report
-    from an agent, but those that the world hands on.
+    A client's publisher stays silent until it learns of a matching subscription from the router, so the subscribers'
+    own key expressions must pass outwards (`declare_subscriber`, egress). The operator receives reports only from
+    the world, never directly from an agent.
     """
     book = _RuleBook(named_over)
     world = keys.token(WORLD)
@@ -56,9 +56,9 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
 
 
 def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
-    """The same for a board or an operator in open air, where all links are TLS and these agents may be there.
+    """Build the same for a board or an operator in open air with TLS links, for these agents.
 
-    An agent speaks for itself; the operator, which may be a router, hands on what others said.
+    An agent sends only its own samples; the operator, which may be a router, also forwards those of others.
     """
     book = _RuleBook(named_over=())
     heard = [keys.all_radio, keys.all_reports, keys.all_health]
@@ -66,7 +66,7 @@ def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     for name, agent in names.items():
         own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
         book.allow(name, own, [], heard_by=[], token=keys.token(AGENT, agent))
-    # What all may is said once: said for each of 25, it takes 3 MB of a board.
+    # One rule for all agents: one rule each would cost a board 3 MB for 25 agents.
     book.allow("agents", [], [keys.all_radio], heard_by=heard, watched_by=keys.token(AGENT, "*"), names=[*names])
     book.allow(OPERATOR, [keys.all_radio], heard, heard_by=[keys.all_radio], watches=keys.token(AGENT, "*"))
     return book.access_control()
@@ -92,9 +92,9 @@ class _RuleBook:
         watched_by: str = "",
         names: Sequence[str] = (),
     ) -> None:
-        """What passes between us and a user; of tokens: its own, those it watches, those of its that we watch.
+        """Allow traffic with a user: samples, its own token, the tokens it watches, its tokens that we watch.
 
-        With `names` it is for several users at once.
+        With `names` the rules are for several users.
         """
         subjects = self._subjects_of(user, [*names] or [user])
         self._subjects += subjects
@@ -112,7 +112,7 @@ class _RuleBook:
         self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [one["id"] for one in subjects]})
 
     def _subjects_of(self, user: str, names: list[str]) -> list[dict[str, Any]]:
-        """Within one subject Zenoh wants all to match: so one by name and another by certificate."""
+        """Zenoh requires all criteria of a subject to match, so user name and certificate are two subjects."""
         if self._named_over is None:
             return [{"id": user, "usernames": names}]
         certified = {"id": f"{user}-certified", "cert_common_names": names, "link_protocols": [TLS]}

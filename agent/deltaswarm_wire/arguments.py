@@ -1,4 +1,4 @@
-"""The command-line arguments that every part shares: which run, which router, which credentials."""
+"""Command-line arguments shared by all parts: run, router, credentials."""
 
 import argparse
 import os
@@ -15,14 +15,14 @@ from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
 
 
 def program(part: str) -> str:
-    """What a part was called as: by a script of its own, or as `deltaswarm PART`."""
+    """The name under which a part was started: its own script or `deltaswarm PART`."""
     script = f"deltaswarm-{part}"
     return script if Path(sys.argv[0]).name == script else f"deltaswarm {part}"
 
 
 def add_link_arguments(parser: argparse.ArgumentParser) -> None:
-    """How a part reaches its world."""
-    parser.add_argument("--run", required=True, type=run_name, help="name of the run, as the world was given it")
+    """Add the arguments for the link to the world."""
+    parser.add_argument("--run", required=True, type=run_name, help="name of the run, as given to the world")
     parser.add_argument(
         "--connect",
         required=True,
@@ -31,28 +31,28 @@ def add_link_arguments(parser: argparse.ArgumentParser) -> None:
         help="the world, e.g. tcp/192.168.1.10:7447",
     )
     parser.add_argument(
-        "--password-file", type=Path, metavar="FILE", help=f"its password; else the environment's {PASSWORD_VARIABLE}"
+        "--password-file", type=Path, metavar="FILE", help=f"password; default: from {PASSWORD_VARIABLE}"
     )
     add_tls_arguments(parser)
     add_zenoh_argument(parser)
 
 
 def add_tls_arguments(parser: argparse.ArgumentParser) -> None:
-    """Certificates, for endpoints that begin with `tls/`."""
-    parser.add_argument("--ca", metavar="FILE", help="for tls/ endpoints: the certificate of who signs certificates")
-    parser.add_argument("--certificate", metavar="FILE", help="for tls/ endpoints: its own certificate")
-    parser.add_argument("--key", metavar="FILE", help="for tls/ endpoints: its private key, of mode 0600")
+    """Add the arguments for the certificates of `tls/` endpoints."""
+    parser.add_argument("--ca", metavar="FILE", help="for tls/ endpoints: certificate of the authority")
+    parser.add_argument("--certificate", metavar="FILE", help="for tls/ endpoints: own certificate")
+    parser.add_argument("--key", metavar="FILE", help="for tls/ endpoints: own private key, of mode 0600")
 
 
 def add_zenoh_argument(parser: argparse.ArgumentParser) -> None:
-    """The user's own Zenoh settings."""
+    """Add the argument for the user's own Zenoh settings."""
     parser.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
 
 
 def run_name(text: str) -> str:
-    """A run's name, checked."""
+    """Check a run's name."""
     try:
         return Keys(text).run
     except ValueError as error:
@@ -60,38 +60,38 @@ def run_name(text: str) -> str:
 
 
 def connects_to(text: str) -> str:
-    """An endpoint to connect to, checked."""
+    """Check an endpoint to connect to."""
     return _endpoint(text, connects=True)
 
 
 def listens_on(text: str) -> str:
-    """An endpoint to listen on, checked; port 0 is any free one."""
+    """Check an endpoint to listen on; port 0 means any free port."""
     return _endpoint(text, connects=False)
 
 
 def _endpoint(text: str, connects: bool) -> str:
     if problem := endpoint_problem(text, connects=connects):
-        raise argparse.ArgumentTypeError(f"{text!r}: {problem}")
+        raise argparse.ArgumentTypeError(f"{problem} (got {text!r})")
     return text
 
 
 def agent_numbers(text: str) -> list[int]:
-    """Agents' numbers, ascending, of numbers and ranges with commas between them."""
+    """Parse numbers and ranges, separated by commas, into agents' numbers in ascending order."""
     found: set[int] = set()
     for part in text.split(","):
         first, sign, last = part.partition("-")
         try:
             low, high = int(first), int(last if sign else first)
         except ValueError:
-            raise argparse.ArgumentTypeError(f"{text!r}: numbers such as 3,7 or 20-24 are expected") from None
+            raise argparse.ArgumentTypeError(f"must be numbers such as 3,7 or 20-24 (got {text!r})") from None
         if not 0 <= low <= high <= MAX_AGENT_ID:
-            raise argparse.ArgumentTypeError(f"{part!r}: 0 to {MAX_AGENT_ID}, the lower first, is allowed")
+            raise argparse.ArgumentTypeError(f"must be from 0 to {MAX_AGENT_ID}, the lower first (got {part!r})")
         found.update(range(low, high + 1))
     return sorted(found)
 
 
 def add_boards_argument(parser: argparse.ArgumentParser) -> None:
-    """`--boards`, for the parts that must know who is on a machine of its own."""
+    """Add `--boards`: the agents that run on machines of their own."""
     parser.add_argument(
         "--boards",
         type=agent_numbers,
@@ -102,19 +102,19 @@ def add_boards_argument(parser: argparse.ArgumentParser) -> None:
 
 
 def override(text: str) -> tuple[str, str]:
-    """KEY=VALUE as a pair."""
+    """Parse KEY=VALUE into a pair."""
     key, sign, value = text.partition("=")
     if not key or not sign:
-        raise argparse.ArgumentTypeError(f"{text!r}: KEY=VALUE is expected")
+        raise argparse.ArgumentTypeError(f"must be KEY=VALUE (got {text!r})")
     return key, value
 
 
 def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_latency: bool = False) -> RouterLink:
-    """The link that the arguments and the environment describe.
+    """Build the link that the arguments and the environment describe.
 
     Raises:
         OSError: the password file cannot be read.
-        ValueError: others than its owner may read it; or as `tls_of`.
+        ValueError: the password file is not private; or as `tls_of`.
     """
     file: Path | None = arguments.password_file
     if file and (problem := secret_problem(file)):
@@ -126,21 +126,21 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
 
 
 def secret_problem(file: Path) -> str:
-    """What is wrong with a secret that others than its owner may read or write, and what to do; nothing if none may.
+    """What a secret file must be (with the command that mends it), or "" if only its owner has access.
 
     Raises:
-        OSError: the file is not there.
+        OSError: the file does not exist.
     """
     mode = stat.S_IMODE(file.stat().st_mode)
-    return f"has mode {mode:04o}; 0600 is needed: chmod 600 {file}" if mode & 0o077 else ""
+    return f"must have mode 0600, not {mode:04o}: chmod 600 {file}" if mode & 0o077 else ""
 
 
 def password_in(file: Path, user: str) -> str:
-    """A user's password from `user:password` lines, as the world's credentials file has them.
+    """Read a user's password from a file of `user:password` lines, as the world writes it.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it has no such user, or others than its owner may read it.
+        ValueError: it has no such user, or the file is not private.
     """
     if problem := secret_problem(file):
         raise ValueError(problem)
@@ -148,23 +148,23 @@ def password_in(file: Path, user: str) -> str:
         name, sign, password = line.strip().partition(":")
         if sign and name == user:
             return password
-    raise ValueError(f"has no line {user}:PASSWORD")
+    raise ValueError(f"must have a line {user}:PASSWORD")
 
 
 def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, key: str | None) -> Tls | None:
-    """The certificates that the endpoints need, or None where none begins with `tls/`.
+    """Collect the certificates for the endpoints; None if no endpoint begins with `tls/`.
 
     Raises:
-        ValueError: one is missing, not to be read, or not asked for; or others than the owner may read the key.
+        ValueError: a file is missing, unreadable or not needed, or the key is not private.
     """
     files = {"ca": ca, "certificate": certificate, "key": key}
     over_tls = [endpoint for endpoint in endpoints if protocol_of(endpoint) == TLS]
     if not over_tls:
         if given := [name for name, file in files.items() if file]:
-            raise ValueError(f"{', '.join(given)}: only for an endpoint that begins with {TLS}/")
+            raise ValueError(f"{', '.join(given)} must be left out unless an endpoint begins with {TLS}/")
         return None
     if missing := [name for name, file in files.items() if not file]:
-        raise ValueError(f"{over_tls[0]} needs ca, certificate and key; missing: {', '.join(missing)}")
+        raise ValueError(f"{over_tls[0]} needs ca, certificate and key (missing: {', '.join(missing)})")
     for name, file in files.items():
         try:
             with open(file or ""):

@@ -1,4 +1,4 @@
-"""Tries a certificate as the other end of a link would: there a wrong one meets only silence."""
+"""Check a certificate as the other end of a link would, which refuses a wrong one without a message."""
 
 import ssl
 from typing import Any
@@ -7,18 +7,18 @@ from deltaswarm_wire.session import Tls
 
 
 def certificate_problem(tls: Tls, name: str) -> str:
-    """What is wrong with a certificate, its key and its authority for who is called `name`; empty if nothing is."""
+    """What is wrong with a certificate, its key or its authority for a process called `name`; "" if nothing."""
     try:
         found = _shown_name(tls)
     except ssl.SSLCertVerificationError as error:
         return f"the other end would refuse it: {error.verify_message}"
     except ssl.SSLError as error:
-        return f"it does not go with its key or its authority: {error.reason or error}"
-    return "" if found == name else f"it is of {found}; that of {name} is needed"
+        return f"it does not match its key or its authority: {error.reason or error}"
+    return "" if found == name else f"it must be the certificate of {name} (got that of {found})"
 
 
 def _shown_name(tls: Tls) -> str:
-    """The name that a client reads in a handshake with these files at both ends."""
+    """Read the name from a handshake with these files at both ends."""
     server = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
     server.load_cert_chain(tls.certificate, tls.key)
     client = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)

@@ -17,25 +17,26 @@ T = TypeVar("T")
 
 
 MAX_LINE = 1000
-"""Characters of each part of a message: what is wrong may be huge, or hold what no terminal should be sent."""
+"""Characters of each part of a message: a wrong value may be huge."""
 
 
 def one_line(text: str) -> str:
-    """A text as one line of printable characters, the others escaped, cut where it is too long."""
+    """Make a text one line: escape unprintable characters, cut after `MAX_LINE`."""
     cut = text if len(text) <= MAX_LINE else f"{text[: MAX_LINE - 3]}..."
     return cut if cut.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in cut)
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One mistake: where, what was found, what is allowed."""
+    """One mistake: the key, what was found, and what must hold ("must be ...") or what to do."""
 
     path: str
     found: str
     allowed: str
 
     def __str__(self) -> str:
-        return f"{one_line(self.path)}: {one_line(self.found)}; {one_line(self.allowed)}"
+        path, found, allowed = map(one_line, (self.path, self.found, self.allowed))
+        return f"{path} {allowed} (got {found})" if allowed.startswith("must ") else f"{path}: {found}; {allowed}"
 
 
 class SettingsError(ValueError):
@@ -66,20 +67,20 @@ def key(
 
 
 def rest(doc: str) -> Any:
-    """A field of type dict for all keys that the table has besides: somebody else checks them."""
+    """Declare a dict field for all other keys of the table; its user checks them."""
     return dataclasses.field(default_factory=dict, metadata={"doc": doc, "rest": True})
 
 
 def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
-    """An instance of `cls` from `table`, and all mistakes found; the instance is None if there are any."""
+    """Make an instance of `cls` from `table`; with mistakes, return None and all of them."""
     made, problems = known(cls, table, path)
     return (None if problems else made), problems
 
 
 def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
-    """Like `check`, but an unknown key alone prevents no instance: it shall hide no other mistake."""
+    """Like `check`, but make an instance despite unknown keys, so that they hide no other mistake."""
     if not isinstance(table, Mapping):
-        return None, [Problem(path or "settings", f"{_shown(table)}", "a table is expected")]
+        return None, [Problem(path or "settings", _shown(table), "must be a table")]
     fields = dataclasses.fields(typing.cast(Any, cls))
     specs = {spec.name: spec for spec in fields if not spec.metadata.get("rest")}
     hints = typing.get_type_hints(cls)
@@ -100,7 +101,7 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
 
 
 def load(cls: type[T], table: Any, path: str = "") -> T:
-    """Like `check`, for those who want an instance or an error.
+    """Like `check`, but raise an error if there are mistakes.
 
     Raises:
         SettingsError: with every mistake.
@@ -112,7 +113,7 @@ def load(cls: type[T], table: Any, path: str = "") -> T:
 
 
 def plain(settings: Any) -> dict[str, Any]:
-    """The settings as a plain table again, for TOML or JSON; what is None is left out."""
+    """Turn settings into a plain table for TOML or JSON, without keys that are None."""
     table: dict[str, Any] = {}
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
@@ -124,7 +125,7 @@ def plain(settings: Any) -> dict[str, Any]:
 
 
 def plain_value(value: Any) -> Any:
-    """One value as TOML or JSON has it: tuples as lists, settings as tables."""
+    """Turn one value into its TOML or JSON form: tuples become lists, settings become tables."""
     if dataclasses.is_dataclass(value):
         return plain(value)
     if isinstance(value, tuple):
@@ -158,18 +159,19 @@ def _value(value: Any, hint: Any, limits: Mapping[str, Any], path: str) -> tuple
     if dataclasses.is_dataclass(hint):
         return known(typing.cast(type[Any], hint), value, path)
     if origin is dict:
-        return (value, []) if isinstance(value, dict) else (None, [Problem(path, _shown(value), "a table is expected")])
+        return (value, []) if isinstance(value, dict) else (None, [Problem(path, _shown(value), "must be a table")])
     if origin is tuple:
         return _tuple(value, typing.get_args(hint)[0], limits, path)
     allowed = _allowed(hint, limits)
     fits = type(value) is hint or (hint is float and type(value) is int)
     if not fits or not _within(value, limits):
-        return None, [Problem(path, _shown(value), did_you_mean(value, limits.get("choices") or ()) + allowed)]
+        hint = did_you_mean(value, limits.get("choices") or ()).rstrip()
+        return None, [Problem(path, _shown(value) + (hint and f"; {hint}"), f"must be {allowed}")]
     return (float(value) if hint is float else value), []
 
 
 def did_you_mean(value: Any, choices: Iterable[str]) -> str:
-    """A question with the choice that was probably meant, for the start of a message; empty if none is near."""
+    """Ask about the most similar choice, to start a message; return "" if no choice is similar."""
     near = difflib.get_close_matches(value[:60], list(choices), n=1) if isinstance(value, str) else ()
     return f"did you mean {near[0]!r}? " if near else ""
 
@@ -177,8 +179,8 @@ def did_you_mean(value: Any, choices: Iterable[str]) -> str:
 def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple[Any, list[Problem]]:
     length = limits.get("length")
     if not isinstance(value, list | tuple) or (length is not None and len(value) != length):
-        count = f"{length} items" if length is not None else "a list"
-        return None, [Problem(path, _shown(value), f"{count} expected")]
+        count = "" if length is None else f" of {length} items"
+        return None, [Problem(path, _shown(value), f"must be a list{count}")]
     inner = {**limits, "length": limits.get("length") if typing.get_origin(item) is tuple else None}
     made, problems = [], []
     for index, entry in enumerate(value):
@@ -211,13 +213,11 @@ def _is_finite(value: float) -> bool:
 
 def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
     if limits.get("choices") is not None:
-        return "one of " + ", ".join(limits["choices"]) + " is allowed"
-    if limits.get("low") is not None and limits["low"] == limits.get("high"):
-        return f"{limits['low']:g} is allowed"
+        return "one of " + ", ".join(limits["choices"])
     noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
-    bounds = [
-        f"{word} {limits[name]:g}"
-        for name, word in (("above", "above"), ("low", "at least"), ("high", "at most"))
-        if limits.get(name) is not None
-    ]
-    return f"{noun}{' ' if bounds else ''}{' and '.join(bounds)} is allowed"
+    low, high = limits.get("low"), limits.get("high")
+    if low is not None and high is not None:
+        return f"{low:g}" if low == high else f"{noun} from {low:g} to {high:g}"
+    words = (("above", "above"), ("low", "of at least"), ("high", "at most"))
+    bounds = [f"{word} {limits[name]:g}" for name, word in words if limits.get(name) is not None]
+    return " ".join((noun, " and ".join(bounds))).rstrip()

@@ -1,11 +1,11 @@
-"""Checkpoints of a run: after which steps there is one, and where its parts are.
+"""Checkpoints of a run: their steps and their files.
 
-    RUN/checkpoint/newest.json              the step after which all is saved, and who was there
+    RUN/checkpoint/newest.json              the step of the newest complete checkpoint, and its agents
     RUN/checkpoint/<step>/world.pickle      each part writes its own
     RUN/checkpoint/<step>/agent-<id>.pickle
     RUN/checkpoint/<step>/operator.json
 
-A checkpoint is unpickled, and so can do whatever a program can: go on only with runs of your own.
+A checkpoint is unpickled and can therefore run arbitrary code: resume only your own runs.
 """
 
 from pathlib import Path
@@ -17,16 +17,16 @@ WORLD_FILE, OPERATOR_FILE = "world.pickle", "operator.json"
 
 
 def is_due(step: int, every_steps: int) -> bool:
-    """Whether there is a checkpoint after this step; with 0 there is none."""
+    """Whether a checkpoint is due after this step; 0 means never."""
     return every_steps > 0 and (step + 1) % every_steps == 0
 
 
 def agent_file(agent: int) -> str:
-    """What an agent calls its part."""
+    """The file name of an agent's part."""
     return f"agent-{agent}.pickle"
 
 
 def write(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all. Its folder is made; the one above must be there."""
+    """Write a file atomically. Create its folder, whose parent must exist."""
     file.parent.mkdir(exist_ok=True)
     write_whole(file, data)

@@ -23,6 +23,7 @@ from deltaswarm_wire.codec import (
     integer,
     number,
     pack,
+    shown,
     text,
     unpack,
     version,
@@ -153,13 +154,13 @@ def make_target(raw: Any) -> Target:
     kind = text(rows[0] if rows else None, "command.target", allowed=tuple(TARGET_NUMBERS))
     numbers = tuple([number(value, -MAX_ABS_M, MAX_ABS_M, "command.target") for value in rows[1:]])
     if len(numbers) != TARGET_NUMBERS[kind]:
-        raise WireError("command.target", f"{kind} must have {TARGET_NUMBERS[kind]} numbers (got {len(numbers)})")
+        raise WireError("command.target", f"have {TARGET_NUMBERS[kind]} numbers for {kind}", len(numbers))
     return Target(kind, numbers)
 
 
 def _arguments(raw: Any) -> dict[str, Value]:
     if type(raw) is not dict or len(raw) > MAX_ARGUMENTS:
-        raise WireError("command.arguments", f"must be a map of at most {MAX_ARGUMENTS} arguments")
+        raise WireError("command.arguments", f"be a map of at most {MAX_ARGUMENTS} arguments", shown(raw))
     return {_printable(name, "command.arguments"): _argument(value) for name, value in raw.items()}
 
 
@@ -174,7 +175,7 @@ def _argument(value: Any) -> Value:
 def _printable(value: Any, field: str) -> str:
     found = text(value, field, MAX_TEXT)
     if not found.isprintable():
-        raise WireError(field, "must be printable")
+        raise WireError(field, "be printable", ascii(found))
     return found
 
 
@@ -207,7 +208,7 @@ def _signed(raw: Any) -> Signed:
     body, signature = array(raw, 2, "command")
     for value, most in ((body, MAX_COMMAND_BYTES), (signature, MAX_SIGNATURE_BYTES)):
         if type(value) is not bytes or len(value) > most:
-            raise WireError("command", f"must be at most {most} bytes")
+            raise WireError("command", f"be at most {most} bytes", shown(value))
     return Signed(body, signature)
 
 

@@ -1,4 +1,4 @@
-"""The digest of a run: the same scenario and seed give the same one, whatever the scheduling.
+"""The digest of a run: equal for equal scenario and seed, independent of scheduling.
 
 World and operator each hash what they received, in step and agent order; the run's digest is the
 hash of both parts.
@@ -13,9 +13,9 @@ SIZE_BYTES = 16
 
 
 class Digest:
-    """A hash over (step, agent, kind, bytes), which must come in step and agent order: a chain with a link per step.
+    """A hash chain over (step, agent, kind, bytes) in step and agent order, one link per step.
 
-    `state` is all that must be kept in order to go on later; what was added since the last `end_step` is not in it.
+    `state` suffices to resume later; it excludes messages since the last `end_step`.
     """
 
     def __init__(self, state: bytes = bytes(SIZE_BYTES)) -> None:
@@ -23,20 +23,20 @@ class Digest:
         self._parts: list[bytes] = []
 
     def add(self, step: int, agent: int, kind: int, data: bytes) -> None:
-        """Take in one message."""
+        """Add one message."""
         self._parts += (_head(step, agent, kind, len(data)), data)
 
     def end_step(self) -> None:
-        """Let the messages since the last call be one step's; a step without any leaves no trace."""
+        """Close a step with the messages since the last call; a step without messages changes nothing."""
         if self._parts:
             self.state = hashlib.blake2b(b"".join((self.state, *self._parts)), digest_size=SIZE_BYTES).digest()
             self._parts.clear()
 
     def hex(self) -> str:
-        """The digest of all steps that have ended."""
+        """The digest of all closed steps."""
         return self.state.hex()
 
 
 def combine(world: str, operator: str) -> str:
-    """The run's digest from the digests of its two counting parts."""
+    """Combine the digests of world and operator into the run's digest."""
     return hashlib.blake2b(f"{world}:{operator}".encode(), digest_size=SIZE_BYTES).hexdigest()

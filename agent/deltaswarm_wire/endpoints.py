@@ -12,33 +12,33 @@ WITHOUT_PORT = ("serial", "unixpipe", "unixsock-stream", "vsock")
 
 
 def protocol_of(endpoint: str) -> str:
-    """`tcp` of `tcp/127.0.0.1:7447`."""
+    """Return `tcp` for `tcp/127.0.0.1:7447`."""
     return endpoint.partition("/")[0]
 
 
 def host_and_port(endpoint: str) -> tuple[str, int]:
-    """`("::1", 7447)` of `tcp/[::1]:7447#iface=lo`.
+    """Parse host and port: `("::1", 7447)` from `tcp/[::1]:7447#iface=lo`.
 
     Raises:
-        ValueError: it has none, or an IPv4 address that is none.
+        ValueError: host and port are missing, or the IPv4 address is malformed.
     """
     address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
     found = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
     if not found or int(found[2]) > 0xFFFF:
-        raise ValueError("HOST:PORT is expected after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
+        raise ValueError("must have HOST:PORT after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
     if re.fullmatch(r"[0-9.]+", found[1]):
         try:
             ipaddress.IPv4Address(found[1])
         except ValueError:
-            raise ValueError(f"{found[1]} is no IPv4 address") from None
+            raise ValueError("must have a valid IPv4 address") from None
     return found[1].strip("[]"), int(found[2])
 
 
 def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:
-    """Why nobody could listen there or, with `connects`, connect to it; nothing if that may be."""
+    """What an endpoint to listen on (or connect to) must be, or "" if it is well-formed."""
     protocol, _, address = endpoint.partition("/")
     if protocol not in WITH_PORT + WITHOUT_PORT or not address:
-        return f"PROTOCOL/ADDRESS is allowed, as in tcp/10.0.0.3:7447; protocols: {', '.join(WITH_PORT + WITHOUT_PORT)}"
+        return f"must be PROTOCOL/ADDRESS, as in tcp/10.0.0.3:7447; protocols: {', '.join(WITH_PORT + WITHOUT_PORT)}"
     if protocol in WITHOUT_PORT:
         return ""
     try:
@@ -46,5 +46,5 @@ def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:
     except ValueError as error:
         return str(error)
     if connects and protocol in (TLS, QUIC) and ":" in host:
-        return "over TLS a name or an IPv4 address is allowed: Zenoh takes an IPv6 address for no server's name"
+        return "must be a name or an IPv4 address over TLS: Zenoh accepts no IPv6 address as a server's name"
     return ""

@@ -1,4 +1,4 @@
-"""The envelope of a radio frame: all that the air, the recorder and the tools ever read of one.
+"""The envelope of a radio frame: the only part that the air, the recorder and the tools read.
 
 The payload belongs to the sender's controller. The sender is known from the key on which the sample came.
 """
@@ -18,11 +18,11 @@ from deltaswarm_wire.codec import (
 )
 
 MAX_COMMANDS = 8
-"""Commands of the operator that one frame can carry on."""
+"""Operator commands that one frame can relay."""
 
 
 class Sample(NamedTuple):
-    """One radio frame: its sender's count of frames, the controller's payload, the commands that it relays.
+    """One radio frame: the sender's frame count, the controller's payload, relayed commands.
 
     A frame that only relays commands has no payload.
     """
@@ -33,7 +33,7 @@ class Sample(NamedTuple):
 
 
 def encode_sample(sample: Sample) -> bytes:
-    """`[version, counter, payload]`, with `[command...]` as a fourth item where there are any.
+    """`[version, counter, payload]`, with `[command...]` as a fourth item if there are commands.
 
     Raises:
         WireError: more bytes than a radio frame may have.
@@ -44,20 +44,23 @@ def encode_sample(sample: Sample) -> bytes:
 
 
 def decode_sample(data: bytes) -> Sample:
-    """Check and decode; the payload stays as it is. Raises WireError."""
+    """Check and decode all but the payload. Raises WireError."""
     raw = unpack(data, MAX_RADIO_BYTES)
     if type(raw) is not list or not 3 <= len(raw) <= 4:
-        raise WireError("radio", "an array of 3 or 4 items is expected")
+        raise WireError(
+            "radio", "be an array of 3 or 4 items", type(raw).__name__ if type(raw) is not list else len(raw)
+        )
     version(raw[0])
     counter = integer(raw[1], 0, MAX_ID, "radio.counter")
     commands = _commands(raw[3]) if len(raw) == 4 else ()
     if type(raw[2]) is not bytes and not (raw[2] is None and commands):
-        raise WireError("radio.payload", f"bytes are expected, not {type(raw[2]).__name__}")
+        raise WireError("radio.payload", "be bytes", type(raw[2]).__name__)
     return Sample(counter, raw[2], commands)
 
 
 def _commands(raw: object) -> tuple[bytes, ...]:
     commands = arrays(raw, MAX_COMMANDS, "radio.commands")
-    if not all(type(command) is bytes for command in commands):
-        raise WireError("radio.commands", "bytes are expected")
+    for command in commands:
+        if type(command) is not bytes:
+            raise WireError("radio.commands", "be bytes", type(command).__name__)
     return tuple(commands)

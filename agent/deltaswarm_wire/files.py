@@ -1,11 +1,11 @@
-"""Files that are there whole or not at all, also if the power goes."""
+"""Atomic writing of files, safe against loss of power."""
 
 import os
 from pathlib import Path
 
 
 def write_whole(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all."""
+    """Write a file atomically."""
     part = file.with_name(f"{file.name}.part")
     with part.open("wb") as stream:
         stream.write(data)
@@ -14,6 +14,6 @@ def write_whole(file: Path, data: bytes) -> None:
     part.replace(file)
     folder = os.open(file.parent, os.O_RDONLY)
     try:
-        os.fsync(folder)  # the name, too
+        os.fsync(folder)  # also persist the new name
     finally:
         os.close(folder)

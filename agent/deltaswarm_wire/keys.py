@@ -10,6 +10,8 @@ FRAME, RADIO, REPORT, ACT, HEALTH, TAKEN = "frame", "radio", "report", "act", "h
 
 WORLD, OPERATOR, RECORDER, AGENT = "world", "operator", "recorder", "agent"
 
+RUN_NAME_RULE = "must be 1 to 64 letters, digits, '_', '.' or '-'"
+
 _RUN_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
@@ -22,7 +24,7 @@ class Keys:
 
     def __init__(self, run: str) -> None:
         if not _RUN_NAME.fullmatch(run):
-            raise ValueError(f"run name {run!r}: 1 to 64 letters, digits, '_', '.' or '-' are allowed")
+            raise ValueError(f"run name {RUN_NAME_RULE} (got {run!r})")
         self.run = run
         self.root = f"{ROOT}/{run}"
         self.clock = f"{self.root}/clock"
@@ -49,7 +51,7 @@ class Keys:
         return f"{self.root}/agent/{agent}/{leaf}"
 
     def taken(self, role: str) -> str:
-        """Where operator and recorder confirm which step they have."""
+        """The key on which operator and recorder confirm the steps that they have."""
         return f"{self.root}/{role}/{TAKEN}"
 
     def token(self, role: str, number: int | str = 0) -> str:
@@ -58,21 +60,21 @@ class Keys:
 
 
 def parse_agent_key(key: str) -> tuple[int, str] | None:
-    """Agent and leaf of `.../agent/<id>/<leaf>`, or None where it is no such key."""
+    """Agent and leaf of `.../agent/<id>/<leaf>`, or None for any other key."""
     chunks = key.rsplit("/", 3)
     number = _number(chunks[2]) if len(chunks) == 4 and chunks[1] == AGENT else None
     return None if number is None else (number, chunks[3])
 
 
 def parse_token(key: str) -> tuple[str, int] | None:
-    """Role and number of `.../@lv/<role>/<number>`, or None where it is no such key."""
+    """Role and number of `.../@lv/<role>/<number>`, or None for any other key."""
     chunks = key.rsplit("/", 3)
     number = _number(chunks[3]) if len(chunks) == 4 and chunks[1] == "@lv" else None
     return None if number is None else (chunks[2], number)
 
 
 def _number(chunk: str) -> int | None:
-    """An agent's number, if the chunk spells it the one way that keys do: ASCII, no leading zero."""
+    """Parse an agent's number in canonical form: ASCII digits, no leading zero."""
     if not (chunk.isascii() and chunk.isdecimal()) or len(chunk) > 5 or (chunk[0] == "0" and chunk != "0"):
         return None
     number = int(chunk)

@@ -1,4 +1,4 @@
-"""How every part writes its log."""
+"""The log format of all parts."""
 
 import logging
 
@@ -6,18 +6,18 @@ from deltaswarm_wire.session import without_sources
 
 
 class LogFormatter(logging.Formatter):
-    """Every part's log lines, tracebacks included, without the places in Zenoh's sources that its errors name."""
+    """Formats log lines and tracebacks without locations in Zenoh's sources."""
 
     def __init__(self) -> None:
         super().__init__("%(asctime)s %(levelname)s %(name)s: %(message)s")
 
     def format(self, record: logging.LogRecord) -> str:
-        """One record as text."""
+        """Format one record."""
         return without_sources(super().format(record))
 
 
 def log_to_standard_error() -> None:
-    """Set up a part's log, from INFO on."""
+    """Log to standard error, from level INFO."""
     handler = logging.StreamHandler()
     handler.setFormatter(LogFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])

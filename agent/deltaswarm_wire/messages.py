@@ -29,16 +29,16 @@ from deltaswarm_wire.codec import (
 
 MAX_SENSED = 1000
 MAX_HEARD = 4096
-"""More than the smallest radio frames could fill: the bound on a frame is its bytes."""
+"""More than fit with the smallest radio frames: the size in bytes is the real limit."""
 MAX_SPEED_MPS = 1000.0
 MAX_TIME_S = 1e9
 MAX_ROLE = 16
 """Characters."""
 MAX_POSES = 64
-"""An agent is asked at least this often [steps], so that a frame holds all places since the last."""
+"""Longest interval between two frames of an agent [steps]: a frame holds every position since the last."""
 
 FRAME_ROOM_BYTES = MAX_SAMPLE_BYTES - 2048
-"""What a frame may hold of sensed events and heard frames; the rest is for its head."""
+"""Room in a frame for sensed events and heard frames; the rest is for its header."""
 
 SENSED_BYTES = 24
 """Upper bound of one sensed event in a frame."""
@@ -53,16 +53,16 @@ class Event(NamedTuple):
 
 
 Pose = tuple[float, float]
-"""Where an agent is: x and y [m; world frame]."""
+"""Position of an agent: x and y [m; world frame]."""
 
 Heard = tuple[int, bytes]
-"""A radio frame as it is heard: its sender, and the sample as the sender made it."""
+"""A received radio frame: its sender and the sender's sample, unchanged."""
 
 
 class Frame(NamedTuple):
-    """What one agent senses and hears in one step. `last` tells it to act once more and end.
+    """What one agent senses and hears in one step. After a frame with `last`, it acts once more and exits.
 
-    `poses` are its places in the steps since its last frame, oldest first: none, if it was asked in the step before.
+    `poses` are its positions in the steps since its last frame, oldest first; empty if that was in the previous step.
     """
 
     step: int
@@ -110,13 +110,17 @@ def _heard(raw: Any) -> tuple[Heard, ...]:
     for sender, sample in heard:
         integer(sender, 0, MAX_AGENT_ID, "frame.heard")
         if type(sample) is not bytes or len(sample) > MAX_RADIO_BYTES:
-            raise WireError("frame.heard", f"bytes are expected, at most {MAX_RADIO_BYTES}")
+            raise WireError(
+                "frame.heard",
+                f"be at most {MAX_RADIO_BYTES} bytes",
+                len(sample) if type(sample) is bytes else type(sample).__name__,
+            )
     return heard
 
 
 def _pairs(flat: list[Any], field: str) -> tuple[tuple[Any, Any], ...]:
     if len(flat) % 2:
-        raise WireError(field, f"{len(flat)} items, an even number is expected")
+        raise WireError(field, "have an even number of items", len(flat))
     return tuple(zip(flat[::2], flat[1::2], strict=True))
 
 
@@ -136,17 +140,17 @@ def _event(row: Any, field: str) -> Event:
 
 
 NOBODY = -1
-"""In place of an agent's id, where there is none."""
+"""Stands for "no agent" where an id is expected."""
 
 FREE = "free"
-"""The role of an agent that belongs to nothing and has nothing to say."""
+"""The role of an agent outside every tree."""
 
 
 class Standing(NamedTuple):
-    """What an agent says it is: a role to be shown, and its place in a tree.
+    """An agent's own account of its role and its place in a tree.
 
-    `root` is its tree's root, and its own id if it is one; NOBODY outside a tree. `level` is the number of agents above
-    it, `parent` the one right above it, or NOBODY.
+    `root` is the root of its tree (its own id if it is the root), NOBODY outside a tree. `level` is the number of
+    agents above it, `parent` the next agent above it or NOBODY.
     """
 
     role: str = FREE
@@ -156,9 +160,10 @@ class Standing(NamedTuple):
 
 
 class Act(NamedTuple):
-    """What an agent does from one step on: a velocity [m/s; world frame], the events it observes, what it is.
+    """What an agent does from a step on: velocity [m/s; world frame], observed events, standing.
 
-    It holds until the step `until`, in which the agent is asked again; earlier, if it senses or hears something.
+    It holds until the step `until`, in which the agent gets its next frame. Sensing or hearing something brings the
+    next frame earlier.
     """
 
     step: int
@@ -195,10 +200,10 @@ def decode_act(data: bytes) -> Act:
 
 
 def role_name(value: Any, field: str) -> str:
-    """A role: one to `MAX_ROLE` printable ASCII characters."""
+    """Check a role: 1 to `MAX_ROLE` printable ASCII characters."""
     role = text(value, field, MAX_ROLE)
     if not (role and role.isascii() and role.isprintable()):
-        raise WireError(field, "printable ASCII characters are expected")
+        raise WireError(field, "be printable ASCII characters", repr(role))
     return role
 
 

@@ -58,7 +58,7 @@ class Answer(NamedTuple):
 class Report(NamedTuple):
     """One message for the human operator.
 
-    Under the paper's control a free agent reports the event that it observes; a root what its tree knows of.
+    With the paper's controllers, a free agent reports the event that it observes, a root the events known to its tree.
     """
 
     agent: int
@@ -119,16 +119,16 @@ def _rows(raw: Any, name: str) -> tuple[Any, ...]:
     width, field = len(bounds), f"report.{name}"
     flat = arrays(raw, most * width, field)
     if len(flat) % width:
-        raise WireError(field, f"must be rows of {width} items (got {len(flat)} items)")
+        raise WireError(field, f"be rows of {width} items", f"{len(flat)} items")
     for at, value in enumerate(flat):
         integer(value, *bounds[at % width], field)
     return tuple([kind(*flat[at : at + width]) for at in range(0, len(flat), width)])
 
 
 class Forwarded(NamedTuple):
-    """A report that came through the uplink in a step, as the world hands it to the operator.
+    """A report that passed the uplink in a step, as the world forwards it to the operator.
 
-    The sequence is the world's own, so that what the fabric loses is told from what the uplink does.
+    `sequence` is the world's own count. It distinguishes losses on the fabric from losses on the uplink.
     """
 
     sequence: int
@@ -142,18 +142,18 @@ def encode_forwarded(forwarded: Forwarded) -> bytes:
 
 
 def decode_forwarded(data: bytes) -> Forwarded:
-    """Check and decode; the report in it is checked by who decodes that. Raises WireError."""
+    """Check and decode all but the report inside. Raises WireError."""
     known, sequence, step, report = array(unpack(data), 4, "forwarded")
     version(known)
     if type(report) is not bytes:
-        raise WireError("forwarded.report", "bytes are expected")
+        raise WireError("forwarded.report", "be bytes", type(report).__name__)
     return Forwarded(
         integer(sequence, 0, MAX_ID, "forwarded.sequence"), integer(step, 0, MAX_STEP, "forwarded.step"), report
     )
 
 
 class Health(NamedTuple):
-    """How an agent's body is, in open air: `fault` says in a few words what is wrong, and nothing if it is well."""
+    """Health of an agent's body in open air: `fault` is a short description, empty if the body is well."""
 
     fault: str
 
@@ -172,12 +172,12 @@ def decode_health(data: bytes) -> Health:
     """Check and decode. Raises WireError."""
     fault = text(fields(unpack(data), Health._fields, "health")["fault"], "health.fault", MAX_FAULT)
     if not fault.isprintable():
-        raise WireError("health.fault", "printable characters are allowed")
+        raise WireError("health.fault", "be printable characters", repr(fault))
     return Health(fault)
 
 
 class Clock(NamedTuple):
-    """Step `step` is closed: whatever was sent in it has been forwarded before this."""
+    """Step `step` is closed: everything sent in it has already been forwarded."""
 
     step: int
     time_s: float
@@ -203,7 +203,7 @@ def decode_clock(data: bytes) -> Clock:
 
 
 class Workload(NamedTuple):
-    """What the operator counted in one closed step; rates are over simulated time."""
+    """The operator's counts for one closed step; rates are per simulated second."""
 
     step: int
     time_s: float
@@ -240,7 +240,7 @@ def decode_workload(data: bytes) -> Workload:
 
 
 class Status(NamedTuple):
-    """A sign of life of the world for people who wait: about once per wall second, never in a digest."""
+    """The world's progress for display: about once per wall second, never part of a digest."""
 
     step: int
     steps: int

@@ -1,7 +1,7 @@
-"""Orders: what the world has the orchestrator do to agents' processes, and the words that something is done.
+"""Orders from the world to the orchestrator about agents' processes, and their confirmations.
 
-A fault's time and victims are the world's to decide, and the processes are the orchestrator's to touch.
-Between two steps the world sends its orders, and waits for each that is more than a note.
+The world decides the time and the targets of a fault; the orchestrator owns the processes. Between two steps the world
+sends its orders and waits for each one except notes.
 """
 
 from typing import NamedTuple
@@ -28,7 +28,7 @@ ACTIONS = (NOTE, KILL, START, STOP, GO_ON)
 
 
 class ProcessOrder(NamedTuple):
-    """One thing to do, before step `step` begins, to the processes of some agents; `why` is for people."""
+    """One action on the processes of some agents before step `step` begins; `why` is for display."""
 
     number: int
     step: int
@@ -39,7 +39,7 @@ class ProcessOrder(NamedTuple):
 
     @property
     def text(self) -> str:
-        """One line for people."""
+        """The order as one line for display."""
         whom = f"agent {', '.join(map(str, self.agents))}" if self.agents else "nobody"
         return f"step {self.step}: {self.why}: {whom}" + ("" if self.action == NOTE else f" ({self.action})")
 
@@ -64,7 +64,7 @@ def decode_order(data: bytes) -> ProcessOrder:
 
 
 def encode_done(order: int) -> bytes:
-    """That the order of this number is carried out: a map of `v` and `order`."""
+    """Encode the confirmation of an order: a map of `v` and `order`."""
     return pack({"v": PROTOCOL_VERSION, "order": order})
 
 
@@ -74,7 +74,7 @@ def decode_done(data: bytes) -> int:
 
 
 def encode_save(step: int) -> bytes:
-    """That an agent is to save itself as it is after this step: a map of `v` and `save`."""
+    """Encode the request that an agent save its state after this step: a map of `v` and `save`."""
     return pack({"v": PROTOCOL_VERSION, "save": step})
 
 
@@ -84,7 +84,7 @@ def decode_save(data: bytes) -> int:
 
 
 def encode_taken(step: int) -> bytes:
-    """That all up to this step, or nothing yet (-1), is on disk: a map of `v` and `step`."""
+    """Encode the newest step on disk (-1: none yet): a map of `v` and `step`."""
     return pack({"v": PROTOCOL_VERSION, "step": step})
 
 

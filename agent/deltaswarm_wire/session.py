@@ -1,6 +1,6 @@
 """How a process opens its Zenoh session, as plain (key, JSON value) pairs.
 
-The world's session is the router; who may do what there is in `access.py`.
+The world's session is the router; `access.py` has its access rules.
 """
 
 import json
@@ -20,7 +20,7 @@ CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 """Names a JSON5 file that a session starts from, as in rmw_zenoh."""
 
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
-"""Holds the password of a part that is started by hand, so that it shows in no process list."""
+"""Password of a part that is started by hand; unlike an argument, it does not show in process lists."""
 
 _RUNTIME_VARIABLE = "ZENOH_RUNTIME"
 _ONE_WORKER = (
@@ -28,18 +28,18 @@ _ONE_WORKER = (
 )
 
 CERTIFIED = "certificate"
-"""User name and password of all who have a certificate: the router wants both from everyone. They alone open no key."""
+"""User name and password of every process with a certificate: the router requires both, but they grant no key."""
 
 MAX_RECEIVED_BYTES = 32 * 1024 * 1024
-"""The router cuts off whoever sends more in one sample."""
+"""The router disconnects a client that sends a larger sample."""
 
 MAX_AIR_BYTES = 1024 * 1024
-"""So does a board in open air: a sample is put together in its memory before anybody looks at it."""
+"""The same limit for a board in open air, which reassembles a sample in memory before any check."""
 
 Pairs = list[tuple[str, Any]]
 
 NO_SHARED_MEMORY: Pairs = [("transport/shared_memory/enabled", False)]
-"""Zenoh's segments in /dev/shm stay behind when a session ends, and no sample here is large enough to gain by them."""
+"""Zenoh's segments in /dev/shm outlive the session, and our samples are too small to benefit from them."""
 
 _RUST_SOURCE = re.compile(r"\s+at \S+\.rs:\d+\.?")
 
@@ -48,7 +48,7 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Tls:
-    """PEM files: whom to trust, and the process's own certificate and private key."""
+    """PEM files: the trusted authority, the process's own certificate and private key."""
 
     ca: str
     certificate: str
@@ -59,9 +59,9 @@ class Tls:
 class RouterLink:
     """How one process reaches the router.
 
-    With `tls` the certificate says who it is; user and password are then not used.
+    With `tls` the certificate identifies the process; user and password are unused.
     `low_latency` is for agents on the router's machine: faster, but no sample may exceed 32 KiB.
-    `overrides` are the user's own (key, JSON5 text) pairs; they win.
+    `overrides` are the user's own (key, JSON5 text) pairs and take precedence.
     """
 
     endpoint: str
@@ -73,15 +73,15 @@ class RouterLink:
 
 
 def use_one_worker_thread() -> None:
-    """Let Zenoh run on one worker thread, unless the user says otherwise. Call before `import zenoh`.
+    """Make Zenoh use one worker thread unless the user set another number. Call before `import zenoh`.
 
-    With dozens of sessions on few cores, more threads only add switches.
+    With dozens of sessions on few cores, more threads only add context switches.
     """
     os.environ.setdefault(_RUNTIME_VARIABLE, _ONE_WORKER)
 
 
 class ZenohConfig(Protocol):
-    """What is needed of `zenoh.Config`, which this package does not import."""
+    """The part of `zenoh.Config` that this package uses without importing zenoh."""
 
     @classmethod
     def from_file(cls, path: str) -> Self:
@@ -95,12 +95,12 @@ C = TypeVar("C", bound=ZenohConfig)
 
 
 def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
-    """A Zenoh configuration: the user's file, where the environment names one, then ours, then overrides.
+    """Build a Zenoh configuration: the user's file (if the environment names one), `pairs`, overrides, in this order.
 
-    Ours always include `NO_SHARED_MEMORY`.
+    It always includes `NO_SHARED_MEMORY`.
 
     Raises:
-        ValueError: the file or an override that Zenoh refuses.
+        ValueError: Zenoh refuses the file or an override.
     """
     path = os.environ.get(CONFIG_VARIABLE)
     made = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
@@ -112,20 +112,20 @@ def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
 
 
 def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:
-    """Zenoh's own errors do not say which setting was meant."""
+    """Add the setting to Zenoh's errors, which do not name it."""
     try:
         return call(*arguments)
     except Exception as error:
-        raise ValueError(f"{one_line(what)}: Zenoh refuses it: {one_line(without_sources(str(error)))}") from None
+        raise ValueError(f"Zenoh refuses {one_line(what)}: {one_line(without_sources(str(error)))}") from None
 
 
 def without_sources(text: str) -> str:
-    """A text with the places in Zenoh's own sources left out that its errors name; they help no user."""
+    """Remove locations in Zenoh's own sources from an error text; they help no user."""
     return _RUST_SOURCE.sub("", text)
 
 
 def client_pairs(link: RouterLink) -> Pairs:
-    """A client that knows where its router is, and does not scout."""
+    """Settings of a client that connects to a known router and does not scout."""
     pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
     user, password = (CERTIFIED, CERTIFIED) if link.tls else (link.user, link.password)
     if user:
@@ -136,7 +136,7 @@ def client_pairs(link: RouterLink) -> Pairs:
 def air_pairs(
     mode: str, connect: Sequence[str], listen: Sequence[str], *, multicast: bool = False, gossip: bool = False
 ) -> Pairs:
-    """Open air: nothing that is missing at the start, or later, ends the session."""
+    """Settings for open air: no missing endpoint, at the start or later, ends the session."""
     return [
         ("mode", mode),
         ("connect/endpoints", list(connect)),
@@ -159,12 +159,12 @@ def router_pairs(
     agents: Iterable[int],
     listen: Sequence[str] = (),
 ) -> Pairs:
-    """The router: listens on the endpoints (the link's, if none is given), knows users from a file, enforces the rules.
+    """Settings of the router: endpoints to listen on (default: the link's), users from a file, access rules.
 
-    With `link.tls` it takes no TLS client without a certificate of its CA; who comes over TLS is known by that
-    alone, and who comes another way by user name alone, so that neither can be mixed with the other.
-    It forwards no report above `MAX_SAMPLE_BYTES`: a large sample goes out in pieces, and its one worker
-    thread, waiting for room in the outgoing queue, would never empty it. The world still hears and counts it.
+    With `link.tls` it accepts TLS clients only with a certificate of its CA. A TLS client is identified by its
+    certificate only, any other client by its user name only, so the two cannot be mixed.
+    It forwards no report above `MAX_SAMPLE_BYTES`: a large sample is sent in pieces, and its one worker thread would
+    wait for room in the outgoing queue without ever emptying it. The world still receives and counts such a report.
     """
     reports = {
         "id": "no-large-reports",
@@ -188,7 +188,7 @@ def router_pairs(
 
 
 def tls_pairs(tls: Tls | None, *sides: str) -> Pairs:
-    """Certificates for these sides of its links, `connect` and `listen`; both ends show theirs."""
+    """Settings of the certificates for `connect` or `listen` links, or both; both ends present one (mTLS)."""
     if tls is None:
         return []
     return [
@@ -202,7 +202,7 @@ def tls_pairs(tls: Tls | None, *sides: str) -> Pairs:
 
 
 def quiet_pairs(low_latency: bool) -> Pairs:
-    """No scouting; and the faster transport, which does not fragment, where both ends take it."""
+    """Settings without scouting; with `low_latency`, the faster transport that does not fragment."""
     pairs: Pairs = [("scouting/multicast/enabled", False), ("scouting/gossip/enabled", False)]
     if low_latency:
         pairs += [("transport/unicast/qos/enabled", False), ("transport/unicast/lowlatency", True)]

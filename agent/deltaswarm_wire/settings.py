@@ -25,19 +25,21 @@ RECORDS = ("off", "views", "wire")
 PAPER, OURS = "paper", "our reading"
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
-"""Leaves room, in a run's name of at most 64, for what tells runs of one scenario apart."""
+"""Shorter than a run's name (64), to leave room for what distinguishes runs of one scenario."""
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How long, how fast."""
+    """Duration and pace."""
 
     duration_s: float = key(9000.0, "simulated time of a run [s]", source=PAPER, above=0, high=1e8)
     step_s: float = key(1.0, "length of a step [s]", source="paper (implied)", low=0.01, high=60)
-    clock: str = key("lockstep", "as fast as the machine goes, or paced by the wall clock", choices=CLOCKS)
-    real_time_factor: float = key(1.0, "simulated per wall second, with clock realtime", above=0, high=1e4)
-    ask_every_step: bool = key(False, "ask every agent in every step, also those whose last act still holds")
-    step_timeout_s: float = key(5.0, "wall time after which the world continues without an agent", low=0.05, high=3600)
+    clock: str = key("lockstep", "as fast as possible, or paced by the wall clock", choices=CLOCKS)
+    real_time_factor: float = key(1.0, "simulated seconds per wall second, with clock realtime", above=0, high=1e4)
+    ask_every_step: bool = key(False, "ask every agent in every step, even if its last act still holds")
+    step_timeout_s: float = key(
+        5.0, "wall time after which the world continues without an agent [s]", low=0.05, high=3600
+    )
     start_timeout_s: float = key(60.0, "wall time within which all processes must be up [s]", low=1, high=3600)
 
     @property
@@ -53,7 +55,7 @@ class ArenaSettings:
     width_m: float = key(100.0, "along x [m]", source=PAPER, low=1, high=1e5)
     height_m: float = key(100.0, "along y [m]", source=PAPER, low=1, high=1e5)
     obstacles: tuple[ObstacleSettings, ...] = key(
-        (), "what bodies do not enter and nobody senses through, as tables of corners_m, attenuation_db"
+        (), "obstacles to motion and sensing, as tables of corners_m, attenuation_db"
     )
 
 
@@ -69,14 +71,14 @@ class ComponentSettings:
         """A covariance must be symmetric and positive definite."""
         (a, b), (c, d) = self.covariance_m2
         if b != c or a <= 0 or not a * d - b * c > 0:
-            allowed = "a symmetric, positive definite matrix is allowed"
+            allowed = "must be a symmetric, positive definite matrix"
             return [Problem("covariance_m2", str(plain_value(self.covariance_m2)), allowed)]
         return []
 
 
 @dataclass(frozen=True)
 class DensitySettings:
-    """Where events occur: the density phi(x, y) (Experimental Setup). What falls outside is drawn again."""
+    """Where events occur: the density phi(x, y) (Experimental Setup). Draws outside the arena are repeated."""
 
     kind: str = key("gaussian", "the family", source=PAPER, choices=DENSITIES)
     mean_m: tuple[float, ...] = key((50.0, 50.0), "gaussian: mean [m]", source=PAPER, length=2)
@@ -87,22 +89,22 @@ class DensitySettings:
     file: str = key("", "grid: a .npy or .csv file of weights, rows from y = 0 upwards")
 
     def problems(self) -> list[Problem]:
-        """What the chosen family needs must be there."""
+        """The keys of the chosen family must be given."""
         found = ComponentSettings(1.0, self.mean_m, self.covariance_m2).problems()
         if self.kind == "mixture" and not self.components:
-            found.append(Problem("components", "none", "a mixture needs at least one"))
+            found.append(Problem("components", "none", "must have at least one item for a mixture"))
         if self.kind == "grid" and not self.file.endswith((".npy", ".csv")):
-            found.append(Problem("file", repr(self.file), "a grid needs a .npy or .csv file"))
+            found.append(Problem("file", repr(self.file), "must be a .npy or .csv file for a grid"))
         return found
 
 
 @dataclass(frozen=True)
 class EventSettings:
-    """Events that appear, wait, and are worked on until complete."""
+    """Events that arrive, wait, and are observed until complete."""
 
     rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
     work_agent_s: float = key(200.0, "agent-seconds of observation to complete one", source=PAPER, above=0)
-    density: DensitySettings = key(DensitySettings, "where they occur")
+    density: DensitySettings = key(DensitySettings, "their spatial density")
 
 
 @dataclass(frozen=True)
@@ -111,14 +113,14 @@ class SwarmSettings:
 
     count: int = key(25, "number of agents", source=PAPER, low=1, high=10_000)
     speed_mps: float = key(1.0, "maximum speed [m/s]", source=PAPER, above=0, high=100)
-    sensing_range_m: float = key(5.0, "an event is sensed up to here [m]", source="paper (scalability)", above=0)
+    sensing_range_m: float = key(5.0, "sensing range for events [m]", source="paper (scalability)", above=0)
 
 
 @dataclass(frozen=True)
 class ControlSettings:
-    """How agents decide: the controller, and its own options, which its `Settings` class checks."""
+    """The controller and its options, which its `Settings` class checks."""
 
-    mode: str = key("hybrid", "the controller: a shipped one, an entry point, or module:Class", source=PAPER)
+    mode: str = key("hybrid", "the controller: a shipped name, an entry point, or module:Class", source=PAPER)
     options: dict[str, Any] = rest("the controller's own options")
 
     def __hash__(self) -> int:
@@ -127,9 +129,9 @@ class ControlSettings:
 
 @dataclass(frozen=True)
 class AgentSettings:
-    """All that one agent is told before it starts: its task and its own body, nothing of the others.
+    """Configuration of one agent: its task and its own body, nothing about other agents.
 
-    In a run it is told this, its number, the run's name, the router's address and its own password, and nothing else.
+    Besides this, an agent of a run gets only its number, the run's name, the router's address and its password.
     """
 
     seed: int = key(1, "the agent's own seed", low=0, high=2**63 - 1)
@@ -139,9 +141,9 @@ class AgentSettings:
     obstacles: tuple[ObstacleSettings, ...] = key((), "obstacles on its map")
     speed_mps: float = key(1.0, "maximum speed [m/s]", above=0, high=100)
     sensing_range_m: float = key(5.0, "sensing range [m]", above=0)
-    range_m: float = key(9.0, "nominal range of its radio [m]", above=0)
-    latency_s: float = key(0.0, "longest delay of its radio beside the step of each hop [s]", low=0, high=7200)
-    control: ControlSettings = key(ControlSettings, "how it decides")
+    range_m: float = key(9.0, "nominal radio range [m]", above=0)
+    latency_s: float = key(0.0, "longest delay of its radio beyond one step per hop [s]", low=0, high=7200)
+    control: ControlSettings = key(ControlSettings, "its controller")
 
 
 @dataclass(frozen=True)
@@ -149,20 +151,20 @@ class Scenario:
     """A whole experiment. Every key can be given in TOML and by `--set key=value`."""
 
     schema: int = key(1, "version of this table", low=1, high=1)
-    name: str = key("unnamed", "used in the run folder's name")
+    name: str = key("unnamed", "part of the run folder's name")
     seed: int = key(1, "seed for all randomness", low=0, high=2**63 - 1)
-    record: str = key("views", "recording: none, for viewers, or also every raw frame", choices=RECORDS)
-    run: RunSettings = key(RunSettings, "how long, how fast")
+    record: str = key("views", "recording: none, for viewers, or with every raw frame", choices=RECORDS)
+    run: RunSettings = key(RunSettings, "duration and pace")
     arena: ArenaSettings = key(ArenaSettings, "the bounded environment")
-    events: EventSettings = key(EventSettings, "what happens in it")
+    events: EventSettings = key(EventSettings, "events in the arena")
     agents: SwarmSettings = key(SwarmSettings, "the swarm")
-    radio: RadioSettings = key(RadioSettings, "the air between agents")
-    control: ControlSettings = key(ControlSettings, "how agents decide")
-    operator: OperatorSettings = key(OperatorSettings, "how workload is measured")
-    uplink: UplinkSettings = key(UplinkSettings, "the way of reports to the operator")
-    downlink: DownlinkSettings = key(DownlinkSettings, "the way of commands from the operator")
-    command: tuple[CommandSettings, ...] = key((), "what a scripted operator commands: a timeline")
-    fault: tuple[FaultSettings, ...] = key((), "what fails in it: a timeline")
+    radio: RadioSettings = key(RadioSettings, "radio between agents")
+    control: ControlSettings = key(ControlSettings, "the agents' controller")
+    operator: OperatorSettings = key(OperatorSettings, "the operator and its workload")
+    uplink: UplinkSettings = key(UplinkSettings, "radio from agents to the operator")
+    downlink: DownlinkSettings = key(DownlinkSettings, "radio from the operator to agents")
+    command: tuple[CommandSettings, ...] = key((), "commands of a scripted operator: a timeline")
+    fault: tuple[FaultSettings, ...] = key((), "faults: a timeline")
 
     @property
     def has_commander(self) -> bool:
@@ -175,15 +177,15 @@ class Scenario:
         return self.has_commander or self.operator.person.is_on
 
     def problems(self) -> list[Problem]:
-        """What no single key can show."""
+        """Check what involves several keys."""
         found = []
         if not NAME.fullmatch(self.name):
-            found.append(Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed"))
+            found.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
         if self.run.duration_s < self.run.step_s:
-            allowed = f"at least run.step_s ({self.run.step_s:g}) is allowed"
+            allowed = f"must be at least run.step_s, {self.run.step_s:g} s"
             found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
         if self.run.steps > MAX_STEP:
-            found.append(Problem("run.duration_s", f"{self.run.steps} steps", f"at most {MAX_STEP} are allowed"))
+            found.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
         found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
         found += obstacle_problems(self.arena.obstacles, size_m)
@@ -193,7 +195,7 @@ class Scenario:
         return found + self._density_problems()
 
     def _density_problems(self) -> list[Problem]:
-        """A mean outside the arena would make drawing again endless."""
+        """With a mean outside the arena, redrawing might never end."""
         density = self.events.density
         means = {
             "gaussian": [("events.density.mean_m", density.mean_m)],
@@ -202,7 +204,7 @@ class Scenario:
                 for i, component in enumerate(density.components)
             ],
         }.get(density.kind, [])
-        allowed = f"a place within {self.arena.width_m:g} m x {self.arena.height_m:g} m is allowed"
+        allowed = f"must be within the arena, {self.arena.width_m:g} m x {self.arena.height_m:g} m"
         return [
             Problem(path, str(list(mean)), allowed)
             for path, mean in means
@@ -210,8 +212,8 @@ class Scenario:
         ]
 
     def for_agent(self, agent: int) -> AgentSettings:
-        """What one agent of this scenario is told: nothing of the run's seed, of events, or of the others."""
-        from deltaswarm_wire.seeds import agent_seed  # hashing takes a board 4 MB, and no agent needs it
+        """Make the configuration of one agent: without the run's seed, events, or other agents."""
+        from deltaswarm_wire.seeds import agent_seed  # hashing costs a board 4 MB, and no agent needs it
 
         return AgentSettings(
             seed=agent_seed(self.seed, agent),

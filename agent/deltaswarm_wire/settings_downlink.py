@@ -55,12 +55,12 @@ class CommandSettings:
             make_target([self.target, *self.numbers])
             encode_command(self.command(0))
         except WireError as error:
-            return [Problem("target", repr(self.target), str(error))]
+            return [Problem("target", repr(self.target), f"must fit: {error}")]
         return []
 
 
 def downlink_problems(downlink: DownlinkSettings, uplink_base: Place | None) -> list[Problem]:
     """A range needs a base."""
     if downlink.range_m is not None and (downlink.base_m or uplink_base) is None:
-        return [Problem("downlink.range_m", f"{downlink.range_m:g}", "a range needs downlink.base_m or uplink.base_m")]
+        return [Problem("downlink.range_m", f"{downlink.range_m:g}", "must have a base beside it: downlink.base_m")]
     return []

@@ -1,4 +1,4 @@
-"""Faults: what fails in a run, when, and for whom. A scenario's `[[fault]]` tables are its timeline."""
+"""Faults: what fails in a run, when, and for which agents. `[[fault]]` tables are the timeline."""
 
 import math
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ MAY_LAST, MUST_END, NEVER_ENDS = "duration_s is optional", "duration_s is needed
 
 @dataclass(frozen=True)
 class FaultKind:
-    """What a kind of fault takes besides a time and a target."""
+    """The keys of a kind of fault besides time and target."""
 
     details: tuple[str, ...] = ()
-    """Keys of `FaultSettings` that mean something to this kind; at least one of them is needed."""
+    """Keys of `FaultSettings` for this kind; at least one must be given."""
     lasts: str = MAY_LAST
     to_process: bool = False
-    """Whether it befalls the agent's process, by a real signal where there is one, or its body."""
+    """Whether it affects the agent's process (by a real signal, if there is a process) or its body."""
 
 
 KINDS = {
@@ -39,7 +39,6 @@ KINDS = {
 FAULTS = tuple(KINDS)
 TO_PROCESSES = tuple(name for name, kind in KINDS.items() if kind.to_process)
 _DETAILS = tuple(detail for kind in KINDS.values() for detail in kind.details)
-_TARGETS = "one of agents, fraction, roots = true"
 
 
 @dataclass(frozen=True)
@@ -50,69 +49,77 @@ class FaultSettings:
     at_s: float | None = key(None, "start time, rounded up to a step [s]", low=0, high=1e9)
     duration_s: float | None = key(
         None,
-        "how long it lasts; restart: how long the agent is away; without it: to the end of the run, restart: at once "
-        "[s]",
+        "duration; restart: time before the new start; default: to the end of the run, restart: 0 [s]",
         above=0,
         high=1e9,
     )
     agents: tuple[int, ...] = key((), "target: these agents", low=0)
-    fraction: float | None = key(None, "target: this share of the agents alive then, at random", low=0, high=1)
-    roots: bool = key(False, "target: whoever is a root then, by the frames it sends")
+    fraction: float | None = key(None, "target: random share of the agents alive at the time", low=0, high=1)
+    roots: bool = key(False, "target: the roots at the time, by the frames they send")
     noise_m: float | None = key(
-        None, "sensor-noisy: each event is sensed with an error that stays, normal along x and y [m]", above=0, high=1e5
+        None,
+        "sensor-noisy: standard deviation of each event's constant position error along x and y [m]",
+        above=0,
+        high=1e5,
     )
     miss: float | None = key(None, "sensor-noisy: probability of missing an event in a step", above=0, high=1)
-    factor: float | None = key(None, "actuator-slow: share of the commanded speed that is left", low=0, high=1)
-    phantoms: int | None = key(None, "lying: events that it believes to sense and that do not exist", low=1, high=64)
+    factor: float | None = key(None, "actuator-slow: remaining share of the commanded speed", low=0, high=1)
+    phantoms: int | None = key(None, "lying: number of nonexistent events that the agent senses", low=1, high=64)
 
     def problems(self) -> list[Problem]:
-        """What a kind needs must be there, what means nothing to it must not, and the target must be one."""
+        """There must be exactly one target and the keys of the kind, no others."""
         if not self.kind:
-            return [Problem("kind", "missing", f"one of {', '.join(FAULTS)} is expected")]
-        found = [] if self.at_s is not None else [Problem("at_s", "missing", "a time in seconds is expected")]
+            return [Problem("kind", "nothing", f"must be one of {', '.join(FAULTS)}")]
+        found = [] if self.at_s is not None else [Problem("at_s", "nothing", "must be a time in seconds")]
         targets = [bool(self.agents), self.fraction is not None, self.roots].count(True)
         if targets != 1:
-            found.append(Problem("agents", "no target" if not targets else "more than one target", f"{_TARGETS}"))
+            found.append(
+                Problem("agents", f"{targets} targets", "must be the one target, or else fraction or roots = true")
+            )
         if len(set(self.agents)) != len(self.agents):
-            found.append(Problem("agents", str(list(self.agents))[:60], "each agent once is allowed"))
+            found.append(Problem("agents", str(list(self.agents))[:60], "must name each agent once"))
         return found + self._problems_of_details()
 
     def _problems_of_details(self) -> list[Problem]:
         kind = KINDS[self.kind]
         taken = kind.details
         found = [
-            Problem(name, f"means nothing to {self.kind}", f"{self.kind} takes {', '.join(taken) or 'no detail'}")
+            Problem(
+                name, f"{getattr(self, name)}", f"must be left out: {self.kind} takes {', '.join(taken) or 'no detail'}"
+            )
             for name in _DETAILS
             if name not in taken and getattr(self, name) is not None
         ]
         if taken and all(getattr(self, name) is None for name in taken):
-            found.append(Problem(taken[0], "missing", f"{self.kind} needs {' or '.join(taken)}"))
+            found.append(Problem(taken[0], "nothing", f"must be given: {self.kind} needs {' or '.join(taken)}"))
         if kind.lasts == MUST_END and self.duration_s is None:
-            found.append(Problem("duration_s", "missing", f"{self.kind} needs it"))
+            found.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
         if kind.lasts == NEVER_ENDS and self.duration_s is not None:
-            found.append(Problem("duration_s", f"means nothing to {self.kind}", "restart takes it"))
+            found.append(
+                Problem("duration_s", f"{self.duration_s:g}", f"must be left out for {self.kind}; restart takes it")
+            )
         return found
 
     def begins(self, step_s: float) -> int:
-        """The step before which it begins: the first at or after its time."""
+        """The step before which the fault begins: the first at or after `at_s`."""
         return math.ceil((self.at_s or 0.0) / step_s - 1e-9)
 
     def ends(self, step_s: float) -> int | None:
-        """The first step that it spares, at least one later; None if it has no end."""
+        """The first step after the fault, at least one later; None if the fault has no end."""
         if self.duration_s is None:
             return None
         return max(self.begins(step_s) + 1, math.ceil(((self.at_s or 0.0) + self.duration_s) / step_s - 1e-9))
 
 
 def fault_problems(faults: Sequence[FaultSettings], agents: int, steps: int, step_s: float) -> list[Problem]:
-    """What the timeline alone cannot show: agents that are not there, times beyond the run."""
+    """Check the timeline against the scenario: unknown agents, times beyond the run."""
     found = []
     for index, fault in enumerate(faults):
         path = f"fault[{index}]"
         strangers = [agent for agent in fault.agents if agent >= agents]
         if strangers:
             shown = ", ".join(map(str, strangers[:8])) + (", ..." if len(strangers) > 8 else "")
-            found.append(Problem(f"{path}.agents", f"there is no agent {shown}", f"0 to {agents - 1} is allowed"))
+            found.append(Problem(f"{path}.agents", shown, f"must be from 0 to {agents - 1}"))
         if not (fault.at_s or 0.0) / step_s < steps or fault.begins(step_s) >= steps:
-            found.append(Problem(f"{path}.at_s", f"{fault.at_s:g}", f"a time before {steps * step_s:g} s is allowed"))
+            found.append(Problem(f"{path}.at_s", f"{fault.at_s:g}", f"must be before {steps * step_s:g} s"))
     return found

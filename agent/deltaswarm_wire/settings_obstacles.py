@@ -1,4 +1,4 @@
-"""Obstacles: polygons in the arena that bodies do not enter, that nobody senses through, and that dampen radio."""
+"""Obstacles: polygons in the arena that block motion and sensing and attenuate radio."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ LEAST_AREA_M2 = 1e-6
 
 @dataclass(frozen=True)
 class ObstacleSettings:
-    """One obstacle. Its corners may be given clockwise or not; its edges must not cross each other."""
+    """One obstacle. Corners go clockwise or counterclockwise; edges must not cross."""
 
     corners_m: tuple[Place, ...] = key((), "at least 3 corners [m], in order along the edge", length=None)
     attenuation_db: float | None = key(
         None,
-        "what a frame loses whose straight way meets the obstacle, once per obstacle [dB]; default: the frame is lost",
+        "attenuation of a frame whose line of sight crosses the obstacle [dB]; default: the frame is lost",
         low=0,
         high=1000,
     )
@@ -26,22 +26,22 @@ class ObstacleSettings:
         """The corners must make a polygon."""
         corners = self.corners_m
         found = [
-            Problem(f"corners_m[{index}]", str(plain_value(corner))[:60], "two coordinates [x, y] are expected")
+            Problem(f"corners_m[{index}]", str(plain_value(corner))[:60], "must be two coordinates [x, y]")
             for index, corner in enumerate(corners)
             if len(corner) != 2
         ]
         if found:
             return found
         if len(corners) < 3:
-            return [Problem("corners_m", f"{len(corners)} corners", "at least 3 are expected")]
+            return [Problem("corners_m", f"{len(corners)}", "must be at least 3 corners")]
         area_m2 = abs(signed_area_m2(corners))
         if area_m2 < LEAST_AREA_M2:
-            allowed = "corners that are not on one line are expected: an obstacle has an area"
-            return [Problem("corners_m", f"an area of {area_m2:g} m2", allowed)]
+            allowed = "must enclose an area"
+            return [Problem("corners_m", f"{area_m2:g} m2", allowed)]
         if crossing := _crossing_edges(corners):
             first, second = crossing
-            allowed = "corners in order along the edge are expected"
-            return [Problem("corners_m", f"the edges after corners {first} and {second} meet", allowed)]
+            allowed = "must be in order along the edge"
+            return [Problem("corners_m", f"edges that meet after corners {first} and {second}", allowed)]
         return []
 
 
@@ -55,8 +55,8 @@ def signed_area_m2(corners: Sequence[Place]) -> float:
 
 
 def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float, float]) -> list[Problem]:
-    """What an obstacle alone cannot show: corners outside the arena."""
-    allowed = f"a place within {size_m[0]:g} m x {size_m[1]:g} m is expected"
+    """Check obstacles against the arena: corners must be within it."""
+    allowed = f"must be within the arena, {size_m[0]:g} m x {size_m[1]:g} m"
     return [
         Problem(f"arena.obstacles[{index}].corners_m[{number}]", str(plain_value(corner)), allowed)
         for index, obstacle in enumerate(obstacles)
@@ -66,7 +66,7 @@ def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float
 
 
 def _crossing_edges(corners: Sequence[Place]) -> tuple[int, int] | None:
-    """Two edges, by the corner they begin at, that meet elsewhere than at a corner that they share."""
+    """Find two edges, by their first corners, that meet outside a shared corner."""
     count = len(corners)
     edges = [(corners[index], corners[(index + 1) % count]) for index in range(count)]
     for first in range(count):

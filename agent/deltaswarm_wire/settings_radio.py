@@ -1,7 +1,7 @@
-"""The air between the agents: range, path loss, loss, bursts, delay, bandwidth, contention, jamming, walls.
+"""Radio between agents: range, path loss, loss, bursts, delay, bandwidth, contention, jamming, walls.
 
-Each piece is off by default, and costs nothing then; together they are `[radio]` of a scenario. What
-becomes of a frame that meets several of them is told in the world's `air/radio.py`.
+Each effect is off by default and then costs nothing; together they are `[radio]` of a scenario. The world's
+`air/radio.py` says in which order they apply.
 """
 
 import math
@@ -17,7 +17,7 @@ RECEPTIONS = (DISC, LOG_DISTANCE)
 OURS = "our reading"
 
 LEAST_FRAME_BYTES = 5
-"""No radio frame is shorter: the frame of an agent that relocates, with the smallest numbers."""
+"""Size of the smallest radio frame: of an agent that relocates, with the smallest numbers."""
 
 MAX_TIME_S = 1e9
 
@@ -35,28 +35,28 @@ class PathLossSettings:
     exponent: float = key(3.0, "path-loss exponent: 2 in free space, 3 to 4 on the ground", low=1, high=10)
     reference_loss_db: float = key(40.0, "loss at 1 m [dB]; 40 is that of free space at 2.4 GHz", low=0, high=200)
     sensitivity_dbm: float = key(
-        -69.0, "a frame received at less is not heard [dBm]; -69 is 9.3 m without shadowing", low=-200, high=100
+        -69.0, "least received power of a frame [dBm]; -69 means 9.3 m without shadowing", low=-200, high=100
     )
     shadowing_db: float = key(
-        4.0, "standard deviation of the shadowing of a link [dB], cut at 4 of them", low=0, high=40
+        4.0, "standard deviation of a link's shadowing [dB], cut at 4 standard deviations", low=0, high=40
     )
-    shadowing_symmetric: bool = key(True, "whether a link is shadowed alike in both directions")
+    shadowing_symmetric: bool = key(True, "whether both directions of a link have the same shadowing")
     decorrelation_m: float = key(
-        0.0, "a link's shadowing is drawn anew for each square of this side that its ends are in [m]; 0: never", low=0
+        0.0, "side of the grid squares in which a link keeps its shadowing [m]; 0: constant", low=0
     )
 
     def problems(self) -> list[Problem]:
-        """Somebody must be heard somewhere."""
+        """A frame must be receivable at 1 m."""
         at_1_m = self.tx_power_dbm - self.reference_loss_db
         if self.sensitivity_dbm > at_1_m:
-            allowed = f"at most the power received at 1 m ({at_1_m:g} dBm) is allowed"
+            allowed = f"must be at most the power received at 1 m, {at_1_m:g} dBm"
             return [Problem("sensitivity_dbm", f"{self.sensitivity_dbm:g}", allowed)]
         return []
 
 
 @dataclass(frozen=True)
 class BurstSettings:
-    """Gilbert and Elliott's two-state loss, per directed link, with a change of state at most once a step."""
+    """Gilbert-Elliott two-state loss per directed link, with at most one state change a step."""
 
     p_good_to_bad: float = key(0.0, "chance per step that a good link turns bad", low=0, high=1)
     p_bad_to_good: float = key(0.1, "chance per step that a bad link turns good", low=0, high=1)
@@ -65,48 +65,46 @@ class BurstSettings:
 
     @property
     def is_on(self) -> bool:
-        """Whether it can lose anything."""
+        """Whether frames can be lost."""
         return self.loss_good > 0 or (self.p_good_to_bad > 0 and self.loss_bad > 0)
 
     def problems(self) -> list[Problem]:
-        """A link that stays bad for ever is a dead one, which asymmetry has."""
+        """A link must be able to recover; `asymmetry` has dead links."""
         if self.p_good_to_bad > 0 and self.p_bad_to_good == 0:
-            return [Problem("p_bad_to_good", "0", "above 0 is allowed where p_good_to_bad is above 0")]
+            return [Problem("p_bad_to_good", "0", "must be above 0 if p_good_to_bad is")]
         return []
 
 
 @dataclass(frozen=True)
 class BandwidthSettings:
-    """What a radio can send and take in. What does not pass in a step waits, first come, first served."""
+    """Data rates of a radio. Excess bytes of a step wait in a first-in, first-out queue."""
 
-    sender_bytes_per_s: float = key(0.0, "what an agent's radio can send; 0: unlimited", low=0, high=1e9)
-    receiver_bytes_per_s: float = key(0.0, "what an agent's radio can take in; 0: unlimited", low=0, high=1e9)
-    queue_bytes: int = key(
-        2000, "so much may wait from one step to the next at each end; the rest is dropped", low=0, high=10**9
-    )
+    sender_bytes_per_s: float = key(0.0, "rate of an agent's sender; 0: unlimited", low=0, high=1e9)
+    receiver_bytes_per_s: float = key(0.0, "rate of an agent's receiver; 0: unlimited", low=0, high=1e9)
+    queue_bytes: int = key(2000, "capacity of the queue at each end; the rest is dropped", low=0, high=10**9)
 
 
 @dataclass(frozen=True)
 class AsymmetrySettings:
-    """Directed links that are worse than the others, the same ones for a whole run."""
+    """Directed links that are worse than others for the whole run."""
 
     dead_share: float = key(0.0, "share of directed links that carry nothing", low=0, high=1)
     range_factor_low: float = key(
-        1.0, "each directed link has its range times a factor, uniform from this to 1", low=0, high=1
+        1.0, "lower end of the uniform range factor of each directed link; the upper end is 1", low=0, high=1
     )
 
 
 @dataclass(frozen=True)
 class RangeSettings:
-    """Some agents' own range."""
+    """A range for some agents."""
 
     agents: tuple[int, ...] = key((), "numbers of the agents", low=0, high=65_535)
-    range_m: float = key(9.0, "their frames are heard up to here [m]", above=0, high=1e6)
+    range_m: float = key(9.0, "range of their frames [m]", above=0, high=1e6)
 
 
 @dataclass(frozen=True)
 class BlackoutSettings:
-    """A time in which nobody hears anybody."""
+    """A period without any reception."""
 
     from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
     until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
@@ -126,85 +124,82 @@ class WallSettings:
     until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
 
     def problems(self) -> list[Problem]:
-        """It must have a length, and times in order."""
+        """A wall must have a length, and times in order."""
         found = reversed_times(self.from_s, self.until_s)
         if self.a_m == self.b_m:
-            found.append(Problem("b_m", _shown(self.b_m), "another point than a_m is allowed: a wall has a length"))
+            found.append(Problem("b_m", _shown(self.b_m), "must differ from a_m"))
         return found
 
 
 @dataclass(frozen=True)
 class JammerSettings:
-    """A circle in which nothing is heard. It stands, or goes from its centre along waypoints."""
+    """A circle without reception. It stands, or moves from its centre along waypoints."""
 
     center_m: Place = key((0.0, 0.0), "centre at the start [m]", length=2)
-    radius_m: float = key(10.0, "agents within it hear nothing [m]", above=0, high=1e6)
+    radius_m: float = key(10.0, "radius of the circle [m]", above=0, high=1e6)
     from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
     until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
-    waypoints_m: tuple[Place, ...] = key((), "places that its centre goes to in straight lines [m]", length=None)
-    times_s: tuple[float, ...] = key((), "when it is at each waypoint [s]", low=0, high=MAX_TIME_S)
+    waypoints_m: tuple[Place, ...] = key((), "next positions of its centre, joined by straight lines [m]", length=None)
+    times_s: tuple[float, ...] = key((), "arrival time at each waypoint [s]", low=0, high=MAX_TIME_S)
 
     def problems(self) -> list[Problem]:
         """Times must be in order, one for each waypoint."""
         found = reversed_times(self.from_s, self.until_s)
         found += [
-            Problem(f"waypoints_m[{index}]", _shown(place), "two coordinates are allowed")
+            Problem(f"waypoints_m[{index}]", _shown(place), "must be two coordinates")
             for index, place in enumerate(self.waypoints_m)
             if len(place) != 2
         ]
         if len(self.times_s) != len(self.waypoints_m):
             counts = f"{len(self.times_s)} for {len(self.waypoints_m)} waypoints"
-            found.append(Problem("times_s", counts, "one time for each waypoint is allowed"))
+            found.append(Problem("times_s", counts, "must have one time per waypoint"))
         if any(later <= earlier for earlier, later in pairwise((self.from_s, *self.times_s))):
-            found.append(Problem("times_s", _shown(self.times_s), "ascending times after from_s are allowed"))
+            found.append(Problem("times_s", _shown(self.times_s), "must ascend from from_s"))
         return found
 
 
 @dataclass(frozen=True)
 class RadioSettings:
-    """The air between the agents, emulated by the world."""
+    """Radio between agents, emulated by the world."""
 
-    range_m: float = key(9.0, "a frame is heard up to here [m]", source=OURS, above=0)
+    range_m: float = key(9.0, "range of a frame [m]", source=OURS, above=0)
     loss: float = key(0.0, "share of frames in range that are lost", low=0, high=1)
-    reception: str = key(DISC, "what range means: a disc, or what path_loss says", choices=RECEPTIONS)
-    path_loss: PathLossSettings = key(PathLossSettings, "reception by power, where reception asks for it")
+    reception: str = key(DISC, "meaning of range: a disc, or path_loss", choices=RECEPTIONS)
+    path_loss: PathLossSettings = key(PathLossSettings, "reception by power, with reception log-distance")
     ranges: tuple[RangeSettings, ...] = key((), "ranges of single agents, as tables of agents and range_m")
     asymmetry: AsymmetrySettings = key(AsymmetrySettings, "links that are worse in one direction")
     burst: BurstSettings = key(BurstSettings, "loss in bursts")
     latency_s: float = key(
         0.0,
-        "least delay on top of the one step that each hop takes; part of a step is rounded up or down by chance, "
-        "which keeps the mean [s]",
+        "minimum delay beyond one step per hop, rounded at random to whole steps with the same mean [s]",
         low=0,
         high=3600,
     )
     jitter_s: float = key(
-        0.0, "more delay, uniform from 0 to this, rounded together with latency_s [s]", low=0, high=3600
+        0.0, "maximum of an additional uniform delay, rounded together with latency_s [s]", low=0, high=3600
     )
     duplication: float = key(0.0, "share of received frames that arrive twice", low=0, high=1)
-    bandwidth: BandwidthSettings = key(BandwidthSettings, "what radios can send and take in")
+    bandwidth: BandwidthSettings = key(BandwidthSettings, "data rates of radios")
     contention_bytes_per_s: float = key(
-        0.0, "a receiver in reach of more loses frames at random, down to this; 0: unlimited", low=0, high=1e9
+        0.0, "rate above which a receiver loses frames at random; 0: unlimited", low=0, high=1e9
     )
     walls: tuple[WallSettings, ...] = key((), "partitions, as tables of a_m, b_m, from_s, until_s")
     jammers: tuple[JammerSettings, ...] = key(
         (), "jamming, as tables of center_m, radius_m, from_s, until_s, waypoints_m, times_s"
     )
-    blackouts: tuple[BlackoutSettings, ...] = key(
-        (), "times in which nobody hears anything, as tables of from_s, until_s"
-    )
+    blackouts: tuple[BlackoutSettings, ...] = key((), "periods without any reception, as tables of from_s, until_s")
 
     @property
     def is_late(self) -> bool:
-        """Whether a frame can be under way for more than the one step of each hop."""
+        """Whether a frame can take more than one step per hop."""
         rates = (self.bandwidth.sender_bytes_per_s, self.bandwidth.receiver_bytes_per_s)
         return max(self.latency_s, self.jitter_s, *rates) > 0
 
 
 def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: int, step_s: float) -> list[Problem]:
-    """What `[radio]` alone cannot show: agents that are not there, places outside, no byte to spare."""
+    """Check `[radio]` against the scenario: unknown agents, positions outside the arena, rates too small."""
     found = _range_problems(radio.ranges, agents)
-    allowed = f"a place in reach of the arena, {size_m[0]:g} m x {size_m[1]:g} m, is allowed"
+    allowed = f"must reach into the arena, {size_m[0]:g} m x {size_m[1]:g} m"
     for index, wall in enumerate(radio.walls):
         if _gap_m(wall.a_m, wall.b_m, size_m) > 0:
             found.append(Problem(f"radio.walls[{index}]", f"{_shown(wall.a_m)} to {_shown(wall.b_m)}", allowed))
@@ -213,12 +208,14 @@ def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: in
         legs = list(pairwise(way)) or [(way[0], way[0])]
         if min(_gap_m(a, b, size_m) for a, b in legs) > jammer.radius_m:
             circle = f"{_shown(jammer.center_m)}, {jammer.radius_m:g} m"
-            found.append(Problem(f"radio.jammers[{index}]", f"{circle} is wholly outside", allowed))
+            found.append(Problem(f"radio.jammers[{index}]", circle, allowed))
     for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
         rate = getattr(radio.bandwidth, name)
         if 0 < rate * step_s < LEAST_FRAME_BYTES and radio.bandwidth.queue_bytes < LEAST_FRAME_BYTES:
-            needed = f"0, or at least {LEAST_FRAME_BYTES} bytes in a step or in the queue"
-            found.append(Problem(f"radio.bandwidth.{name}", f"{rate:g}", f"{needed}, is allowed: no frame is smaller"))
+            needed = (
+                f"must be 0 or allow at least {LEAST_FRAME_BYTES} bytes in a step or in the queue, the smallest frame"
+            )
+            found.append(Problem(f"radio.bandwidth.{name}", f"{rate:g}", needed))
     return found
 
 
@@ -228,31 +225,31 @@ def _range_problems(ranges: Sequence[RangeSettings], agents: int) -> list[Proble
     for index, own in enumerate(ranges):
         path = f"radio.ranges[{index}].agents"
         if not own.agents:
-            found.append(Problem(path, "none", "at least one agent is expected"))
+            found.append(Problem(path, "none", "must name at least one agent"))
         for agent in own.agents:
             if agent >= agents:
-                found.append(Problem(path, f"there is no agent {agent}", f"0 to {agents - 1} is allowed"))
+                found.append(Problem(path, f"{agent}", f"must be from 0 to {agents - 1}"))
             elif agent in known:
-                found.append(Problem(path, f"agent {agent} again", "one range for each agent is allowed"))
+                found.append(Problem(path, f"{agent} again", "must name each agent once"))
             known.add(agent)
     return found
 
 
 def reversed_times(from_s: float, until_s: float | None) -> list[Problem]:
-    """What is over before it begins is a mistake."""
+    """The end must be after the start."""
     if until_s is None or until_s > from_s:
         return []
-    return [Problem("until_s", f"{until_s:g}", f"above from_s ({from_s:g}) is allowed")]
+    return [Problem("until_s", f"{until_s:g}", f"must be above from_s, {from_s:g} s")]
 
 
 def _gap_m(a_m: Place, b_m: Place, size_m: tuple[float, float]) -> float:
-    """Least distance of a segment from the rectangle between (0, 0) and `size_m` [m]."""
+    """Smallest distance from a segment to the rectangle from (0, 0) to `size_m` [m]."""
 
     def gap_m(share: float) -> float:
         place = [a + share * (b - a) for a, b in zip(a_m, b_m, strict=True)]
         return math.hypot(*(max(0.0, -x, x - limit) for x, limit in zip(place, size_m, strict=True)))
 
-    low, high = 0.0, 1.0  # the distance from a convex shape has one valley along a line
+    low, high = 0.0, 1.0  # the distance to a convex shape has one minimum along a line
     for _ in range(100):
         third = (high - low) / 3
         if gap_m(low + third) <= gap_m(high - third):

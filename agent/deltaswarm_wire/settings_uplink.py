@@ -1,7 +1,7 @@
-"""The operator's uplink: how reports come from the agents to the operator's base.
+"""The operator's uplink: radio from the agents to the operator's base.
 
-Each piece is off by default, and without any of them reports go straight to the operator. What becomes of a
-report that meets several is told in the world's `uplink/uplink.py`.
+Each effect is off by default; with none, reports go directly to the operator. The world's `uplink/uplink.py` says in
+which order the effects apply.
 """
 
 from dataclasses import dataclass
@@ -10,69 +10,70 @@ from deltaswarm_wire.checked import Problem, key, plain_value
 from deltaswarm_wire.settings_radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place
 
 LEAST_REPORT_BYTES = 82
-"""No report is shorter: a root's that names no event, with the smallest numbers."""
+"""Size of the smallest report: of a root without events, with the smallest numbers."""
 
 
 @dataclass(frozen=True)
 class UplinkBandwidthSettings(BandwidthSettings):
-    """What agents can send to the base and what it can take in. The rest waits, first come, first served."""
+    """Data rates of agents and base. Excess bytes wait in first-in, first-out queues."""
 
-    sender_bytes_per_s: float = key(0.0, "what an agent can send to the operator; 0: unlimited", low=0, high=1e9)
-    receiver_bytes_per_s: float = key(0.0, "what the operator's radio can take in; 0: unlimited", low=0, high=1e9)
+    sender_bytes_per_s: float = key(0.0, "rate of an agent's reports; 0: unlimited", low=0, high=1e9)
+    receiver_bytes_per_s: float = key(0.0, "rate of the operator's receiver; 0: unlimited", low=0, high=1e9)
 
 
 @dataclass(frozen=True)
 class UplinkSettings:
-    """The way of reports to the operator, emulated by the world."""
+    """The radio link to the operator, emulated by the world."""
 
-    loss: float = key(0.0, "share of reports that are lost; relayed: on each hop", low=0, high=1)
-    burst: BurstSettings = key(BurstSettings, "loss in bursts, of each agent's link to the base")
+    loss: float = key(0.0, "share of reports that are lost, on each hop of a relay", low=0, high=1)
+    burst: BurstSettings = key(BurstSettings, "loss in bursts on each agent's link to the base")
     latency_s: float = key(
         0.0,
-        "least delay; 0: a report arrives in the step in which it is sent; part of a step is rounded up or down by "
-        "chance, which keeps the mean [s]",
+        "minimum delay (0: within the step), rounded at random to whole steps with the same mean [s]",
         low=0,
         high=3600,
     )
     jitter_s: float = key(
-        0.0, "more delay, uniform from 0 to this, rounded together with latency_s [s]", low=0, high=3600
+        0.0, "maximum of an additional uniform delay, rounded together with latency_s [s]", low=0, high=3600
     )
-    bandwidth: UplinkBandwidthSettings = key(UplinkBandwidthSettings, "what agents can send and the base take in")
-    outages: tuple[BlackoutSettings, ...] = key((), "no report gets through, as tables of from_s, until_s")
-    base_m: Place | None = key(None, "where the operator's base is [m]; without it: everywhere in reach", length=2)
-    range_m: float | None = key(None, "a report is heard up to here from the base [m]; with base_m", above=0, high=1e6)
-    relay: bool = key(False, "beyond the range members of the sender's tree carry a report, a hop a step; else: lost")
+    bandwidth: UplinkBandwidthSettings = key(UplinkBandwidthSettings, "data rates of agents and base")
+    outages: tuple[BlackoutSettings, ...] = key((), "periods without any report, as tables of from_s, until_s")
+    base_m: Place | None = key(None, "position of the operator's base [m]; default: in range of every agent", length=2)
+    range_m: float | None = key(None, "range of the base [m]; with base_m", above=0, high=1e6)
+    relay: bool = key(
+        False, "relay reports from beyond the range through the sender's tree, one hop per step; else they are lost"
+    )
 
     @property
     def is_on(self) -> bool:
-        """Whether anything can befall a report; if not, reports are none of the world's business."""
+        """Whether any effect is on; if not, the world does not handle reports."""
         rates = (self.bandwidth.sender_bytes_per_s, self.bandwidth.receiver_bytes_per_s)
         numbers = (self.loss, self.latency_s, self.jitter_s, *rates)
         return max(numbers) > 0 or self.burst.is_on or bool(self.outages) or self.base_m is not None
 
     def problems(self) -> list[Problem]:
-        """A base has a range, and what is about the range needs a base."""
+        """A base needs a range; range and relay need a base."""
         found = []
         if self.base_m is not None and self.range_m is None:
-            found.append(Problem("range_m", "none", "a base needs a range"))
+            found.append(Problem("range_m", "nothing", "must be given with base_m"))
         if self.base_m is None and self.range_m is not None:
-            found.append(Problem("range_m", f"{self.range_m:g}", "a range is that of a base: base_m is needed"))
+            found.append(Problem("range_m", f"{self.range_m:g}", "must be left out without base_m"))
         if self.base_m is None and self.relay:
-            found.append(Problem("relay", "true", "a relay goes to a base: base_m and range_m are needed"))
+            found.append(Problem("relay", "true", "must be false without base_m and range_m"))
         return found
 
 
 def uplink_problems(uplink: UplinkSettings, size_m: tuple[float, float], step_s: float) -> list[Problem]:
-    """What `[uplink]` alone cannot show: a base outside the arena, no byte to spare."""
+    """Check `[uplink]` against the scenario: a base outside the arena, rates too small."""
     found = []
     if uplink.base_m is not None and not all(0 <= x <= end for x, end in zip(uplink.base_m, size_m, strict=True)):
-        allowed = f"a place within {size_m[0]:g} m x {size_m[1]:g} m is allowed"
+        allowed = f"must be within the arena, {size_m[0]:g} m x {size_m[1]:g} m"
         found.append(Problem("uplink.base_m", str(plain_value(uplink.base_m)), allowed))
     for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
         rate = getattr(uplink.bandwidth, name)
         if 0 < rate * step_s < LEAST_REPORT_BYTES and uplink.bandwidth.queue_bytes < LEAST_REPORT_BYTES:
-            needed = f"0, or at least {LEAST_REPORT_BYTES} bytes in a step or in the queue"
-            found.append(
-                Problem(f"uplink.bandwidth.{name}", f"{rate:g}", f"{needed}, is allowed: no report is smaller")
+            needed = (
+                f"must be 0 or allow at least {LEAST_REPORT_BYTES} bytes in a step or in the queue, the smallest report"
             )
+            found.append(Problem(f"uplink.bandwidth.{name}", f"{rate:g}", needed))
     return found

@@ -1,6 +1,6 @@
-"""Truth: what the world knows of one step, for the recorder alone.
+"""Truth: the world's full state in one step, for the recorder only.
 
-It goes over an ordinary link, since it grows with the swarm. A map with named fields.
+It is a map with named fields. Its size grows with the swarm, so it uses an ordinary link.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from deltaswarm_wire.digest import REPORT
 from deltaswarm_wire.messages import MAX_TIME_S, NOBODY, role_name
 
 DEAD = "dead"
-"""The role of an agent that is not there."""
+"""The role of an absent agent."""
 
 DROP_REASONS = (
     "range",
@@ -42,28 +42,28 @@ DROP_REASONS = (
     "crowded",
     "dead",
 )
-"""Why a frame did not reach a receiver: what it met first, one reason each.
+"""Why a frame did not reach a receiver: the first cause that applied.
 
-range: too far, or too little power; blackout, partition, jam: no frame gets through now, across a wall, or to
-within a jammer's circle; obstacle: one is in the way and blocks, or takes too much power; asymmetry: this
-direction of the link is worse; loss: by chance; burst: by chance, on a link in its bad state; contention: too many
-bytes on the air around the receiver; bandwidth: the queue at its sender or its receiver was full; crowded: the
-receiver's own frame over the fabric was full; dead: the receiver's process is gone or hangs, or the radio of one
-of both is dead.
+range: too far, or too little power; blackout: no frame gets through; partition: a wall is in between; jam: the
+receiver is within a jammer's circle; obstacle: an obstacle blocks the frame or takes too much power; asymmetry:
+this direction of the link is worse; loss: by chance; burst: by chance, on a link in its bad state; contention: too
+many bytes on the air around the receiver; bandwidth: the queue at the sender or the receiver was full; crowded: the
+receiver's frame over the fabric was full; dead: the receiver's process is gone or hangs, or the radio of the sender
+or the receiver is dead.
 """
 
 UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "crowded", "expired", "left", "dead")
-"""Why a report did not reach the operator: what it met first, one reason each.
+"""Why a report did not reach the operator: the first cause that applied.
 
-outage: nothing got through then; range: too far from the base, and no tree to carry it; loss: by chance, at any
-hop; burst: by chance, on a link in its bad state; bandwidth: the queue at its sender or carrier was full;
-crowded: that of the operator's radio was; expired: carried for too long; left: who carried it left the tree;
-dead: who sent or carried it is gone, hangs, or its radio is dead.
+outage: no report got through; range: too far from the base, and no tree to relay it; loss: by chance, at any hop;
+burst: by chance, on a link in its bad state; bandwidth: the queue at the sender or relay was full; crowded: the queue
+at the operator's radio was full; expired: relayed for too long; left: the relay left the tree; dead: the sender or
+relay is gone, hangs, or has a dead radio.
 """
 
 
 class Body(NamedTuple):
-    """One agent: its place [m; world frame], and what it says of itself (`Standing`)."""
+    """One agent: its position [m; world frame] and its own `Standing`."""
 
     agent: int
     x_m: float
@@ -75,7 +75,7 @@ class Body(NamedTuple):
 
 
 class EventState(NamedTuple):
-    """One event that arrived and is not complete, or changed in this step. Times in s; None is not yet."""
+    """One event that is incomplete or changed in this step. Times in s; None: not yet."""
 
     event: int
     x_m: float
@@ -89,15 +89,15 @@ class EventState(NamedTuple):
 class Tally(NamedTuple):
     """The world's row of `series.csv`: what happened in one step.
 
-    One frame sent is one reception to come for each other agent. Those that are neither received nor dropped
-    are in flight at the end of the step, that is, of n agents, exactly:
+    Each frame sent is one expected reception per other agent. Receptions that are neither complete nor dropped are in
+    flight at the end of the step. With n agents, exactly:
 
         frames_in_flight before + frames_sent (n - 1) + frames_duplicated
-            = frames_received + all that is dropped + frames_in_flight
+            = frames_received + all drops + frames_in_flight
 
-    Reports, exactly (without an uplink model each arrives when it is sent):
+    Reports, exactly (without an uplink model each arrives in the step in which it is sent):
 
-        reports_in_flight before + reports_sent = reports_arrived + all that is dropped + reports_in_flight
+        reports_in_flight before + reports_sent = reports_arrived + all drops + reports_in_flight
     """
 
     step: int
@@ -225,7 +225,7 @@ def _tally(row: Any) -> Tally:
 
 
 Said = tuple[int, int, bytes]
-"""Agent, kind (see `digest`), and what it said, as it encoded it."""
+"""Agent, kind (see `digest`), and the sample as the agent encoded it."""
 
 
 def encode_wire(step: int, said: Sequence[Said]) -> bytes:
@@ -234,7 +234,7 @@ def encode_wire(step: int, said: Sequence[Said]) -> bytes:
 
 
 def decode_wire(data: bytes) -> tuple[int, list[Said]]:
-    """Step, and what was said in it. Raises WireError."""
+    """Decode the step and the samples sent in it. Raises WireError."""
     raw = fields(unpack(data, MAX_ORDINARY_BYTES), ("step", "said"), "wire")
     return integer(raw["step"], 0, MAX_STEP, "wire.step"), [
         _said(row) for row in arrays(raw["said"], 2 * MAX_BODIES, "wire.said")
@@ -244,5 +244,5 @@ def decode_wire(data: bytes) -> tuple[int, list[Said]]:
 def _said(row: Any) -> Said:
     agent, kind, data = array(row, 3, "wire.said")
     if type(data) is not bytes:
-        raise WireError("wire.said", "bytes are expected")
+        raise WireError("wire.said", "be bytes", type(data).__name__)
     return integer(agent, 0, MAX_AGENT_ID, "wire.said.agent"), integer(kind, 0, REPORT, "wire.said.kind"), data

@@ -1,4 +1,4 @@
-"""`python -m deltaswarm_operator`: the operator of one run, on this machine or on another.
+"""`python -m deltaswarm_operator`: the operator of one run, on any machine.
 
 With `--no-world` it is the operator of boards in open air.
 """
@@ -45,20 +45,18 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(
         prog="deltaswarm operator",
         description="Run the operator.",
-        epilog="Of boards without a world: deltaswarm operator --no-world ...; see deltaswarm operator --no-world -h.",
+        epilog="For boards without a world: deltaswarm operator --no-world ...; see deltaswarm operator --no-world -h.",
     )
     _add_measuring(made, "length of the world's steps [s] (default: 1)")
     made.add_argument("--publish-all", action="store_true", help="publish the workload of every step, for a recorder")
     made.add_argument(
         "--go-on",
         action="store_true",
-        help="count on where an operator that was killed had come to, in the same folder",
+        help="resume the counts of a killed operator in the same folder",
     )
+    made.add_argument("--checkpoint", type=int, default=0, metavar="STEPS", help="save the counts every STEPS steps")
     made.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="save what was counted after every STEPS steps"
-    )
-    made.add_argument(
-        "--briefing", type=Path, metavar="FILE", help="what the operator is told where somebody commands or watches"
+        "--briefing", type=Path, metavar="FILE", help="run details for an operator with a station or script"
     )
     made.add_argument("--channel-fd", type=int, metavar="N", help="its end of the socket pair to the station")
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
@@ -78,7 +76,7 @@ def open_air_parser() -> argparse.ArgumentParser:
     """The command line of the operator without a world."""
     made = argparse.ArgumentParser(
         prog="deltaswarm operator --no-world",
-        description="Hear boards in open air: who is alive, and how much they report. It ends when it is interrupted.",
+        description="Monitor boards in open air: which are alive, and how much they report. Interrupt it to stop.",
     )
     made.add_argument(NO_WORLD, action="store_true", help=argparse.SUPPRESS)
     _add_measuring(made, "length of a row's step [wall s] (default: 1)")
@@ -87,27 +85,27 @@ def open_air_parser() -> argparse.ArgumentParser:
         "--mode",
         choices=MODES,
         default=MODES[0],
-        help="peer: boards reach each other by themselves; router: through it",
+        help="peer: boards connect to each other; router: they connect through the operator",
     )
     for name, kind, what in (
-        ("--listen", listens_on, "where boards connect to it"),
-        ("--connect", connects_to, "a board, or a router that boards use"),
+        ("--listen", listens_on, "endpoint for boards to connect to"),
+        ("--connect", connects_to, "endpoint of a board, or of a router that boards use"),
     ):
         made.add_argument(
             name, action="append", type=kind, default=[], metavar="ENDPOINT", help=f"{what}; may be repeated"
         )
     made.add_argument(
-        "--credentials", type=Path, metavar="FILE", help="user:password lines of all who may join; its own is operator"
+        "--credentials", type=Path, metavar="FILE", help="user:password lines of all participants, including operator"
     )
     made.add_argument(
         "--agents",
         type=agent_numbers,
         default=[],
         metavar="N-M,...",
-        help="over TLS: who may be there, such as 0-24, each as the agent that its certificate names; without: anybody",
+        help="over TLS: admitted agents, such as 0-24, identified by certificate; default: any agent",
     )
     made.add_argument(
-        "--status-every-s", type=float, default=10.0, metavar="S", help="a line of who is alive (default: every 10 s)"
+        "--status-every-s", type=float, default=10.0, metavar="S", help="interval of status lines [s] (default: 10)"
     )
     add_tls_arguments(made)
     add_zenoh_argument(made)
@@ -115,7 +113,7 @@ def open_air_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the operator; its exit code is 0 after a whole run, 2 for bad arguments, else 1."""
+    """Run the operator. Exit code: 0 after a complete run, 2 for bad arguments, else 1."""
     argv = sys.argv[1:] if argv is None else argv
     log_to_standard_error()
     without_world = NO_WORLD in argv
@@ -124,7 +122,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         config = _open_air_config(arguments) if without_world else _config(arguments)
         if (config.out / TABLE).exists() and not (isinstance(config, OperatorConfig) and config.go_on):
             raise FileExistsError(
-                f"--out {config.out}: {TABLE} is there already, and nothing is overwritten: name another folder"
+                f"--out must be a folder without {TABLE}, which is never overwritten (got {config.out})"
             )
     except (ValueError, OSError) as error:
         print(f"deltaswarm operator: {error}", file=sys.stderr)
@@ -154,12 +152,12 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
 
 
 def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
-    """Raises ValueError and OSError for what is wrong with the arguments."""
+    """Check the arguments. Raises ValueError, OSError."""
     connect, listen = arguments.connect, arguments.listen
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
     if not arguments.status_every_s > 0:
-        raise ValueError(f"--status-every-s {arguments.status_every_s:g}: above 0 is allowed")
+        raise ValueError(f"--status-every-s must be above 0 (got {arguments.status_every_s:g})")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
     if tls is not None:
         from deltaswarm_wire.certificate import certificate_problem  # no other operator needs ssl
@@ -168,10 +166,10 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
             raise ValueError(f"--certificate {tls.certificate}: {problem}")
     link = RouterLink((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
     pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect", "listen")
-    pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # somebody is there to read the error
+    pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # the user can read the error
     if arguments.agents:
         if any(protocol_of(endpoint) != TLS for endpoint in (*connect, *listen)):
-            raise ValueError("--agents: names are in certificates; tls/ endpoints alone are allowed")
+            raise ValueError("--agents must be left out unless every endpoint is tls/: certificates name the agents")
         pairs.append(("access_control", air_rules(Keys(arguments.run), arguments.agents)))
     if arguments.credentials:
         try:

@@ -186,10 +186,10 @@ class Desk:
     def show(self, wall_s: float, **more: Any) -> bytes:
         """The newest picture."""
         picture, workload = self.picture, self._workload
-        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))
+        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also once a replay has gone back
         self._shown = len(picture.inbox)
         above_s = [steps * self._briefing.step_s for steps in self._steps_above]
-        return _json(
+        told = dict(
             type="picture",
             step=self._step,
             time_s=round(picture.now_s, 3),
@@ -208,8 +208,8 @@ class Desk:
             commands=self.commander.rows(picture.now_s),
             pace={"paused": self.pace.hold_step >= 0, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
-            **more,
         )
+        return _json(**{**told, **more})
 
     def intend(self, data: bytes, wall_s: float) -> list[bytes]:
         """Do what somebody at the station wants; what the station is answered."""

@@ -1,55 +1,56 @@
-"""The processes behind one agent's sequence numbers: one that begins anew again and again, or two at the same time.
+"""Tells from one agent's sequence numbers whether its process restarts or several processes run at the same time.
 
-Pure. A process counts up by ones, and needs a while to begin anew. So where numbers fall back at once, and not to a
-beginning, again and again, a second process has the same agent's number.
+Pure. A process counts up by ones and takes a while to restart. If numbers repeatedly fall back at once to an earlier
+sequence, a second process has the same agent's number.
 """
 
 import math
 from dataclasses import dataclass
 
 RESTART_S = 1.5
-"""No board is back sooner: systemd waits for 2 s."""
+"""Shortest restart of a board: systemd waits for 2 s."""
 
 RETURNS = 8
-"""So often did one go on that seemed to be over, and none began between: they are there at the same time."""
+"""After this many returns to an earlier sequence without a restart, several processes run at the same time."""
 
 ALONE = 100
-"""So many reports in order, and it is one process again."""
+"""After this many reports in order there is only one process again."""
 
 MAX_LIVES = 32
-"""Those that were not heard for longest are forgotten."""
+"""Maximum number of processes; the least recent are forgotten."""
 
 
 @dataclass
 class Life:
-    """One process, as far as it is known: its newest number, and how many seem to be lost behind that."""
+    """One process: its newest number, and the number of reports that seem lost before it."""
 
     newest: int
     lost: int = 0
 
 
 class Lives:
-    """Tells processes apart by the sequence numbers of their reports, in the order in which those come."""
+    """Distinguishes processes by the sequence numbers of their reports in order of arrival."""
 
     def __init__(self) -> None:
         self.lost = 0
-        """Reports that are missing in the count of any."""
+        """Missing reports of all processes."""
         self.restarts = 0
-        """How often one began after another."""
+        """Number of restarts."""
         self.is_doubled = False
-        """Whether two or more are there at the same time."""
+        """Whether several processes run at the same time."""
         self.was_doubled = False
         self._lives: list[Life] = []
-        """Whoever was heard last is the last one."""
+        """In order of their latest report."""
         self._heard_s = -math.inf
         self._returns = 0
         self._in_order = 0
 
     def hear(self, sequence: int, now_s: float) -> None:
-        """Take in a report that is no copy of one that came.
+        """Take a report that is no copy.
 
-        Who goes on by one is known by that, and so nothing is lost while two alternate. A number that grew by more is
-        that of a process that lost some, or of another one: of the first until that one goes on.
+        A number one above a process's newest continues that process, so nothing counts as lost while two processes
+        alternate. A larger number means lost reports or another process: it continues the latest process until that
+        one continues itself.
         """
         lives = self._lives
         went_back = bool(lives) and sequence <= lives[-1].newest

@@ -1,4 +1,4 @@
-"""The operator without a world: hears boards in open air, by its own clock. The other file that touches Zenoh."""
+"""The operator without a world: monitors boards in open air, by its own clock. Uses Zenoh, as `process.py`."""
 
 import logging
 import queue
@@ -27,21 +27,21 @@ COLUMNS = (*Workload._fields, "agents_alive", "agents_ill")
 
 @dataclass(frozen=True)
 class OpenAirConfig:
-    """What the operator is told where there is no world."""
+    """Configuration of the operator without a world."""
 
     run: str
     link: RouterLink
     pairs: Pairs
-    """How its session is opened."""
+    """Settings of its Zenoh session."""
     settings: OperatorSettings
     step_s: float
     out: Path
     status_every_s: float
-    """A line of how it goes, this often."""
+    """Interval of status lines."""
 
 
 WAKES_EVERY_S = 1.0
-"""However long a step is: a signal that comes just before the main thread waits is acted on when it wakes."""
+"""Longest wait of the main thread, so that a signal just before the wait is handled soon."""
 
 
 class OpenAirOperator:
@@ -70,12 +70,12 @@ class OpenAirOperator:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The meter's, with what was refused per sender."""
+        """The meter's totals, with refused samples per sender."""
         refused = {whose_key(agent): count for agent, count in self._inbox.refused.items()}
         return {**self.meter.totals, "refused_on": refused}
 
     def run(self) -> None:
-        """Take what arrives and close steps, until told to stop."""
+        """Process the inbox and close steps until stopped."""
         while True:
             now_s = self._now_s()
             workload = self.meter.close(now_s, len(self._inbox))
@@ -96,12 +96,12 @@ class OpenAirOperator:
                 self._take(arrival, sample)
 
     def _write(self, row: Sequence[Any]) -> None:
-        """A full disk ends the table; who is alive is told all the same."""
+        """Write a row. A full disk ends the table, but not the status lines."""
         if self._is_writing:
             try:
                 self._output.row(row)
             except OSError as error:
-                log.error("nothing more is written to %s: %s", self._config.out, error)
+                log.error("writing to %s stopped: %s", self._config.out, error)
                 self._is_writing = False
 
     def _now_s(self) -> float:
@@ -130,14 +130,14 @@ class OpenAirOperator:
             reason = self._take_health(agent, data)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
-            log.warning("dropped (further ones on %s are only counted): %s", whose_key(agent), reason)
+            log.warning("dropped a sample on %s: %s (more are only counted)", whose_key(agent), reason)
 
     def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
         before = self.meter.is_doubled(agent)
         reason = self.meter.hear(agent, data, sent, self._now_s())
         if (is_doubled := self.meter.is_doubled(agent)) != before:
-            what = "two processes or more report as agent %d: has another board its number?"
-            log.warning(what if is_doubled else "one process alone reports as agent %d", agent)
+            what = "several processes report as agent %d: does another board have its number?"
+            log.warning(what if is_doubled else "only one process reports as agent %d again", agent)
         return reason
 
     def _take_health(self, agent: int | None, data: bytes) -> str | None:
@@ -154,11 +154,11 @@ class OpenAirOperator:
             return
         is_there = sample.kind == zenoh.SampleKind.PUT
         (self.meter.came if is_there else self.meter.went)(source[1])
-        log.info("agent %d is %s", source[1], "there" if is_there else "gone")
+        log.info("agent %d is %s", source[1], "present" if is_there else "gone")
 
 
 def run_open_air(config: OpenAirConfig) -> int:
-    """Be the operator until a signal; the process's exit code. Call it in the main thread.
+    """Run the operator until a signal; return the exit code. Call it in the main thread.
 
     Raises:
         ValueError: the user's own Zenoh settings are refused.
@@ -170,17 +170,17 @@ def run_open_air(config: OpenAirConfig) -> int:
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        log.error("no session: %s", error)
+        log.error("cannot open a session: %s", error)
         return 1
     try:
         with session, Output(config.out, COLUMNS) as output:
             operator = OpenAirOperator(config, session, inbox, output)
-            log.info("the operator hears run %s", config.run)
+            log.info("the operator monitors run %s", config.run)
             operator.run()
             totals = operator.totals
             output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused.total(), **totals})
     except OSError as error:
-        log.error("the table in %s is not whole: %s", config.out, error)
+        log.error("the table in %s is incomplete: %s", config.out, error)
         return 1
     log.info("stopped: %d steps, %d messages, %d lost", totals["steps"], totals["messages"], totals["lost"])
     return 0

@@ -1,4 +1,4 @@
-"""What the operator leaves: `operator.csv` and `operator.json`; and meanwhile `operator-state.json`, to go on from."""
+"""The operator's files: `operator.csv`, `operator.json`, and during the run `operator-state.json` to resume from."""
 
 import csv
 import json
@@ -18,9 +18,9 @@ TABLE, TOTALS, STATE = "operator.csv", "operator.json", "operator-state.json"
 
 
 class Output:
-    """`operator.csv`, a row per step, and at the end `operator.json`. Nothing there is overwritten.
+    """Writes `operator.csv`, a row per step, and at the end `operator.json`. Never overwrites.
 
-    With `go_on` the table of an operator that was killed is continued behind the last row that it had confirmed.
+    With `go_on` it continues the table of a killed operator after the last confirmed row.
     """
 
     def __init__(self, folder: Path, columns: Sequence[str], *, go_on: bool = False) -> None:
@@ -28,11 +28,11 @@ class Output:
         self._folder = folder
         self._flush_due = 0.0
         self.state: dict[str, Any] | None = None
-        """What the operator before had confirmed, to go on from."""
+        """State confirmed by the previous operator, to resume from."""
         self.desk: str | None = None
-        """The same of its desk."""
+        """The same for its desk."""
         self.rows_before: list[list[str]] = []
-        """The rows that it had confirmed, as they are in the table."""
+        """Rows of the table confirmed by the previous operator."""
         if go_on and (folder / STATE).exists():
             saved = json.loads((folder / STATE).read_text())
             self.state, self.desk = saved["meter"], saved["desk"]
@@ -60,23 +60,23 @@ class Output:
             self.flush()
 
     def flush(self) -> None:
-        """Hand what was written to the operating system."""
+        """Flush rows to the operating system."""
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
     def save(self, meter: Mapping[str, Any], desk: str | None = None) -> None:
-        """Write all rows so far, and the state of meter and desk: from here on an operator can go on."""
+        """Write all rows so far and the state of meter and desk, from which an operator can resume."""
         self.flush()
         self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "desk": desk})
 
     def checkpoint(self, step: int) -> None:
-        """Keep what was just saved, which is of this step, as the operator's part of a checkpoint."""
+        """Copy the state just saved for this step into a checkpoint."""
         os.fsync(self._stream.fileno())
         file = self._folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE
         checkpoint.write(file, (self._folder / STATE).read_bytes())
 
     def finish(self, totals: Mapping[str, Any]) -> None:
-        """Write the totals, whole or not at all; there is nothing to go on from any more."""
+        """Write the totals atomically and remove the state to resume from."""
         self.flush()
         self._write(TOTALS, totals)
         (self._folder / STATE).unlink(missing_ok=True)

@@ -32,7 +32,7 @@ class KnownAgent(NamedTuple):
 
 
 class KnownEvent(NamedTuple):
-    """An event, since when it is known, when it was reported last, and by whom."""
+    """An event: its place, since when it is known, when it was reported last, and by whom."""
 
     x_m: float
     y_m: float
@@ -62,12 +62,15 @@ class Picture:
     def __init__(self, step_s: float) -> None:
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
+        """By the picture's own number: the first event that was told is 1."""
         self.inbox: list[Item] = []
         """All items, oldest first; item n is at index n."""
         self.unread: set[int] = set()
         """Numbers of the items that nobody has read."""
         self.now_s = 0.0
         self._step_s = step_s
+        self._numbers: dict[int, int] = {}
+        """Events by a short number, in the order in which they were first told: their ids are long and mean nothing."""
         self._told: dict[int, tuple[str, frozenset[int]]] = {}
         """By sender, the role and the events of its newest report."""
 
@@ -85,11 +88,17 @@ class Picture:
         before = self.agents.get(report.agent)
         if before is not None and before.is_own and before.said_s > said_s:
             return None  # an older report that was delayed
+        report = report._replace(
+            events=tuple([event._replace(event=self._number(event.event)) for event in report.events])
+        )
         item = self._item(report)
         self._take_tree(report, said_s)
         self._take_events(report, said_s)
         self._told[report.agent] = report.role, frozenset(event.event for event in report.events)
         return item
+
+    def _number(self, event: int) -> int:
+        return self._numbers.setdefault(event, len(self._numbers) + 1)
 
     def _item(self, report: Report) -> Item | None:
         events = tuple(event.event for event in report.events)

@@ -1,6 +1,6 @@
-"""The operator's side of open air: who is alive, what they report, at which rate. No world tells it the step.
+"""The operator's side of open air: live agents, their reports and rates, without a world's clock.
 
-Pure: tokens, reports and times in [s since the operator's start], one `Workload` per step of its own out.
+Pure: tokens, reports and times [s since the operator's start] in, one `Workload` per step of its own out.
 """
 
 import math
@@ -19,27 +19,27 @@ MAX_SENT_S = 1e11
 
 
 INSISTS = 5
-"""So many old reports in a row, in order, and they are not old: the agent began anew with its clock set back."""
+"""After this many old reports in order they count as new: the agent restarted with its clock set back."""
 
 MAX_AGENTS = 4096
-"""So many are known: where anybody may come in, one stranger can give as many numbers as there are."""
+"""Maximum number of known agents: without admission control one sender could use every number."""
 
 MAX_STEP_BYTES = 2_000_000
-"""Reports of one agent that are kept until a step is closed: 100 per second for a minute, of 300 bytes each."""
+"""Limit on an agent's reports per step: 100 per second for a minute, of 300 bytes each."""
 
-CROWDED = f"of an agent that is one more than {MAX_AGENTS}"
+CROWDED = f"agents must be at most {MAX_AGENTS} (got one more)"
 
 RECENT = 64
-"""So many reports of an agent are kept, to know a copy by."""
+"""Number of recent reports of an agent, kept to recognize copies."""
 
 
 @dataclass
 class Known:
-    """One agent: whether its token is there, how often it went, what came from it and when, what ails its body.
+    """One agent: its token, absences, reports, and the fault of its body.
 
-    `reports` counts what was taken, `stale` duplicates and what came after a newer one, of which `stale_run` came
-    last, in order, up to the sequence number `newest_stale`. `step_bytes` came since step `step` was closed. `recent`
-    are the newest that came, each with when it was sent, and `lives` the processes that they are from.
+    `reports` counts accepted reports; `stale` counts duplicates and reports older than the newest, the last `stale_run`
+    of them in order up to the sequence number `newest_stale`. `step_bytes` arrived since step `step` was closed.
+    `recent` has the newest reports with their sending times, `lives` the processes that sent them.
     """
 
     is_alive: bool = False
@@ -59,9 +59,9 @@ class Known:
     lives: Lives = field(default_factory=Lives)
 
     def follow(self, report: Report, sent_s: float | None, now_s: float) -> int:
-        """Take a report, old or not, as one of the processes behind the agent; how many more are lost than before it.
+        """Assign a report, old or not, to one of the agent's processes; return the change in lost reports.
 
-        A copy is nobody's.
+        Copies are ignored.
         """
         if (report, sent_s) in self.recent:
             return 0
@@ -71,7 +71,7 @@ class Known:
         return self.lives.lost - lost
 
     def is_old(self, sequence: int, sent_s: float | None) -> bool:
-        """Whether a report with a sequence number that did not grow is an old one."""
+        """Whether a report whose sequence number did not grow is old."""
         assert self.newest is not None
         began_anew = sequence < self.newest.sequence if sent_s is None else sent_s > self.newest_sent_s
         if began_anew:
@@ -81,7 +81,7 @@ class Known:
         return self.stale_run < INSISTS
 
     def take(self, report: Report, sent_s: float | None, now_s: float) -> None:
-        """A report is the newest now."""
+        """Accept a report as the newest."""
         self.newest, self.last_heard_s = report, now_s
         self.newest_sent_s = -math.inf if sent_s is None else sent_s
         self.reports += 1
@@ -89,57 +89,57 @@ class Known:
 
 
 class OpenAirMeter:
-    """Counts reports in steps of the operator's own clock; a report's own step and clock are its board's."""
+    """Counts reports in steps of the operator's clock; the step in a report is by its board's clock."""
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
         self.agents: dict[int, Known] = {}
-        """Whoever was there or reported, by number."""
+        """All agents seen so far, by number."""
         self._meter = WorkloadMeter(settings, step_s)
         self._step_s = step_s
 
     @property
     def alive(self) -> list[int]:
-        """Agents whose liveliness token is there, ascending."""
+        """Agents with a liveliness token, ascending."""
         return sorted(agent for agent, known in self.agents.items() if known.is_alive)
 
     def came(self, agent: int) -> None:
-        """An agent's token is there."""
+        """Note that an agent's token appeared."""
         if self._is_welcome(agent):
             self._known(agent).is_alive = True
 
     def went(self, agent: int) -> None:
-        """An agent's token went."""
+        """Note that an agent's token disappeared."""
         if not self._is_welcome(agent):
             return
         known = self._known(agent)
         known.absences += known.is_alive
         known.is_alive = False
-        known.fault = ""  # which is not known any more
+        known.fault = ""  # no longer known
 
     @property
     def ill(self) -> dict[int, str]:
-        """What is wrong with the bodies of agents, by number, ascending."""
+        """Faults of agents' bodies by number, ascending."""
         return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
 
     @property
     def doubled(self) -> list[int]:
-        """Agents as whom two processes report, ascending."""
+        """Agents for which several processes report, ascending."""
         return sorted(agent for agent, known in self.agents.items() if known.lives.is_doubled)
 
     def is_doubled(self, agent: int | None) -> bool:
-        """Whether two processes report as this agent; not where nothing came from it."""
+        """Whether several processes report as this agent."""
         known = None if agent is None else self.agents.get(agent)
         return known is not None and known.lives.is_doubled
 
     def fault_of(self, agent: int | None) -> str:
-        """What is wrong with its body; nothing where that is not known."""
+        """The fault of its body; "" if none or unknown."""
         known = None if agent is None else self.agents.get(agent)
         return known.fault if known else ""
 
     def feels(self, agent: int | None, data: bytes) -> str | None:
-        """Take in how an agent's body is, from its key (None: no agent's key); the reason if it is dropped.
+        """Take a health message from an agent's key (None: no agent's key); return the reason if it is dropped.
 
-        It is not the swarm's report on its area, and so no part of the workload.
+        It is not part of the workload.
         """
         try:
             health = decode_health(data)
@@ -155,11 +155,11 @@ class OpenAirMeter:
         return None
 
     def hear(self, agent: int | None, data: bytes, sent: bytes | None, now_s: float) -> str | None:
-        """Take in one report, from the key of an agent (None: no agent's key); the reason if it is dropped.
+        """Take one report from an agent's key (None: no agent's key); return the reason if it is dropped.
 
-        `sent` is the board's own calendar time beside it, if any. A sequence number that does not grow is an agent that
-        began anew, if it was sent later than the newest, and else an old report that comes once more; a board without
-        a clock of its own may begin anew in the past, and is believed when it goes on.
+        `sent` is the board's wall clock, if attached. If the sequence number did not grow, a later `sent` means that
+        the agent restarted; otherwise the report is old. A board without a battery clock may restart in the past; it
+        is accepted after `INSISTS` reports.
         """
         try:
             report = decode_report(data)
@@ -168,7 +168,9 @@ class OpenAirMeter:
             return self._meter.reject(-1 if agent is None else agent, str(error))
         if report.agent != agent:
             where = "no agent's key" if agent is None else f"the key of agent {agent}"
-            return self._meter.reject(-1 if agent is None else agent, f"report.agent: {report.agent} on {where}")
+            return self._meter.reject(
+                -1 if agent is None else agent, f"report.agent must match its key (got {report.agent} on {where})"
+            )
         if not self._is_welcome(agent):
             return self._meter.reject(-1, CROWDED)
         known = self._known(agent)
@@ -176,7 +178,7 @@ class OpenAirMeter:
             known.step, known.step_bytes = self._meter.step, 0
         known.step_bytes += len(data)
         if known.step_bytes > MAX_STEP_BYTES:
-            return self._meter.reject(agent, f"more than {MAX_STEP_BYTES} bytes of reports in a step")
+            return self._meter.reject(agent, f"reports must be at most {MAX_STEP_BYTES} bytes per step")
         self._meter.lose(agent, known.follow(report, sent_s, now_s))
         if (
             known.newest is not None
@@ -184,17 +186,17 @@ class OpenAirMeter:
             and known.is_old(report.sequence, sent_s)
         ):
             known.stale += 1
-            return f"report.sequence: {report.sequence} again, or late; {known.newest.sequence} is the newest"
+            return f"report.sequence must grow from {known.newest.sequence} (got {report.sequence})"
         known.take(report, sent_s, now_s)
         self._meter.take_now(report, data)
         return None
 
     def wait_s(self, now_s: float) -> float:
-        """Until the next step ends; 0 if it has ended."""
+        """Time until the next step ends; 0 if it has ended."""
         return max(0.0, (self._meter.step + 2) * self._step_s - now_s)
 
     def close(self, now_s: float, backlog: int) -> Workload | None:
-        """Close the newest step that has ended, and with it those before; None if there is none."""
+        """Close the newest ended step and all before it; return None if there is none."""
         step = math.floor(now_s / self._step_s + 1e-9) - 1
         if step <= self._meter.step:
             return None
@@ -202,7 +204,7 @@ class OpenAirMeter:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The figures so far, as JSON has them; `agents` says who was there."""
+        """The metrics so far, for JSON; `agents` has one entry per agent."""
         agents = {
             str(agent): {
                 "alive": known.is_alive,

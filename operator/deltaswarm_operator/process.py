@@ -1,4 +1,4 @@
-"""The operator's process: receives reports and the clock. With `open_air.py` all of the operator that touches Zenoh."""
+"""The operator's process: receives reports and the clock. Only this file and `open_air.py` use Zenoh."""
 
 import logging
 import queue
@@ -29,15 +29,15 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 log = logging.getLogger("deltaswarm.operator")
 
 SAVE_EVERY_S, SAVE_EVERY_STEPS = 1.0, 100
-"""So often, whichever comes first, the counts are saved, and the world need not keep older reports."""
+"""Interval of saving the counts, whichever comes first; the world need not keep older reports."""
 
 PUBLISH_EVERY_S = 0.5
-"""Unless every workload is asked for, one is published this often [wall s], for those who watch."""
+"""Interval of published workloads [wall s], unless every one is published."""
 
 
 @dataclass(frozen=True)
 class OperatorConfig:
-    """What the operator process is told."""
+    """Configuration of the operator's process."""
 
     run: str
     link: RouterLink
@@ -46,19 +46,19 @@ class OperatorConfig:
     out: Path
     """Folder for its own table and totals."""
     go_on: bool = False
-    """Go on where an operator that was killed had come to."""
+    """Resume the counts of a killed operator."""
     publish_all: bool = False
     """Publish the workload of every step, for a recorder."""
     checkpoint_steps: int = 0
-    """Write its part of a checkpoint each time that so many steps are closed; 0: never."""
+    """Interval of checkpoints in steps; 0: never."""
     briefing: Briefing | None = None
-    """What it is told where somebody commands or watches."""
+    """Run details for an operator with a station or script."""
     station: socket.socket | None = None
     """Its end of the socket pair to the station, if there is one."""
 
 
 class Arrival(Enum):
-    """What the main thread finds in its inbox."""
+    """Kinds of items in the main thread's inbox."""
 
     REPORT = "report"
     CLOCK = "clock"
@@ -69,7 +69,7 @@ class Arrival(Enum):
 
 
 class End(Enum):
-    """Why the operator ends; all but the first leave a run incomplete."""
+    """Why the operator ends; all reasons but the first leave a run incomplete."""
 
     LAST_CLOCK = "the last step is closed"
     WORLD_GONE = "the world is gone before its last step"
@@ -122,11 +122,11 @@ class OperatorProcess:
             if output.state is not None:
                 self._desk.go_on(self.meter.step, output.desk)
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
-        """Publishers without a listener, as whom the operator is not ready."""
+        """Publishers without a subscriber; the operator is not ready before this is empty."""
         listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
         self._matching = [publisher.declare_matching_listener(listen) for publisher in awaited]
         if config.publish_all:
-            log.info("waiting for somebody to hear %s", keys.workload)
+            log.info("waiting for a subscriber to %s", keys.workload)
         self._declare_ready()
 
     def _publisher(self, key: str, message: str) -> zenoh.Publisher:
@@ -140,9 +140,9 @@ class OperatorProcess:
 
     @staticmethod
     def _direct(callback: Callable[[Any], None]) -> Any:
-        """A callback in the thread that reads the link.
+        """Make a callback that runs in the thread that reads the link.
 
-        By default each subscriber has a thread of its own, and a clock overtakes the reports before it.
+        By default each subscriber has its own thread, and a clock could overtake earlier reports.
         """
         return zenoh.handlers.Callback(callback, indirect=False)
 
@@ -157,12 +157,12 @@ class OperatorProcess:
     # In the main thread
 
     def _declare_ready(self) -> None:
-        """Once all is heard, the token says that whatever is sent from now on is counted."""
+        """Declare the token once every publisher has a subscriber: from now on everything sent is counted."""
         for key, publisher in tuple(self._unheard.items()):
             if cast(zenoh.MatchingStatus, publisher.matching_status).matching:  # its own stub says bool
                 del self._unheard[key]
         if self._token is None and not self._unheard:
-            if self._publish_all:  # whoever was killed may not have sent what it had saved
+            if self._publish_all:  # a killed operator may not have sent all that it saved
                 for row in self._output.rows_before:
                     self._workload.put(encode_workload(_workload(row)))
             self._taken.put(encode_taken(self._saved))
@@ -172,7 +172,7 @@ class OperatorProcess:
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
     def run(self) -> End:
-        """Take what arrives, in one order, until the end."""
+        """Process the inbox in order until the end."""
         while True:
             desk_s = None if self._desk is None else self._desk.wait_s
             try:
@@ -183,7 +183,7 @@ class OperatorProcess:
                 if time.monotonic() >= self._save_due:
                     self._save()
                 if not self._session.info.routers_zid():
-                    return End.WORLD_GONE  # it went before it had a token
+                    return End.WORLD_GONE  # the world went before it had a token
                 continue
             if arrival is Arrival.REPORT:
                 self._take_report(sample)
@@ -267,18 +267,18 @@ class OperatorProcess:
     def _warn(self, reason: str) -> None:
         if not self._has_warned:
             self._has_warned = True
-            log.warning("dropped (further ones are only counted): %s", reason)
+            log.warning("dropped a sample: %s (more are only counted)", reason)
 
 
 def _workload(row: Sequence[str]) -> Workload:
-    """A row of the table."""
+    """Parse a row of the table."""
     return Workload(*(kind(text) for kind, text in zip(Workload.__annotations__.values(), row, strict=True)))
 
 
 def run_operator(config: OperatorConfig) -> int:
-    """Be the operator of one run; the process's exit code: 0 after the last clock, else 1.
+    """Run the operator of one run; return the exit code: 0 after the last clock, else 1.
 
-    Call it in the main thread: it ends on SIGTERM, SIGINT and SIGHUP where they are not ignored.
+    Call it in the main thread: it stops on SIGTERM, SIGINT and SIGHUP unless they are ignored.
 
     Raises:
         FileExistsError: the folder holds an operator's table already.
@@ -286,13 +286,13 @@ def run_operator(config: OperatorConfig) -> int:
     """
     zenoh.init_log_from_env_or("error")
     inbox: Inbox = queue.SimpleQueue()
-    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))  # behind what has arrived
+    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))  # after what has already arrived
     link = config.link
     settings = configured(zenoh.Config, client_pairs(link), link)
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
-        log.error("cannot join the world at %s (is it up, is the password right?): %s", link.endpoint, error)
+        log.error("cannot join the world at %s (is it running, is the password right?): %s", link.endpoint, error)
         return 1
     with session, Output(config.out, Workload._fields, go_on=config.go_on) as output:
         process = OperatorProcess(config, session, inbox, output)
@@ -300,7 +300,7 @@ def run_operator(config: OperatorConfig) -> int:
         meter = process.meter
         try:
             end = process.run()
-            if end is End.WORLD_GONE and meter.is_over:  # it went while another operator stood in for one killed
+            if end is End.WORLD_GONE and meter.is_over:  # the world went while this operator replaced a killed one
                 end = End.LAST_CLOCK
             if end is End.LAST_CLOCK:
                 process.answer_to_the_end()
@@ -316,7 +316,7 @@ def run_operator(config: OperatorConfig) -> int:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Call `stop` at a signal; `SimpleQueue.put` may be called from a handler."""
+    """Call `stop` at a signal; `SimpleQueue.put` is safe in a handler."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop()

@@ -1,4 +1,4 @@
-"""What has arrived for the operator without a world, in order and bounded: strangers may send whatever they like."""
+"""The bounded inbox of the operator without a world; untrusted senders may send anything."""
 
 import logging
 import queue
@@ -14,7 +14,7 @@ log = logging.getLogger("deltaswarm.operator")
 
 
 class Arrival(Enum):
-    """What the main thread finds in its inbox."""
+    """Kinds of items in the main thread's inbox."""
 
     REPORT = "report"
     HEALTH = "health"
@@ -23,34 +23,34 @@ class Arrival(Enum):
 
 
 SAMPLE_BYTES = 4096
-"""What a sample costs beside its payload, at most."""
+"""Upper bound of a sample's memory beyond its payload."""
 
 MAX_WAITING_BYTES, MAX_WAITING_BYTES_OF_ONE = 40 * 1024 * 1024, 4 * 1024 * 1024
-"""So much may wait, in all and of one sender: about 10,000 and 1000 small samples.
+"""Limits on waiting samples, in total and of one sender: about 10,000 and 1000 small samples.
 
-This bounds the memory that strangers can take, and how long an end takes; one that floods leaves room for the others.
+They bound the memory that untrusted senders can use and the time to stop; a flooding sender leaves room for others.
 """
 
 MAX_TOKENS = 20_000
 
 
 def sender_of(sample: Any) -> int | None:
-    """The agent on whose key a sample came; None if it is no agent's key."""
+    """Return the agent of a sample's key; None if it is no agent's key."""
     source = parse_agent_key(str(sample.key_expr))
     return source[0] if source else None
 
 
 def whose_key(agent: int | None) -> str:
-    """Whose key it is, in words."""
+    """Describe an agent's key."""
     return "no agent's key" if agent is None else f"agent {agent}'s key"
 
 
 class Inbox:
-    """Samples for the main thread, put in by Zenoh's threads; and the word to stop, by signals."""
+    """Samples from Zenoh's threads and the request to stop, for the main thread."""
 
     def __init__(self) -> None:
         self.refused: Counter[int | None] = Counter()
-        """By agent (None: on no agent's key): reports and words of health for which there was no room."""
+        """Reports and health messages refused for lack of room, by agent (None: no agent's key)."""
         self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[int | None] = Counter()
@@ -58,11 +58,11 @@ class Inbox:
         self._late_tokens: dict[str, Any] = {}
 
     def stop(self) -> None:
-        """Have the main thread end, once it has taken what waits. A signal's handler may call it: it takes no lock."""
+        """Stop the main thread after the waiting samples. Safe in a signal handler: it takes no lock."""
         self._queue.put((Arrival.STOP, None))
 
     def put(self, arrival: Arrival, sample: Any) -> None:
-        """Add a sample. One that there is no room for is refused; of each token the newest is kept, and comes later."""
+        """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later."""
         if arrival is Arrival.TOKEN:
             with self._lock:
                 if len(self) < MAX_TOKENS:
@@ -79,11 +79,11 @@ class Inbox:
             self.refused[sender] += 1
             is_first = self.refused[sender] == 1
         if is_first:
-            why = "larger than any report" if length > MAX_SAMPLE_BYTES else "more than can be looked at"
-            log.warning("refused (further ones on %s are only counted): %s", whose_key(sender), why)
+            why = "larger than any report" if length > MAX_SAMPLE_BYTES else "too many to process"
+            log.warning("refused a sample on %s: %s (more are only counted)", whose_key(sender), why)
 
     def get(self, timeout_s: float) -> tuple[Arrival, Any]:
-        """The first one; raises queue.Empty after this time [s]."""
+        """Take the first item; raise queue.Empty after this time [s]."""
         try:
             arrival, sample = self._queue.get_nowait()
         except queue.Empty:

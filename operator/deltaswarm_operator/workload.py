@@ -1,7 +1,7 @@
-"""The operator's workload, counted from the messages that arrived and from nothing else.
+"""The operator's workload, computed only from arrived messages.
 
-Pure: reports and clocks in, one `Workload` per closed step out. All rates are over simulated time, so they
-are the same at any speed.
+Pure: reports and clocks in, one `Workload` per closed step out. All rates are per simulated second, so they are
+independent of the speed of the run.
 """
 
 from collections import Counter, deque
@@ -18,7 +18,7 @@ from deltaswarm_wire.settings_operator import OperatorSettings
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 
 FORWARDER = -1
-"""The world's number among senders: it hands on what agents report."""
+"""The world's number among senders; it forwards the agents' reports."""
 
 _Held = tuple[int, int, Report, bytes]
 """Agent, sequence, the report, its bytes."""
@@ -27,7 +27,7 @@ _agent_and_sequence = itemgetter(0, 1)
 
 
 class SlidingRate:
-    """Messages per second over the last `window_s` of simulated time; over less while there was less.
+    """Messages per second over the last `window_s` of simulated time, or over the time so far if that is less.
 
     The window is a whole number of steps, at least one.
     """
@@ -44,7 +44,7 @@ class SlidingRate:
         return list(self._counts)
 
     def add(self, count: int) -> float:
-        """Take in the count of the next step; the rate [1/s]."""
+        """Add the count of the next step; return the rate [1/s]."""
         counts = self._counts
         if len(counts) == self.steps:
             self._sum -= counts[0]
@@ -54,13 +54,13 @@ class SlidingRate:
 
 
 class WorkloadMeter:
-    """Takes reports as they arrive and closes steps as the clock says: a report is counted in the next to be closed."""
+    """Takes reports as they arrive and closes steps by the clock; a report counts in the next closed step."""
 
     def __init__(self, settings: OperatorSettings, step_s: float) -> None:
         self.step = -1
         """The newest closed step; -1 before the first."""
         self.is_over = False
-        """Whether that was the run's last."""
+        """Whether it was the run's last step."""
         self.reports_of_closed_step: tuple[Report, ...] = ()
         """In agent order."""
 
@@ -80,7 +80,7 @@ class WorkloadMeter:
         self._rejected_in_step = 0
 
     def receive_forwarded(self, data: bytes) -> str | None:
-        """Take in one report that the world hands on, in its envelope; the reason if it is dropped."""
+        """Take one encoded report from the world; return the reason if it is dropped."""
         try:
             forwarded = decode_forwarded(data)
         except WireError as error:
@@ -88,9 +88,9 @@ class WorkloadMeter:
         return self.take_forwarded(forwarded)
 
     def take_forwarded(self, forwarded: Forwarded) -> str | None:
-        """The same for an envelope that is open.
+        """Take one decoded report from the world; return the reason if it is dropped.
 
-        The world's own sequence tells what the fabric lost; the agents' has gaps where the uplink dropped reports.
+        Gaps in the world's own sequence are losses on the fabric; gaps in an agent's are losses on the uplink.
         """
         missing = forwarded.sequence - self._newest_forwarded - 1
         if missing > 0:
@@ -104,30 +104,30 @@ class WorkloadMeter:
         return None
 
     def take_now(self, report: Report, data: bytes) -> None:
-        """Take in a report and the bytes that it was decoded from."""
+        """Take a decoded report with its bytes."""
         self._held.append((report.agent, report.sequence, report, data))
 
     def lose(self, agent: int, reports: int) -> None:
-        """So many reports of an agent are missing; below 0 if some that were thought so are not."""
+        """Count missing reports of an agent; negative if reports counted as missing arrived."""
         self._lost[agent] += reports
         self._lost_in_step += reports
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a sample that is dropped; gives the reason back."""
+        """Count a dropped sample; return the reason."""
         self._rejected[agent] += 1
         self._rejected_in_step += 1
         return reason
 
     def close(self, clock: Clock, backlog: int) -> Workload:
-        """Close the clock's step; `backlog` is the number of samples that wait behind the clock.
+        """Close the clock's step; `backlog` is the number of samples waiting after the clock.
 
-        `time_above_s` counts from the start of the run; the other figures are the step's own.
+        `time_above_s` counts from the start of the run; the other fields are for this step.
 
         Raises:
             ValueError: the step is closed already.
         """
         if clock.step <= self.step:
-            raise ValueError(f"step {clock.step} is closed already, {self.step} is the newest")
+            raise ValueError(f"clock.step must be after step {self.step} (got {clock.step})")
         missed = clock.step - self.step - 1 if self._steps else 0
         held, self._held = sorted(self._held, key=_agent_and_sequence), []
         for agent, _, _, data in held:
@@ -156,7 +156,7 @@ class WorkloadMeter:
         return workload
 
     def _skip(self, missed: int) -> None:
-        """Steps whose clock never came pass without messages."""
+        """Count steps without a clock as steps without messages."""
         self._steps += missed
         self._steps_missed += missed
         for rate in self._rates:
@@ -164,7 +164,7 @@ class WorkloadMeter:
                 rate.add(0)
 
     def state(self) -> dict[str, Any]:
-        """All that a meter needs to go on after the newest closed step, as JSON has it."""
+        """The meter's state after the newest closed step, for JSON."""
         return {
             "step": self.step,
             "is_over": self.is_over,
@@ -180,7 +180,7 @@ class WorkloadMeter:
         }
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another meter's `state` said; its own settings are the same."""
+        """Resume from another meter's `state` with the same settings."""
         self.step, self.is_over = state["step"], state["is_over"]
         self._digest = Digest(bytes.fromhex(state["digest"]))
         self._newest_forwarded = state["newest_forwarded"]
@@ -200,7 +200,7 @@ class WorkloadMeter:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The figures of the whole run so far, as JSON has them; `per_sender` by agent."""
+        """The metrics of the run so far, for JSON; `per_sender` by agent."""
         messages = self._messages.total()
         simulated_s = self._steps * self._step_s
         senders = sorted({*self._messages, *self._lost, *self._rejected})

@@ -19,7 +19,7 @@ def now() -> str:
 
 
 def versions() -> dict[str, str | None]:
-    """Of Python and of what the figures depend on; None for what is not installed."""
+    """Of Python and of what the results depend on; None for what is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in DISTRIBUTIONS}}
 
 

@@ -3,7 +3,7 @@
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -47,8 +47,8 @@ def end_at_once_on_signals() -> None:
             signal.signal(number, end)
 
 
-def raise_on_signals() -> None:
-    """As Python does by itself: Ctrl-C raises KeyboardInterrupt, the others end the process.
+def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> None:
+    """Let some signals raise KeyboardInterrupt, by default Ctrl-C as in any Python program; the others end the process.
 
     In another thread than the main one, as where a program calls a command, signals are that program's.
     """
@@ -56,4 +56,4 @@ def raise_on_signals() -> None:
         return
     for number in STOP_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
+            signal.signal(number, signal.default_int_handler if number in raising else signal.SIG_DFL)

@@ -36,12 +36,12 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 LOOPBACK = ("127.", "localhost:", "[::1]:")
 
 AGENT_SETTINGS = "agents"
-"""The folder of what each agent is told, one file for each, beside the world's tables."""
+"""Folder with one settings file per agent, beside the world's tables."""
 
 
 def parser() -> argparse.ArgumentParser:
     """The command line of the world."""
-    made = argparse.ArgumentParser(prog="deltaswarm world", description="Run the world, and the router with it.")
+    made = argparse.ArgumentParser(prog="deltaswarm world", description="Run the world and its router.")
     made.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
     made.add_argument("--run", required=True, type=run_name, help="name of the run")
     made.add_argument(
@@ -57,26 +57,26 @@ def parser() -> argparse.ArgumentParser:
         type=Path,
         required=True,
         metavar="FILE",
-        help="user:password lines of all who may join; made with random passwords if it does not exist",
+        help="user:password lines of all participants; created with random passwords if it does not exist",
     )
     made.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="FOLDER",
-        help="for its tables, and for agents/N.toml, what each agent is told",
+        help="for its tables, and for the agents' settings, agents/N.toml",
     )
     made.add_argument(
         "--expect",
         action="append",
         choices=(OPERATOR, RECORDER),
-        help="who, besides the agents, must be there before the first step (default: operator)",
+        help="part that must be ready before the first step, besides the agents (default: operator)",
     )
     made.add_argument(
-        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents after every STEPS steps"
+        "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents every STEPS steps"
     )
-    made.add_argument("--resume", type=int, metavar="STEP", help="go on from the checkpoint after this step")
-    made.add_argument("--station", action="store_true", help="take commands and the pace of a person at the station")
+    made.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
+    made.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
     add_boards_argument(made)
     made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
     made.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
@@ -85,18 +85,18 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the world; its exit code is 0 after a whole run, 2 for bad arguments, else 1.
+    """Run the world. Exit code: 0 after a complete run, 2 for bad arguments, else 1.
 
-    The endpoints on which it listens are its first line of standard output.
+    The first line of standard output has the endpoints on which it listens.
     """
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
         scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
-            raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which has the processes in hand")
+            raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which controls the processes")
         if arguments.boards and arguments.boards[-1] >= scenario.agents.count:
-            raise ValueError(f"--boards: the scenario has the agents 0 to {scenario.agents.count - 1}")
+            raise ValueError(f"--boards must be from 0 to {scenario.agents.count - 1} (got {arguments.boards[-1]})")
         listen = tuple(arguments.listen or (DEFAULT_ENDPOINT,))
         tls = tls_of(listen, arguments.ca, arguments.certificate, arguments.key)
         if not arguments.credentials.exists():
@@ -135,21 +135,21 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def write_agent_settings(folder: Path, scenario: Scenario) -> None:
-    """A file for each agent, with its own seed: no agent is handed another's."""
+    """Write one settings file per agent, each with the agent's own seed."""
     folder.mkdir(exist_ok=True)
     for agent in range(scenario.agents.count):
         (folder / f"{agent}.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))))
 
 
 def write_credentials(file: Path, agents: int) -> None:
-    """A random password for each process that may join, readable by this user alone."""
+    """Write a random password per process, readable only by this user."""
     users = [user_name(AGENT, agent) for agent in range(agents)] + [OPERATOR, RECORDER]
     file.touch(mode=0o600)
     file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users))
 
 
 def admit_certified(listen: Sequence[str], credentials: Path) -> None:
-    """Let those in who have a certificate.
+    """Admit clients with a certificate.
 
     Raises:
         ValueError: an endpoint other than TLS is open to the network.
@@ -157,7 +157,7 @@ def admit_certified(listen: Sequence[str], credentials: Path) -> None:
     for endpoint in listen:
         address = endpoint.partition("/")[2]
         if protocol_of(endpoint) != TLS and not address.startswith(LOOPBACK):
-            raise ValueError(f"--listen {endpoint}: beside a {TLS}/ endpoint, others are allowed on loopback only")
+            raise ValueError(f"--listen must be {TLS}/ or on loopback if one endpoint is {TLS}/ (got {endpoint})")
     line = f"{CERTIFIED}:{CERTIFIED}"
     lines = credentials.read_text().splitlines()
     if line not in lines:

@@ -1,4 +1,4 @@
-"""What the world process is told."""
+"""Configuration of the world's process."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,24 +10,24 @@ from deltaswarm_wire.settings import Scenario
 
 @dataclass(frozen=True)
 class WorldConfig:
-    """One run: its scenario, how parts join, what is left where."""
+    """One run: its scenario, links and files."""
 
     run: str
     scenario: Scenario
     link: RouterLink
     credentials: Path
-    """File of `user:password` lines, one for each process that may join."""
+    """File of `user:password` lines, one per process."""
     out: Path
     expect: tuple[str, ...] = (OPERATOR,)
-    """Roles, besides the agents, that must be there before the first step."""
+    """Roles, besides the agents, that must be ready before the first step."""
     publish_truth: bool = False
     publish_wire: bool = False
-    """Every raw radio frame and report, for a recorder."""
+    """Publish every raw radio frame and report, for a recorder."""
     listen: tuple[str, ...] = ()
-    """Endpoints; without any, the link's."""
+    """Endpoints; default: the link's."""
     checkpoint_steps: int = 0
-    """Save world and agents each time that so many steps are closed; 0: never."""
+    """Interval of checkpoints in steps; 0: never."""
     has_station: bool = False
-    """A person may command, and set the pace; nobody waits for a person's turn."""
+    """Accept commands and pace from a person, without waiting for turns."""
     boards: tuple[int, ...] = ()
     """Agents on machines of their own, which may leave and come back."""

@@ -31,7 +31,7 @@ from deltaswarm_world.turns import AWAITED, OFF, Turns
 from deltaswarm_world.uplink.uplink import Uplink
 
 HEARD_BYTES = 6
-"""What a heard frame takes in an agent's frame besides its own bytes: its sender, and its length."""
+"""Overhead of a heard frame in an agent's frame: its sender and length."""
 
 NOBODY_HIT: frozenset[int] = frozenset()
 
@@ -47,20 +47,20 @@ class WorldCore:
         self.lockstep = LockStep(range(scenario.agents.count), boards)
         self.inbox = Inbox(self.lockstep)
         self.refused_claims = 0
-        """Observations claimed of events that were out of sensing range."""
+        """Number of claimed observations of events out of sensing range."""
         self.agents_in_trees = 0
         """In the last closed step."""
         self.digest = Digest()
         self.forwarded: list[Forwarded] = []
-        """The reports that reach the operator in the step just ended."""
+        """Reports that reach the operator in the last closed step."""
 
         self.air = Air(scenario)
         self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
-        """Without one each report reaches the operator in the step in which it is sent."""
+        """None: each report reaches the operator in the step in which it is sent."""
         self.turns = Turns(AWAITED if scenario.has_commander else OFF)
         self.downlink = Downlink(scenario)
         self._delivered: list[tuple[int, bytes]] = []
-        """(agent, sample) of what agents hear of the base in this step."""
+        """(agent, sample) of base frames received in this step."""
         self._sent: dict[int, bytes] = {}
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
@@ -68,13 +68,13 @@ class WorldCore:
         count = scenario.agents.count
         self._present = [True] * count
         self._listening = self.speaking = [True] * count
-        """Whose radio heard in this step, and in the step before, when what is heard now was sent."""
+        """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
         self._standings: dict[int, Standing] = {}
-        """What each agent that takes part says it is, by its last act."""
+        """Each present agent's standing, by its last act."""
         self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
         self._sensed: list[list[Event]] = []
         self.links: Sequence[tuple[int, int]] = ()
-        """(sender, receiver) of each frame that is heard in this step."""
+        """(sender, receiver) of each frame heard in this step."""
         self._step = -1
         self._time_s = 0.0
         self._carried = Carried(0)
@@ -82,7 +82,7 @@ class WorldCore:
     # A step: inject and begin, then acts and radio frames as they arrive, then end
 
     def inject(self, step: int) -> Sequence[ProcessOrder]:
-        """What fails or recovers before a step; the orders are for the agents' processes, the rest is done."""
+        """Apply the faults before a step; return the orders for agents' processes."""
         if self._faults is None:
             return ()
         lockstep = self.lockstep
@@ -102,7 +102,7 @@ class WorldCore:
         return orders
 
     def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
-        """Move, let events arrive, work out sensing and hearing; a frame for each agent with something to decide."""
+        """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent."""
         environment, lockstep = self.environment, self.lockstep
         self._step, self._time_s = step, step * self.scenario.run.step_s
         taking_part = lockstep.taking_part()
@@ -114,7 +114,7 @@ class WorldCore:
                 self._sleep.wake(agent)
                 environment.command(agent, 0.0, 0.0)
         while lockstep.returned:
-            self._sleep.wake(lockstep.returned.pop())  # also one that went and came back within a step
+            self._sleep.wake(lockstep.returned.pop())  # even if it left and came back within a step
         environment.changed.clear()
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)
@@ -137,7 +137,7 @@ class WorldCore:
         return Frame(self._step, self._time_s, last, *here, poses, sensed, tuple(heard))
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
-        """What each of these agents senses, or believes to; an agent that gets no frame senses nothing."""
+        """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""
         faults, environment = self._faults, self.environment
         present = [False] * len(self._present)
         for agent in agents:
@@ -149,7 +149,7 @@ class WorldCore:
         return sensed
 
     def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
-        """Deliver the radio frames of the step before; per agent those that reach it, with their senders."""
+        """Deliver the radio frames of the step before; return each agent's received frames with their senders."""
         deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
         listening = [False] * len(self._present)
         for agent in taking_part:
@@ -169,13 +169,13 @@ class WorldCore:
         return carried.heard
 
     def _cut_crowded(self, heard: list[list[Heard]], largest_bytes: int) -> int:
-        """Drop what does not fit into its receiver's frame beside the events sensed; how many frames that is."""
+        """Drop frames that do not fit into their receiver's frame; return their number."""
         largest = largest_bytes + HEARD_BYTES
         least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
         crowded = 0
         for frames, sensed in zip(heard, self._sensed, strict=True):
             if len(frames) * largest <= least_room:
-                continue  # they fit, whichever they are
+                continue  # they always fit
             room = FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(sensed))
             ends = list(accumulate(len(data) + HEARD_BYTES for _, data in frames))
             fitting = bisect_right(ends, room)
@@ -218,7 +218,7 @@ class WorldCore:
         return self._tally(len(late), sent, len(self.forwarded), self.uplink.under_way, self.uplink.dropped)
 
     def _forward(self) -> None:
-        """Hand this step's reports on to the operator, in agent order, or what comes out of the uplink."""
+        """Forward this step's reports, or those that the uplink delivers, to the operator in agent order."""
         sent = self._sent = self.inbox.take_reports()
         arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
         first = self._forwarded_ever
@@ -226,7 +226,7 @@ class WorldCore:
         self._forwarded_ever += len(arrived)
 
     def _carry_up(self, uplink: Uplink, sent: dict[int, bytes]) -> list[bytes]:
-        """Let reports into the uplink, and take what comes out of it."""
+        """Pass reports into the uplink; return the delivered ones."""
         for agent in sorted(sent):
             self.digest.add(self._step, agent, REPORT, sent[agent])
         lockstep = self.lockstep
@@ -273,7 +273,7 @@ class WorldCore:
         )
 
     def truth(self, row: Tally) -> Truth:
-        """Everything about the step just ended, for the recorder. Call once a step, or never."""
+        """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
         bodies = []
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
             standing = self._standings.get(agent, SILENT) if agent in self.lockstep.alive else GONE
@@ -283,11 +283,11 @@ class WorldCore:
 
     @property
     def said(self) -> list[Said]:
-        """The radio frames and reports of the step just ended, as they came, in agent order."""
+        """The raw radio frames and reports of the last closed step, in agent order."""
         return self.inbox.said(self._sent)
 
     def totals(self, complete: bool) -> dict[str, Any]:
-        """What the world says of a run besides its rows."""
+        """Return the world's totals of a run."""
         return {
             "complete": complete,
             "digest": self.digest.hex(),

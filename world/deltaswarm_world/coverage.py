@@ -1,4 +1,4 @@
-"""How much of the arena the members of trees sense."""
+"""The area of the arena that members of trees sense."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.density import Floats
 
 COVERAGE_EVERY_S = 10.0
-"""Coverage is measured this often."""
+"""Interval of the coverage measure."""
 
 COVERAGE_CELL_M = 1.0
 """Resolution of the coverage measure."""
@@ -27,11 +27,11 @@ class Coverage:
         self._around_x, self._around_y = (axis.ravel() for axis in np.meshgrid(span, span))
 
     def is_due(self, step: int) -> bool:
-        """Whether this step is one in which coverage is measured."""
+        """Whether coverage is measured in this step."""
         return step % self._every == 0
 
     def area_m2(self, places_m: Floats) -> float:
-        """Area of the union of the sensing discs around places (n, 2), within the arena [m2]."""
+        """Return the area of the union of sensing discs around positions (n, 2), within the arena [m2]."""
         if not len(places_m):
             return 0.0
         x_m, y_m = places_m[:, :1], places_m[:, 1:]

@@ -1,4 +1,4 @@
-"""Where events occur: the paper's density phi(x, y), as samplers of places in the arena."""
+"""Where events occur: the paper's density phi(x, y), as samplers of positions in the arena."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,14 +12,14 @@ from deltaswarm_wire.settings import ArenaSettings, DensitySettings
 
 Floats = npt.NDArray[np.float64]
 Sampler = Callable[[np.random.Generator], tuple[float, float]]
-"""Draws a place; one that pickle can save, as part of a world's checkpoint."""
+"""Draws a position; pickle must be able to save it in a world's checkpoint."""
 
 MAX_TRIES = 10_000
-"""Draws outside the arena after which a density is taken to lie outside it."""
+"""After this many draws in a row outside the arena, the density counts as outside it."""
 
 
 def sampler(density: DensitySettings, arena: ArenaSettings) -> Sampler:
-    """A function that draws one place (x_m, y_m) in the arena.
+    """Make a function that draws one position (x_m, y_m) in the arena.
 
     Raises:
         SettingsError: a grid file that cannot be read or holds no weights.
@@ -62,7 +62,7 @@ def _draw_of_mixture(
         x_m, y_m = means[part][0] + float(offset[0]), means[part][1] + float(offset[1])
         if 0.0 <= x_m <= arena.width_m and 0.0 <= y_m <= arena.height_m:
             return x_m, y_m
-    raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell outside the arena")
+    raise ValueError(f"events.density must reach into the arena (got {MAX_TRIES} draws in a row outside)")
 
 
 def load_grid(file: str) -> Floats:
@@ -76,9 +76,9 @@ def load_grid(file: str) -> Floats:
         raw = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(Path(file), delimiter=",")
         grid = np.atleast_2d(np.array(raw, dtype=np.float64))
     except (OSError, ValueError, TypeError) as error:
-        raise SettingsError([Problem("events.density.file", repr(file), f"cannot be read: {error}")]) from None
+        raise SettingsError([Problem("events.density.file", repr(file), f"must be readable: {error}")]) from None
     if grid.ndim != 2 or not np.all(np.isfinite(grid)) or np.any(grid < 0) or not 0 < grid.sum() < np.inf:
-        allowed = "a table of finite weights >= 0 with a positive sum is allowed"
+        allowed = "must be a table of finite weights >= 0 with a positive sum"
         raise SettingsError([Problem("events.density.file", repr(file), allowed)])
     return grid
 

@@ -1,4 +1,4 @@
-"""Bodies and events: where they are, who senses what, and how work gets done."""
+"""Bodies and events: positions, sensing, and work on events."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -15,17 +15,17 @@ from deltaswarm_world.near import near
 from deltaswarm_world.obstacles import Obstacles
 
 ARRIVALS_STREAM, START_STREAM = 1, 2
-"""Each use of chance has its own generator, so that the same seed gives the same arrivals in any mode."""
+"""Each use of chance has its own generator, so equal seeds give equal arrivals with any controller."""
 
 
 def generator(seed: int, *stream: int) -> np.random.Generator:
-    """The generator of one stream of a run; not one that an agent, which has a seed of its own, could build."""
+    """Make the generator of one stream of a run, which an agent cannot derive from its own seed."""
     return np.random.default_rng([int.from_bytes(derived_key(seed, "world"), "little"), *stream])
 
 
 @dataclass
 class EventRecord:
-    """One event's life. Place in m, world frame; times in s."""
+    """One event's life. Position in m, world frame; times in s."""
 
     event: int
     x_m: float
@@ -40,7 +40,7 @@ class EventRecord:
         self.as_sensed = Event(self.event, self.x_m, self.y_m)
 
     def state(self) -> EventState:
-        """As it goes to the recorder and into `events.csv`."""
+        """The event's state for the recorder and `events.csv`."""
         times = (self.arrived_s, self.sensed_s, self.completed_s)
         return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
 
@@ -70,14 +70,14 @@ class Environment:
         self._places_m: Floats = np.zeros((0, 2))
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
-        """Set an agent's velocity; above the speed limit the direction is kept."""
+        """Set an agent's velocity, cut to the speed limit with its direction kept."""
         speed = (vx_mps * vx_mps + vy_mps * vy_mps) ** 0.5
         if speed > self._speed_mps:
             vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
         self.velocities_mps[agent] = vx_mps, vy_mps
 
     def move(self, drive: Callable[[Floats], None] | None = None) -> None:
-        """One step of motion; the arena's edge and obstacles stop bodies.
+        """Move bodies by one step; the arena's edge and obstacles stop them.
 
         `drive`, if given, changes what bodies make of their commands.
         """
@@ -85,26 +85,26 @@ class Environment:
         if drive is not None:
             drive(velocities_mps)
         moved = self.positions_m + velocities_mps * self._step_s
-        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much quicker than np.clip
+        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much faster than np.clip
         self.positions_m = self._obstacles.stop(self.positions_m, moved) if self._obstacles else moved
 
     def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
-        """Places uniform in the arena; one in an obstacle is drawn again."""
+        """Draw uniform positions in the arena, outside obstacles."""
         places_m: Floats = rng.random((count, 2)) * size_m
         for _ in range(MAX_TRIES):
             inside = self._obstacles.inside(places_m).nonzero()[0]
             if not len(inside):
                 return places_m
             places_m[inside] = rng.random((len(inside), 2)) * size_m
-        raise ValueError(f"arena.obstacles: {MAX_TRIES} draws in a row left an agent in an obstacle")
+        raise ValueError(f"arena.obstacles must leave room for agents (got {MAX_TRIES} draws in a row in obstacles)")
 
     def _place_of_event(self) -> tuple[float, float]:
-        """By the density; a place in an obstacle is drawn again."""
+        """Draw a position from the density, outside obstacles."""
         for _ in range(MAX_TRIES):
             place_m = self._draw(self._rng)
             if not self._obstacles or not self._obstacles.inside(np.array([place_m]))[0]:
                 return place_m
-        raise ValueError(f"events.density: {MAX_TRIES} draws in a row fell into an obstacle")
+        raise ValueError(f"events.density must reach outside obstacles (got {MAX_TRIES} draws in a row inside)")
 
     def arrive(self, time_s: float) -> None:
         """Let events arrive (Poisson)."""
@@ -119,7 +119,7 @@ class Environment:
     def sense(
         self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
     ) -> list[list[Event]]:
-        """Per agent the events within its sensing range and line of sight; notes when an event is first sensed.
+        """Return each agent's events within sensing range and line of sight; note when an event is first sensed.
 
         `misses`, if given, says of an agent whether it misses the event before it all the same.
         """
@@ -139,7 +139,7 @@ class Environment:
         return sensed
 
     def work(self, observers: dict[int, int], time_s: float) -> None:
-        """Let each event's number of distinct observers work on it for one step; complete what is done."""
+        """Let each event's distinct observers work on it for one step; complete finished events."""
         done = False
         for record in self.active:
             count = observers.get(record.event, 0)
@@ -154,16 +154,16 @@ class Environment:
             self._place_active()
 
     def states(self) -> list[EventState]:
-        """All events so far, in order of arrival; those of one step by id."""
+        """Return all events so far in order of arrival, by id within a step."""
         return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
 
     def states_to_show(self) -> list[EventState]:
-        """Those that are not complete, or have changed in this step."""
+        """Return the events that are incomplete or changed in this step."""
         shown = {event.event: event for event in (*self.active, *self.changed)}
         return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
 
     def mean_waiting_s(self) -> float:
-        """Mean waiting time so far, of the events that were sensed [s]; 0 before the first."""
+        """Return the mean waiting time of sensed events so far [s]; 0 before the first."""
         waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
         return sum(waits) / len(waits) if waits else 0.0
 

@@ -1,15 +1,15 @@
-"""What the operator has not confirmed yet: an operator that is started anew gets it once more."""
+"""Steps that the operator has not confirmed yet; a restarted operator gets them again."""
 
 from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
 AHEAD_STEPS = 1000
-"""The world waits for who has not taken the step so far back: what is kept, and what waits in queues, is bounded."""
+"""Lead over a part's newest taken step at which the world waits; bounds kept steps and queues."""
 
 
 class ClosedStep(NamedTuple):
-    """What the operator gets of one step: reports as they are handed on, then the clock, all encoded."""
+    """The operator's messages of one step: forwarded reports, then the clock, all encoded."""
 
     step: int
     reports: list[bytes]
@@ -21,30 +21,30 @@ Send = Callable[[bytes], None]
 
 
 class HandingOn:
-    """Hands closed steps on to the operator, and keeps those that it has not confirmed to have on disk."""
+    """Forwards closed steps to the operator and keeps them until it confirms them as on disk."""
 
     def __init__(self, send_report: Send, send_clock: Send) -> None:
         self.confirmed = -1
-        """The newest step that the operator has confirmed."""
+        """The operator's newest confirmed step."""
         self._send_report, self._send_clock = send_report, send_clock
         self._kept: deque[ClosedStep] = deque()
 
     def close(self, step: ClosedStep, *, now: bool) -> None:
-        """A step has been closed; send it now, unless the operator is away."""
+        """Keep a closed step; send it `now` unless the operator is away."""
         self._kept.append(step)
         if now:
             self._send(step)
 
     def confirm(self, step: int) -> None:
-        """The operator has all up to this step."""
+        """Drop the steps up to this one, which the operator has."""
         self.confirmed = max(self.confirmed, step)
         while self._kept and self._kept[0].step <= self.confirmed and not self._kept[0].last:
             self._kept.popleft()
 
     def begin_anew(self, step: int) -> None:
-        """An operator that has all up to this step stands in for another: it gets the others, oldest first.
+        """Send a new operator, which has the steps up to this one, the others, oldest first.
 
-        One that has all gets the last clock once more, and so knows that it was the last.
+        An operator that has every step gets the last clock again, which tells it that it was the last.
         """
         self.confirm(step)
         for kept in self._kept:

@@ -1,4 +1,4 @@
-"""What agents say in a step, checked at the world's edge: their bytes are a stranger's.
+"""The samples of agents in a step, checked at the world's edge, since agents are untrusted.
 
 Of each agent and step one radio frame, one report and one act are taken; what is beyond that is dropped and counted.
 Of a radio frame the world reads the envelope, never the payload.
@@ -29,15 +29,15 @@ class Inbox:
         self.reports: dict[int, bytes] = {}
         self.acts: dict[int, tuple[bytes, Act]] = {}
         self.rejected: Counter[int] = Counter()
-        """Samples that were dropped, per agent whose key they came on."""
+        """Dropped samples by the agent of their key."""
         self.excess: Counter[int] = Counter()
-        """Among them those beyond one radio frame, one report and one act in a step."""
+        """Those of them beyond one radio frame, one report and one act per step."""
         self.late_acts: Counter[int] = Counter()
-        """Acts of steps that had gone on without them, per agent."""
+        """Acts for steps that had continued without them, by agent."""
         self.unsaved: set[int] = set()
-        """Agents that are to save themselves, and have not said yet that they have."""
+        """Agents that have not yet confirmed that they are saved."""
         self._saves_due: Counter[int] = Counter()
-        """So many such words may still come from each."""
+        """Number of confirmations still due from each agent."""
         self._lockstep = lockstep
         self._step = -1
         self._spoke_late: set[int] = set()
@@ -45,23 +45,23 @@ class Inbox:
         self._rejected_before = self._lost_before = 0
 
     def begin(self, step: int) -> None:
-        """A step opens; reports that came since the last one was closed are of this one."""
+        """Open a step; reports since the last step was closed belong to this one."""
         self._step = step
         self.spoken, self.acts = {}, {}
         self._spoke_late.clear()
 
     def begin_anew(self, agent: int) -> None:
-        """A new process speaks as this agent."""
+        """Expect the numbers of a new process of this agent."""
         self._radio_numbers.begin_anew(agent)
         self._report_numbers.begin_anew(agent)
 
     def go_on_anywhere(self, agent: int) -> None:
-        """What a board said while it was away is no loss of the fabric: its numbers go on from wherever they are."""
+        """Accept any next number from a board: its samples during an absence are not losses of the fabric."""
         self._radio_numbers.go_on_anywhere(agent)
         self._report_numbers.go_on_anywhere(agent)
 
     def hear(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> str | None:
-        """Take one sample from a key of an agent, and the act that rides on it; the reason if something is dropped."""
+        """Take one sample on an agent's key and its attached act; return the reason if anything is dropped."""
         if leaf == keys.RADIO:
             reason = self.hear_radio(agent, data)
             return reason if act is None else self.hear_act(agent, act) or reason
@@ -70,7 +70,7 @@ class Inbox:
         return self.hear_saved(agent, data) if leaf == keys.TAKEN else self.hear_act(agent, data)
 
     def hear_radio(self, agent: int, data: bytes) -> str | None:
-        """Take one radio frame from an agent's key; the reason if it is dropped."""
+        """Take one encoded radio frame; return the reason if it is dropped."""
         try:
             counter = decode_sample(data).counter
         except WireError as error:
@@ -78,7 +78,7 @@ class Inbox:
         return self.take_radio(agent, counter, data)
 
     def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
-        """The same for a frame whose envelope is open."""
+        """Take one decoded radio frame; return the reason if it is dropped."""
         self._radio_numbers.follow(agent, counter)
         if agent in self.spoken or agent in self._spoke_late or not self._lockstep.may_speak(agent):
             return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
@@ -89,7 +89,7 @@ class Inbox:
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
-        """Take one report from an agent's key; the reason if it is dropped."""
+        """Take one encoded report; return the reason if it is dropped."""
         try:
             report = decode_report(data)
         except WireError as error:
@@ -97,7 +97,7 @@ class Inbox:
         return self.take_report(agent, report, data)
 
     def take_report(self, agent: int, report: Report, data: bytes) -> str | None:
-        """The same for a report and the bytes that it was decoded from, or encoded to."""
+        """Take one decoded report with its bytes; return the reason if it is dropped."""
         if report.agent != agent:
             return self.reject(agent, f"report.agent: {report.agent} on the key of agent {agent}")
         if report.step > self._step:
@@ -109,7 +109,7 @@ class Inbox:
         return None
 
     def hear_act(self, agent: int, data: bytes) -> str | None:
-        """Take one act from an agent's key; the reason if it is dropped."""
+        """Take one encoded act; return the reason if it is dropped."""
         try:
             act = decode_act(data)
         except WireError as error:
@@ -117,7 +117,7 @@ class Inbox:
         return self.take_act(agent, act, data)
 
     def take_act(self, agent: int, act: Act, data: bytes) -> str | None:
-        """The same for an act and the bytes that it was decoded from, or encoded to."""
+        """Take one decoded act with its bytes; return the reason if it is dropped."""
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self._lockstep.close(agent, act.step):
@@ -129,12 +129,12 @@ class Inbox:
         return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
 
     def await_saved(self, agents: Iterable[int]) -> None:
-        """These agents are asked to save themselves as they are after this step."""
+        """Expect confirmations that these agents are saved."""
         self.unsaved = set(agents)
         self._saves_due.update(self.unsaved)
 
     def hear_saved(self, agent: int, data: bytes) -> str | None:
-        """Take an agent's word that it has saved itself; the reason if it is dropped."""
+        """Take an agent's confirmation that it is saved; return the reason if it is dropped."""
         try:
             step = decode_taken(data)
         except WireError as error:
@@ -147,32 +147,32 @@ class Inbox:
         return None
 
     def reject_excess(self, agent: int, reason: str) -> str:
-        """The same for a sample that is one too many in its step."""
+        """Count a dropped sample beyond the limit per step; return the reason."""
         self.excess[agent] += 1
         return self.reject(agent, reason)
 
     def reject(self, agent: int, reason: str) -> str:
-        """Count a sample that came on a key of this agent and is dropped; gives the reason back."""
+        """Count a dropped sample on a key of this agent; return the reason."""
         self.rejected[agent] += 1
         return reason
 
     def drop_frames(self, late: Iterable[int]) -> None:
-        """A frame counts with the act that closes its step: drop those of agents that were not waited for."""
+        """Drop the radio frames of agents without an act in this step."""
         for agent in late:
             self.spoken.pop(agent, None)
 
     def take_reports(self) -> dict[int, bytes]:
-        """The step's reports, by agent; what comes from now on is of the next step."""
+        """Take the step's reports by agent; later ones belong to the next step."""
         reports, self.reports = self.reports, {}
         return reports
 
     def said(self, reports: dict[int, bytes]) -> list[Said]:
-        """The step's radio frames and these reports, in agent order."""
+        """Return the step's radio frames and these reports, in agent order."""
         frames = [(agent, RADIO, data) for agent, data in self.spoken.items()]
         return sorted(frames + [(agent, REPORT, data) for agent, data in reports.items()])
 
     def take_counts(self) -> tuple[int, int]:
-        """How many samples were dropped, and how many were lost on the way, since this was asked."""
+        """Return the numbers of dropped and lost samples since the last call."""
         rejected, lost = self.rejected.total(), (self._radio_numbers.lost + self._report_numbers.lost).total()
         counts = rejected - self._rejected_before, min(lost - self._lost_before, MAX_ID)
         self._rejected_before, self._lost_before = rejected, lost
@@ -180,7 +180,7 @@ class Inbox:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The counts of the run, by agent."""
+        """Return the counts of the run, by agent."""
         return {
             "rejected": by_agent(self.rejected),
             "excess": by_agent(self.excess),

@@ -1,20 +1,20 @@
-"""The lock-step: whose act a step still waits for, who is late, who is gone."""
+"""The lock-step: agents that a step waits for, late agents, lost agents."""
 
 from collections import Counter
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 FORGIVEN_STEPS = 2500
-"""After so many steps the patience with an agent that was late doubles again, up to where it began."""
+"""After this many steps the patience with a late agent doubles again, up to its initial value."""
 
 MAX_MISSES = 20
-"""More are not counted: there is next to no patience left."""
+"""Maximum number of counted misses; almost no patience is left then."""
 
 
 class Patience:
-    """How long a step waits for an agent: half as long after each step that it missed.
+    """Time that a step waits for an agent: half as long after each missed step.
 
-    So an agent that is late again and again costs a run of n steps at most (2 + n / FORGIVEN_STEPS) times `most_s` [s].
+    So an agent that is always late costs a run of n steps at most (2 + n / FORGIVEN_STEPS) times `most_s` [s].
     """
 
     def __init__(self, most_s: float) -> None:
@@ -24,7 +24,7 @@ class Patience:
         """The step at which the next miss of an agent is forgiven."""
 
     def left_s(self, agent: int, step: int) -> float:
-        """How long this step may wait for an agent [s]."""
+        """Time that this step may wait for an agent [s]."""
         return self._most_s * 0.5 ** self._counted(agent, step)
 
     def with_any(self, agents: Collection[int], step: int) -> tuple[float, float]:
@@ -35,7 +35,7 @@ class Patience:
         return min(left_s), max(left_s)
 
     def missed(self, agent: int, step: int) -> None:
-        """An agent did not close this step in time."""
+        """Note that an agent missed this step."""
         if not self._counted(agent, step):
             self._forgiven_at[agent] = step + FORGIVEN_STEPS
         self._misses[agent] = min(self._misses[agent] + 1, MAX_MISSES)
@@ -49,18 +49,18 @@ class Patience:
 
 @dataclass
 class Attendance:
-    """How a board took part in a run."""
+    """A board's attendance in a run."""
 
     late_steps: int = 0
-    """Steps that it was there for and did not close in time."""
+    """Steps that it missed while present."""
     absences: int = 0
-    """Times that it went."""
+    """Number of absences."""
     absent_steps: int = 0
-    """Steps that it was away for."""
+    """Steps of absence."""
 
 
 class LockStep:
-    """Keeps the set of agents that a step waits for. Time is the caller's; this holds no clock.
+    """Keeps the set of agents that a step waits for. It has no clock; the caller has.
 
     `boards` are agents on machines of their own: they may come and go, and how they did is counted.
     """
@@ -73,24 +73,24 @@ class LockStep:
         self.hanging: set[int] = set()
         """Agents that missed a step's end; they get no frame until an act of theirs arrives."""
         self.lost: list[int] = []
-        """Agents whose process went unasked, by step; those of one step ascending, in whatever order they went."""
+        """Agents whose process died without an order, by step, ascending within a step."""
         self._lost_before = 0
-        """How many had gone when this step began."""
+        """Number of lost agents at the start of this step."""
         self.returned: set[int] = set()
-        """Agents whose process appeared again, until the world takes note."""
+        """Agents whose process reappeared, until the world handles it."""
         self.frozen: frozenset[int] = frozenset()
-        """Agents that are made to stand still; they get no frame, and nobody waits for them."""
+        """Frozen agents; they get no frame, and steps do not wait for them."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
         self.probed: list[int] = []
-        """Boards that hang and get the next frame all the same, unwaited for: who was started anew owes no act."""
+        """Hung boards to probe: they get the next frame, but the step does not wait for their acts."""
         self._missed: dict[int, int] = {}
-        """The step that each hanging agent missed: its act ends the hanging, or a later one."""
+        """The step that each hung agent missed: an act of it or a later step ends the hang."""
         self._answers_due: Counter[int] = Counter()
-        """Frames that boards got while they hung, and may still answer."""
+        """Number of probes that boards may still answer."""
         self.step = -1
 
     def taking_part(self) -> list[int]:
-        """The agents whose process is there and goes on, ascending."""
+        """Present agents that neither hang nor are frozen, ascending."""
         return sorted(self.alive - self.hanging - self.frozen)
 
     def begin(self, step: int, asked: Iterable[int]) -> None:
@@ -102,18 +102,18 @@ class LockStep:
             attendance.absent_steps += agent not in self.alive
 
     def may_speak(self, agent: int) -> bool:
-        """Whether an agent has a frame that it has not answered with its act."""
+        """Whether an agent has a frame without an act."""
         return agent in self.waiting or agent in self.hanging or self._answers_due[agent] > 0
 
     def close(self, agent: int, step: int) -> bool:
-        """An act arrived; True if it closes the agent's step."""
+        """Take an act; return whether it closes the agent's step."""
         if agent in self.waiting and step == self.step:
             self.waiting.discard(agent)
             return True
         return False
 
     def answer_late(self, agent: int, step: int) -> bool:
-        """An act arrived that closes nothing; True if it was still due, as it is from an agent that hangs."""
+        """Take an act that closes no step; return whether it was still due, as from a hung agent."""
         if agent in self.hanging and step >= self._missed[agent]:
             self.hanging.discard(agent)
             return True
@@ -124,11 +124,11 @@ class LockStep:
 
     @property
     def is_closed(self) -> bool:
-        """Whether nobody is waited for."""
+        """Whether the step waits for no agent."""
         return not self.waiting
 
     def give_up(self) -> list[int]:
-        """Go on without those who are waited for; they hang until they are heard again."""
+        """Continue without the awaited agents, which count as hung until their next act; return them."""
         late = sorted(self.waiting)
         self.hanging |= self.waiting
         self._missed |= dict.fromkeys(late, self.step)
@@ -138,12 +138,12 @@ class LockStep:
         return late
 
     def probe(self) -> None:
-        """Send the boards that hang a frame, with the next step."""
+        """Schedule a frame for hung boards in the next step."""
         self.probed = sorted(self.hanging & self.boards.keys())
         self._answers_due.update(self.probed)
 
     def gone(self, agent: int) -> None:
-        """An agent's liveliness token went."""
+        """Note that an agent's liveliness token disappeared."""
         if agent in self.alive:
             self.alive.discard(agent)
             self.waiting.discard(agent)
@@ -154,13 +154,13 @@ class LockStep:
                 self.boards[agent].absences += 1
 
     def take_out(self, agent: int) -> None:
-        """An agent dies as planned: its token's end is no news, and it is not among the lost."""
+        """Remove an agent killed by an order, which does not count as lost."""
         self.alive.discard(agent)
         self.waiting.discard(agent)
         self.hanging.discard(agent)
 
     def back(self, agent: int) -> None:
-        """An agent's token appeared again; it takes part from the next step on."""
+        """Note that an agent's token reappeared; it takes part from the next step on."""
         if agent not in self.alive:
             self.alive.add(agent)
             self._answers_due[agent] = 0

@@ -1,4 +1,4 @@
-"""Who is near whom."""
+"""Search for neighbours."""
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +8,7 @@ from deltaswarm_world.density import Floats
 Indices = npt.NDArray[np.intp]
 
 FEW_PAIRS = 10_000
-"""Up to so many it is quicker to look at each than to sort them by place first."""
+"""Up to this number a full comparison is faster than a tree."""
 
 
 def near(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
@@ -21,9 +21,9 @@ def near(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, I
 
 
 def near_with_squares(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices, Floats]:
-    """The same, with the square of each pair's distance [m2]."""
+    """Return the same with the square of each pair's distance [m2]."""
     if len(places_m) * len(others_m) <= FEW_PAIRS:
-        # Coordinate by coordinate: along an axis of two numpy is several times slower.
+        # By coordinate: numpy is several times slower along an axis of length 2.
         squares_m2 = _squares_m2(places_m[:, 0, None] - others_m[:, 0], places_m[:, 1, None] - others_m[:, 1])
         pairs = (squares_m2.ravel() <= range_m**2).nonzero()[0]
         first, second = np.divmod(pairs, len(others_m))
@@ -42,9 +42,9 @@ def _squares_m2(dx_m: Floats, dy_m: Floats) -> Floats:
 
 
 def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
-    """All pairs within the range, and some a trifle beyond: a tree rounds differently."""
+    """Return all pairs within the range, and some slightly beyond, since a tree rounds differently."""
     try:
-        from scipy.spatial import KDTree  # slow to import, and small swarms do without
+        from scipy.spatial import KDTree  # slow to import; small swarms do not need it
     except ModuleNotFoundError:  # it comes with the extra `study`
         first, second = np.indices((len(places_m), len(others_m))).reshape(2, -1)
         return first, second

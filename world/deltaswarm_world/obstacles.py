@@ -1,4 +1,4 @@
-"""Obstacles as they are: who would be inside, which lines of sight they cut, and where they stop bodies."""
+"""Obstacles in the world: positions inside, blocked lines of sight, and where bodies stop."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from deltaswarm_world.density import Floats
 Mask = npt.NDArray[np.bool_]
 
 EDGE_M = 1e-6
-"""A body stops at this distance from an edge, so that rounding puts none inside."""
+"""A body stops at this distance from an edge, so that rounding cannot put it inside."""
 
 
 class _Polygon(NamedTuple):
@@ -38,7 +38,7 @@ class Obstacles:
         return bool(self._polygons)
 
     def inside(self, places_m: Floats) -> Mask:
-        """Which places are in an obstacle."""
+        """Return which positions are in an obstacle."""
         found: Mask = np.zeros(len(places_m), dtype=np.bool_)
         for polygon in self._polygons:
             near = _within(places_m, polygon).nonzero()[0]
@@ -46,25 +46,25 @@ class Obstacles:
         return found
 
     def attenuations_db(self, from_m: Floats, to_m: Floats) -> Floats:
-        """What radio loses from each place to the one in the same row; infinite behind an obstacle that blocks."""
+        """Return the attenuation from each position to the one in the same row; infinite behind a blocking obstacle."""
         losses_db: Floats = np.zeros(len(from_m))
         for polygon, attenuation_db in zip(self._polygons, self._attenuations_db, strict=True):
             losses_db[_crossed(from_m, to_m, polygon)] += attenuation_db
         return losses_db
 
     def hide(self, from_m: Floats, to_m: Floats) -> Mask:
-        """Which lines of sight meet an obstacle, whatever it does to radio."""
+        """Return which lines of sight meet an obstacle, blocking or not."""
         hidden: Mask = np.zeros(len(from_m), dtype=np.bool_)
         for polygon in self._polygons:
             hidden[_crossed(from_m, to_m, polygon)] = True
         return hidden
 
     def crossed(self, from_m: Floats, to_m: Floats) -> list[int]:
-        """The obstacles, by number, that a single line meets."""
+        """Return the numbers of the obstacles that one line meets."""
         return [index for index, polygon in enumerate(self._polygons) if len(_crossed(from_m, to_m, polygon))]
 
     def stop(self, from_m: Floats, to_m: Floats) -> Floats:
-        """Where bodies end that go straight from places outside: at the first edge that they meet."""
+        """Return where bodies that move straight from outside positions end: at the first edge on their path."""
         way_m = to_m - from_m
         shares: Floats = np.ones(len(from_m))
         for polygon in self._polygons:
@@ -99,7 +99,7 @@ def _near(from_m: Floats, to_m: Floats, polygon: _Polygon) -> Mask:
 
 
 def _both(mask: Mask) -> Mask:
-    """Whether it holds along x and along y."""
+    """Whether a condition holds along x and along y."""
     both: Mask = mask[..., 0] & mask[..., 1]
     return both
 
@@ -127,7 +127,7 @@ def _crossed(from_m: Floats, to_m: Floats, polygon: _Polygon) -> npt.NDArray[np.
 
 
 def _sides(a: Floats, b: Floats, c: Floats) -> Floats:
-    """On which side of the line from a to b each c is: 1 left, -1 right, 0 on it."""
+    """Return the side of each c from the line a to b: 1 left, -1 right, 0 on it."""
     ux, uy = b[..., 0] - a[..., 0], b[..., 1] - a[..., 1]
     sides: Floats = np.sign(ux * (c[..., 1] - a[..., 1]) - uy * (c[..., 0] - a[..., 0]))
     return sides
@@ -140,7 +140,7 @@ def _overlap(p: Floats, q: Floats, a: Floats, b: Floats) -> Mask:
 
 
 def _free_share(from_m: Floats, way_m: Floats, polygon: _Polygon) -> Floats:
-    """The share of each way that is free of a polygon's edges and of the margin in front of them."""
+    """Return the share of each path before a polygon's edges and the margin in front of them."""
     offsets_m = from_m[:, None, :] - polygon.corners_m
     gaps_m = (offsets_m * polygon.normals).sum(axis=2)
     inwards_m = -(way_m @ polygon.normals.T)

@@ -1,4 +1,4 @@
-"""What the world leaves in the run folder: `world.csv`, `events.csv`, `world.json`."""
+"""The world's files in the run folder: `world.csv`, `events.csv`, `world.json`."""
 
 import csv
 import json
@@ -16,23 +16,23 @@ from deltaswarm_world.environment import EventRecord
 FLUSH_EVERY_S = 1.0
 
 EVENTS_SO_FAR = "world-events.csv"
-"""A row for each change of an event, as it happens; the newest counts. At the end `events.csv` takes its place."""
+"""A row for each change of an event; the newest counts. `events.csv` replaces it at the end."""
 
 
 TABLES = ("world.csv", EVENTS_SO_FAR)
 
 
 class WorldOutput:
-    """One row per step as it is closed, so that a killed world leaves what it had; totals at the end.
+    """Writes one row per closed step, which a killed world leaves behind, and totals at the end.
 
-    With `table_bytes` it goes on in tables that were so long when a checkpoint was written, after `wall_s` of the run.
+    With `table_bytes` it continues tables of these lengths from a checkpoint, after `wall_s` of the run.
     """
 
     def __init__(self, folder: Path, table_bytes: Sequence[int] = (), wall_s: float = 0.0) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self._handle = os.open(folder, os.O_RDONLY)
         self._folder = Path(f"/proc/self/fd/{self._handle}")
-        """The folder itself, wherever it is moved: by its name, a world left over might write into another run."""
+        """The folder by its handle, even if it is moved: by name, a leftover world might write into another run."""
         for name, size in zip(TABLES, table_bytes, strict=False):
             os.truncate(folder / name, size)
         self._files = [(folder / name).open("a" if table_bytes else "w", newline="") for name in TABLES]
@@ -55,7 +55,7 @@ class WorldOutput:
             file.close()
 
     def write(self, tally: Tally, changed: Iterable[EventRecord]) -> None:
-        """One closed step, and the events that arrived, were first sensed or completed in it."""
+        """Write one closed step, and the events that arrived, were first sensed or completed in it."""
         self._rows.writerow(tally)
         self._events.writerows(event.state() for event in changed)
         now = time.monotonic()
@@ -68,7 +68,7 @@ class WorldOutput:
             file.flush()
 
     def started(self) -> None:
-        """The first step begins: the run's wall time counts from here."""
+        """Start the run's wall time with the first step."""
         self._started = time.monotonic()
 
     @property
@@ -77,21 +77,21 @@ class WorldOutput:
         return self._wall_before_s + time.monotonic() - self._started
 
     def sync(self) -> list[int]:
-        """Have all rows on disk, whatever becomes of the machine; how long the tables are [bytes]."""
+        """Force all rows to disk; return the lengths of the tables [bytes]."""
         self._flush()
         for file in self._files:
             os.fsync(file.fileno())
         return [file.tell() for file in self._files]
 
     def finish(self, core: WorldCore, complete: bool, overruns: int) -> None:
-        """Events and totals; `world.json` appears last and whole."""
+        """Write events and totals; `world.json` last and atomically."""
         self._flush()
         wall_s = self.wall_s
         with (self._folder / "events.csv").open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
             rows.writerows(core.environment.states())
-        if complete:  # else the run may go on from a checkpoint
+        if complete:  # else the run may resume from a checkpoint
             (self._folder / EVENTS_SO_FAR).unlink()
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"

@@ -1,13 +1,12 @@
-"""The pace of clock `realtime`: one step per tick of the wall clock. The clock and the waiting are the caller's."""
+"""The pace of clock `realtime`: one step per tick of the wall clock. The caller has the clock and waits."""
 
 from collections.abc import Callable
 
 
 class RealTimePace:
-    """Keeps steps from ending before their tick is over; a step that takes longer is counted and not made up for.
+    """Holds each step until the end of its tick; a longer step is counted, not made up for.
 
-    `monotonic` tells the wall time [s], as in the module `time`; `complain` gets a text once, when the pace is lost
-    for the first time.
+    `monotonic` returns the wall time [s], as in the module `time`; `complain` gets a text when the pace is first lost.
     """
 
     def __init__(
@@ -17,18 +16,18 @@ class RealTimePace:
         complain: Callable[[str], None],
     ) -> None:
         self.overruns = 0
-        """Steps that began more than a tick late because an earlier one took too long."""
+        """Steps that began more than one tick late."""
         self._tick_s = tick_s
         self._monotonic = monotonic
         self._complain = complain
         self.tick_ends_s = monotonic()
-        """The wall time at which the step's tick is over."""
+        """The wall time at which the step's tick ends."""
 
     def next_tick(self) -> float:
-        """Begin a step; the wall time [s] at which it must end.
+        """Begin a step; return the wall time [s] at which it must end.
 
-        A delay of up to one tick shortens this step. After a longer one the ticks are counted from now, so that no
-        burst of steps follows.
+        A delay of up to one tick shortens this step. After a longer delay ticks count from now, to avoid a burst of
+        steps.
         """
         now_s = self._monotonic()
         if now_s > self.tick_ends_s + self._tick_s:
@@ -40,5 +39,5 @@ class RealTimePace:
         return self.tick_ends_s
 
     def pause(self, seconds: float) -> None:
-        """Leave a stretch of time out of the count: nobody is late because of it."""
+        """Exclude a pause from the pace."""
         self.tick_ends_s += seconds

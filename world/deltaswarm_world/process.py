@@ -2,64 +2,37 @@
 
 import logging
 import time
-from collections.abc import Callable
 
 from deltaswarm_wire.checkpoint import is_due
-from deltaswarm_wire.commands import Pace, Turn
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
-from deltaswarm_wire.operator_messages import Clock, Status, encode_clock, encode_forwarded
+from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
 from deltaswarm_world import saving
+from deltaswarm_world.attention import Attention
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep, HandingOn
+from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
-from deltaswarm_world.rhythm import Rhythm
 from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.turns import LIVE, OFF
-from deltaswarm_world.waker import Counted, Said, Taken, Waker
+from deltaswarm_world.waker import Waker
 from deltaswarm_world.wires import Wires
 
 log = logging.getLogger("deltaswarm.world")
 
 GOODBYE_S = 3.0
-"""How long the world waits, at the end, for the others to have left."""
-
-STATUS_EVERY_S = 0.5
+"""Time at the end for the other parts to leave."""
 
 
-class WorldProcess:
+class WorldProcess(Attention):
     """One run of the world over its wires, or what is left of one whose world was saved in a checkpoint."""
 
     def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
-        self._config = config
-        self._settings = config.scenario.run
-        self._core = saved.core
-        self._wires = wires
-        self._waker = waker
+        super().__init__(config, wires, waker, saved)
         self._patience = saved.patience
         self._restarts = saved.restarts
         self._overruns_before = saved.overruns
-        self._handing_on = HandingOn(wires.forwarded, wires.clock)
-        self._handing_on.confirm(self._core.lockstep.step)
-        self._has_begun = False
-        self._pace: RealTimePace | None = None
-        turns = self._core.turns
-        if config.has_station and turns.mode == OFF:
-            turns.mode = LIVE
-        self._rhythm = Rhythm(turns, self._settings.step_s, time.monotonic)
-        self._in_hand: ProcessOrder | None = None
-        """What is being done to processes, on order: their tokens come and go as planned."""
-        self._status_due = self._probe_due = 0.0
-        self._there: set[tuple[str, int]] = set()
-        self._taken: dict[str, int] = {}
-        """By role, the newest step that operator and recorder have, since they came."""
-        self._is_over = False
-        """The last clock has gone out."""
-        self._operator_left = False
-        """The operator went, and has not been given what it missed."""
-        self._warned: set[int] = set()
+        self._probe_due = 0.0
 
     def wait_for_all(self) -> None:
         """Wait until every expected process is there.
@@ -72,7 +45,7 @@ class WorldProcess:
         expected |= {(role, 0) for role in self._config.expect}
         if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
             missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
-            raise TimeoutError(f"not there after {self._settings.start_timeout_s:g} s: {missing}")
+            raise TimeoutError(f"all must be ready within {self._settings.start_timeout_s:g} s (missing: {missing})")
 
     def _are_there(self, expected: set[tuple[str, int]]) -> bool:
         if time.monotonic() >= self._status_due:
@@ -161,7 +134,7 @@ class WorldProcess:
             self._wires.save(agents, step)
             self._wait_until(lambda: not can_be_saved() or is_saved(), self._settings.start_timeout_s)
         if not can_be_saved() or not is_saved():
-            log.warning("no checkpoint after step %d: somebody hangs, is frozen, has gone or cannot be saved", step)
+            log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
             return
         saving.save(
             self._config.out,
@@ -189,7 +162,7 @@ class WorldProcess:
             return
         self._in_hand = order
         if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
-            raise TimeoutError(f"not done within {self._settings.start_timeout_s:g} s: {order.text}")
+            raise TimeoutError(f"orders must be done within {self._settings.start_timeout_s:g} s (got {order.text})")
         self._in_hand = None
         if order.action == START:
             self._restarts.update(order.agents)
@@ -258,9 +231,9 @@ class WorldProcess:
     def _welcome_operator(self) -> None:
         """Wait for an operator to be started in place of the one that went, and give it what it missed."""
         step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
-        log.warning("the operator is gone in step %d; it is waited for", step)
+        log.warning("the operator is gone in step %d; waiting for it", step)
         if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
-            raise TimeoutError(f"the operator went in step {step} and did not come back within {patience_s:g} s")
+            raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
         self._operator_left = False
         self._handing_on.begin_anew(self._taken[OPERATOR])
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
@@ -270,104 +243,7 @@ class WorldProcess:
             return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
 
         if not self._wait_until(lambda: self._operator_left or not behind(), self._settings.start_timeout_s):
-            raise TimeoutError(f"no step taken within {self._settings.start_timeout_s:g} s: {', '.join(behind())}")
-
-    def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
-        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
-
-        Raises:
-            InterruptedError: a signal came, and the condition did not hold soon.
-        """
-        began = time.monotonic()
-        self._waker.wake_at(began + within_s)
-        while not condition():
-            if self._wires.take(self._take):
-                continue
-            self._look_up()
-            if not condition() and time.monotonic() >= self._waker.deadline:
-                if self._waker.stop_requested:
-                    raise InterruptedError("stopped by a signal")
-                return False
-        if self._pace:
-            self._pace.pause(time.monotonic() - began)
-        return True
-
-    def _look_up(self) -> None:
-        """What the world does each time that it is woken."""
-        self._take_news()
-        if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
-            step = self._core.lockstep.step
-            self._send_status(step, "running" if self._has_begun else "waiting")
-
-    def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
-        """Take one sample of an agent."""
-        hanging = self._core.lockstep.hanging
-        was_hanging = agent in hanging
-        reason = self._core.inbox.hear(agent, leaf, data, act)
-        if was_hanging and agent not in hanging:
-            log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
-        if reason is not None and agent not in self._warned:
-            self._warned.add(agent)
-            log.warning("a sample on a key of agent %d was dropped (further ones are only counted): %s", agent, reason)
-
-    def _take_news(self) -> None:
-        """Take note of who came and who went, and of what operator and recorder have, in that order.
-
-        What the operator counted is handed on to the recorder.
-        """
-        while self._waker.news:
-            news = self._waker.news.popleft()
-            if isinstance(news, Taken):
-                self._taken[news.role] = news.step
-                if news.role == OPERATOR and not self._operator_left:
-                    self._handing_on.confirm(news.step)
-                continue
-            if isinstance(news, Counted):
-                self._wires.workload(news.data)
-                continue
-            if isinstance(news, Said):
-                self._take_word(news.word)
-                continue
-            role, number, is_there = news
-            (self._there.add if is_there else self._there.discard)((role, number))
-            if role == AGENT and number < self._config.scenario.agents.count:
-                self._take_token(number, is_there)
-            elif not is_there:
-                self._taken.pop(role, None)
-                self._operator_left |= role == OPERATOR and self._has_begun
-
-    def _take_word(self, word: Turn | Pace) -> None:
-        """The operator's turn, or the pace that it wants."""
-        if isinstance(word, Pace):
-            self._rhythm.take(word)
-        elif reason := self._core.turns.take(word):
-            log.warning("dropped: %s", reason)
-
-    def _take_token(self, agent: int, there: bool) -> None:
-        """An agent came or went."""
-        lockstep = self._core.lockstep
-        if self._in_hand is not None and agent in self._in_hand.agents:
-            return
-        (lockstep.back if there else lockstep.gone)(agent)
-        if there and agent in lockstep.boards:
-            self._core.inbox.go_on_anywhere(agent)
-        if self._has_begun and not self._is_over:
-            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
-
-    def _send_status(self, step: int, phase: str) -> None:
-        self._status_due = time.monotonic() + STATUS_EVERY_S
-        core = self._core
-        self._wires.status(
-            Status(
-                max(step, 0),
-                self._settings.steps,
-                max(step, 0) * self._settings.step_s,
-                len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
-                core.agents_in_trees,
-                core.environment.mean_waiting_s(),
-                phase,
-            )
-        )
+            raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
         """Let operator and recorder take what was sent and leave; then the world's token goes.
@@ -384,7 +260,7 @@ class WorldProcess:
             if self._operator_left:
                 self._welcome_operator()
             elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
-                raise TimeoutError(f"the operator has not taken step {last}")
+                raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("not all parts left within %g s", GOODBYE_S)
         self._wires.leave()

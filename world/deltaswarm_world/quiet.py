@@ -1,4 +1,4 @@
-"""The quiet sleep: which agents have something to decide, and where the others have been meanwhile."""
+"""The quiet sleep: agents with something to decide, and the positions of the others meanwhile."""
 
 from collections import deque
 from collections.abc import Collection, Sequence
@@ -8,28 +8,28 @@ from deltaswarm_wire.messages import MAX_POSES, Act, Event, Heard, Pose
 
 
 class QuietSleep:
-    """Keeps, for each agent, until when its last act holds and when it was asked last. Steps are the run's."""
+    """Keeps until when each agent's last act holds, and the step of its last frame."""
 
     def __init__(self, agents: int, *, ask_all: bool) -> None:
         self._ask_all = ask_all
         self._until = [0] * agents
         self._asked = [-1] * agents
         self._sensed: set[int] = set()
-        """Who sensed something in the last step: that it is gone is news, too."""
+        """Agents that sensed something in the last step, for which sensing nothing is news."""
         self._places: deque[list[Pose]] = deque(maxlen=MAX_POSES)
-        """All agents' places in the last steps, this one last."""
+        """All agents' positions in the last steps, this one last."""
 
     def wake(self, agent: int) -> None:
-        """Ask an agent in the next step, whatever its last act said."""
+        """Give an agent a frame in the next step, whatever its last act said."""
         self._until[agent] = 0
 
     def start(self, agent: int, step: int) -> None:
-        """A new process stands in for an agent from this step on; where the body was before is not its to know."""
+        """Start a new process of an agent with this step, without the positions before."""
         self._until[agent] = 0
         self._asked[agent] = step - 1
 
     def hold(self, agent: int, act: Act) -> None:
-        """An act holds until its step comes, but never longer than a frame has room for places."""
+        """Let an act hold until its step, at most as long as a frame has room for positions."""
         self._until[agent] = min(act.until, act.step + MAX_POSES)
 
     def to_ask(
@@ -40,7 +40,7 @@ class QuietSleep:
         heard: Sequence[Sequence[Heard]],
         always: Collection[int],
     ) -> list[int]:
-        """Those of `agents` whose act has run out, who sense or hear something, or who are among `always`.
+        """Return the agents whose act has run out, that sense or hear something, or are in `always`.
 
         An agent that sensed something in the step before is asked once more. `sensed` and `heard` are by agent.
         """
@@ -51,11 +51,11 @@ class QuietSleep:
         return [agent for agent in agents if until[agent] <= step or agent in news or heard[agent] or agent in always]
 
     def move_to(self, places: Sequence[Sequence[float]]) -> None:
-        """All agents' places in this step [m]."""
+        """Note all agents' positions in this step [m]."""
         self._places.append([(x_m, y_m) for x_m, y_m in places])
 
     def ask(self, agent: int, step: int) -> tuple[Pose, tuple[Pose, ...]]:
-        """An agent's place in this step, and those since it was asked last, oldest first."""
+        """Return an agent's position in this step, and those since its last frame, oldest first."""
         places = self._places
         missed = min(step - self._asked[agent], len(places)) - 1
         self._asked[agent] = step

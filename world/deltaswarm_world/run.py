@@ -1,4 +1,4 @@
-"""A whole run of the world: its router, its process, and what it leaves."""
+"""A whole run of the world: its router, its process, and its files."""
 
 import logging
 import signal
@@ -18,10 +18,9 @@ STOP_SIGNALS = {signal.SIGTERM, signal.SIGINT}
 
 
 def run_world(config: WorldConfig, announce: Callable[[str], None], saved: SavedWorld | None = None) -> int:
-    """Be the router and the world of one run; the process's exit code.
+    """Run the router and the world of one run; return the exit code.
 
-    `announce` is told the endpoints, with spaces between them, once the router listens on them. A world that was
-    `saved` goes on.
+    `announce` gets the endpoints, separated by spaces, once the router listens on them. With `saved` the world resumes.
     """
     early: list[int] = []
     for number in STOP_SIGNALS:
@@ -35,7 +34,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
         open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
     ):
         waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
-        if early:  # the signal came before anything waited for it
+        if early:  # the signal came before the waker was ready
             signal.raise_signal(early[0])
         try:
             world = WorldProcess(config, wires, waker, saved)

@@ -1,4 +1,4 @@
-"""The world's part of a checkpoint, which makes it whole: the others have written theirs before."""
+"""The world's part of a checkpoint, written last, which completes it."""
 
 import json
 import pickle
@@ -17,27 +17,27 @@ from deltaswarm_world.lockstep import Patience
 
 @dataclass
 class SavedWorld:
-    """All of a world that goes on; one that has not begun is a `new` one."""
+    """The full state of a world, also of a `new` one."""
 
     core: WorldCore
     patience: Patience
     restarts: Counter[int] = field(default_factory=Counter)
-    """How often each agent was started anew, on order."""
+    """Restarts of each agent by orders."""
     table_bytes: Sequence[int] = ()
-    """How long the world's tables were; empty: there were none."""
+    """Lengths of the world's tables; empty: no tables yet."""
     wall_s: float = 0.0
-    """Wall time since the first step began, without the time in which the run was not under way [s]."""
+    """Wall time since the first step, without interruptions of the run [s]."""
     overruns: int = 0
 
     @classmethod
     def new(cls, config: WorldConfig) -> Self:
-        """Before the first step."""
+        """Make the state before the first step."""
         scenario = config.scenario
         return cls(WorldCore(scenario, config.boards), Patience(scenario.run.step_timeout_s))
 
 
 def save(run_folder: Path, saved: SavedWorld) -> None:
-    """Write the world, and that there is a checkpoint after its newest step; delete the one before. Raises OSError."""
+    """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
     lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
     checkpoint.write(folder / str(lockstep.step) / checkpoint.WORLD_FILE, pickle.dumps(saved))
     told = {"step": lockstep.step, "agents": sorted(lockstep.alive), "restarts": list(saved.restarts.items())}
@@ -48,7 +48,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
 
 
 def load(run_folder: Path, step: int) -> SavedWorld:
-    """The world after a step.
+    """Load the world's state after a step.
 
     Raises:
         ValueError: its file cannot be read.
@@ -57,7 +57,7 @@ def load(run_folder: Path, step: int) -> SavedWorld:
     try:
         saved = pickle.loads(file.read_bytes())
         if not isinstance(saved, SavedWorld):
-            raise TypeError(f"no world in it, but a {type(saved).__name__}")
-    except Exception as error:  # whatever is in the file
-        raise ValueError(f"--resume {step}: {file} cannot be read: {error!r}") from error
+            raise TypeError(f"must hold a world (got {type(saved).__name__})")
+    except Exception as error:  # the file may raise anything
+        raise ValueError(f"--resume must name a readable checkpoint: {file}: {error!r} (got {step})") from error
     return saved

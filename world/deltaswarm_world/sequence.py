@@ -1,26 +1,26 @@
-"""Sequence numbers of agents' messages: they show what the fabric lost."""
+"""Sequence numbers of agents' messages, which reveal losses on the fabric."""
 
 from collections import Counter
 from collections.abc import Mapping
 
 
 def by_agent(counts: Mapping[int, int]) -> dict[str, int]:
-    """Counts that are not 0, as JSON has them."""
+    """Return the nonzero counts, for JSON."""
     return {str(agent): count for agent, count in sorted(counts.items()) if count}
 
 
 class SequenceNumbers:
-    """The numbers of agents' messages of one kind, from 0 up by 1: a gap is a loss."""
+    """Checks the numbers of one kind of message, which count up from 0: a gap is a loss."""
 
     def __init__(self) -> None:
         self.lost: Counter[int] = Counter()
-        """Messages that are missing, by agent."""
+        """Missing messages by agent."""
         self.fell_back: Counter[int] = Counter()
-        """How often an agent's number did not grow, and it had not been away: often, if two processes act as it."""
+        """Resets of an agent's number without an absence; many mean that two processes share its id."""
         self._due: dict[int, int | None] = {}
 
     def follow(self, agent: int, number: int) -> None:
-        """Take the number of a message that came."""
+        """Take the number of a message."""
         due = self._due.get(agent, 0)
         if due is not None and number != due:
             if number > due:
@@ -30,9 +30,9 @@ class SequenceNumbers:
         self._due[agent] = number + 1
 
     def begin_anew(self, agent: int) -> None:
-        """Its next message is that of a new process."""
+        """Expect the next message from a new process."""
         self._due[agent] = 0
 
     def go_on_anywhere(self, agent: int) -> None:
-        """Its next message may have any number."""
+        """Accept any number in the next message."""
         self._due[agent] = None

@@ -1,4 +1,4 @@
-"""What wakes the world's process out of its wait for samples. With `wires.py` it is all that touches Zenoh."""
+"""Wakes the world's process from its wait for samples. Only this file and `wires.py` use Zenoh."""
 
 import logging
 import signal
@@ -21,14 +21,14 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 log = logging.getLogger("deltaswarm.world")
 
 WAKE_EVERY_S = 0.5
-"""So often at least [wall s], so that the world can say that it is there."""
+"""Longest wait [wall s], so that the world can publish its status."""
 
 STOP_WITHIN_S = 1.0
-"""Who has not closed the step by then is not waited for when the run is to end."""
+"""Time that a stopping run waits for agents to close the step."""
 
 
 class Token(NamedTuple):
-    """A process came, or went."""
+    """A process appeared or disappeared."""
 
     role: str
     number: int
@@ -36,14 +36,14 @@ class Token(NamedTuple):
 
 
 class Taken(NamedTuple):
-    """Operator or recorder has all steps up to this one, or nothing yet (-1)."""
+    """Newest step on disk at operator or recorder (-1: none yet)."""
 
     role: str
     step: int
 
 
 class Counted(NamedTuple):
-    """The operator's workload, as it encoded it."""
+    """The operator's encoded workload."""
 
     data: bytes
 
@@ -58,19 +58,19 @@ News = Token | Taken | Counted | Said
 
 
 class Waker:
-    """Wakes the main thread out of its wait for samples: at a deadline, at a token, at a signal.
+    """Wakes the main thread from its wait for samples: at a deadline, a token, or a signal.
 
-    A sample that the world sends itself is the one thing that reaches a thread blocked in the channel.
+    Only a sample, which the world sends to itself, reaches a thread blocked in the channel.
     """
 
     def __init__(self, session: zenoh.Session, keys: Keys) -> None:
         self.deadline = float("inf")
-        """Wall time (monotonic) at which to wake; set it by `wake_at`."""
+        """Wall time (monotonic) of the next wake-up; set by `wake_at`."""
         self.stop_requested = False
         self.news: deque[News] = deque()
         """In order of arrival."""
         self.done: deque[int] = deque()
-        """Numbers of the orders that the orchestrator has carried out."""
+        """Numbers of completed orders."""
         self._session = session
         self._key = keys.agent(0, "wake")
         self._nudge = threading.Event()
@@ -92,7 +92,7 @@ class Waker:
         self._await_signal()
 
     def wake_at(self, deadline_s: float) -> None:
-        """Wake at a wall time (monotonic) [s]; soon, if a signal has come or comes before."""
+        """Wake at a wall time (monotonic) [s], or soon after a signal."""
         self.deadline = deadline_s
         if self.stop_requested:
             self.deadline = min(deadline_s, time.monotonic() + STOP_WITHIN_S)
@@ -107,18 +107,18 @@ class Waker:
         try:
             self.done.append(decode_done(sample.payload.to_bytes()))
         except WireError as error:
-            log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
         self._nudge.set()
 
     def _on_taken(self, sample: zenoh.Sample) -> None:
         try:
             self.news.append(Taken(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
         except WireError as error:
-            log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
         self._nudge.set()
 
     def _on_workload(self, sample: zenoh.Sample) -> None:
-        self.news.append(Counted(sample.payload.to_bytes()))  # wakes nobody: the operator's next word does
+        self.news.append(Counted(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
 
     def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
         def on_word(sample: zenoh.Sample) -> None:
@@ -131,7 +131,7 @@ class Waker:
         return on_word
 
     def _await_signal(self) -> None:
-        """A blocked main thread runs no handlers; the interpreter writes the signal's number here at once."""
+        """Watch the wake-up descriptor, since a blocked main thread runs no signal handlers."""
         reader, writer = socket.socketpair()
         writer.setblocking(False)
         signal.set_wakeup_fd(writer.fileno())
@@ -145,7 +145,7 @@ class Waker:
         self._nudge.set()
 
     def close(self) -> None:
-        """No more samples: the session is about to be closed."""
+        """Stop waking; the session is about to close."""
         self._closed = True
         self._nudge.set()
         self._watcher.join()

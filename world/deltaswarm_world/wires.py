@@ -1,4 +1,4 @@
-"""The world's ends of the fabric: the router, what it sends, what agents send. `waker.py` has the rest of Zenoh."""
+"""The world's Zenoh router, publishers and subscriber of agents. `waker.py` has the rest of Zenoh."""
 
 import socket
 import threading
@@ -23,22 +23,22 @@ ANY_PORT = ":0"
 
 
 class Taker(Protocol):
-    """Who takes what an agent says: its bytes, and those of an act that ride on them."""
+    """Receives an agent's sample, and the act attached to it."""
 
     def __call__(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample."""
 
 
 class Wires:
-    """Publishers, and the queue of what agents sent, over an open router session."""
+    """Publishers, and the queue of agents' samples, over an open router session."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, agents: int) -> None:
         self.room = 8 * agents + 64
-        """So many samples fit into the queue; a full one makes those who send wait."""
+        """Capacity of the queue in samples; a full queue blocks senders."""
         self._channel = session.declare_subscriber(keys.from_agents, zenoh.handlers.FifoChannel(self.room))
         self._handler = self._channel.handler
         self._set_aside: deque[zenoh.Sample] = deque()
-        """What was taken out of the queue while the world was sending."""
+        """Samples taken out of the queue while the world was sending."""
         self._lock = threading.Lock()
         self._turns, self._is_receiving, self._is_closed = 0, False, False
         self._is_closing = threading.Event()
@@ -71,20 +71,20 @@ class Wires:
             self._frames[agent].put(encode_frame(frame))
 
     def save(self, agents: Iterable[int], step: int) -> None:
-        """Have each of these agents save itself as it is after this step."""
+        """Request that these agents save their state after this step."""
         for agent in agents:
-            self._frames[agent].put(encode_save(step), attachment=b"save")  # by which it knows that this is no frame
+            self._frames[agent].put(encode_save(step), attachment=b"save")  # distinguishes it from a frame
 
     def order(self, order: ProcessOrder) -> None:
-        """Have the orchestrator do something to processes."""
+        """Send an order to the orchestrator."""
         self._orders.put(encode_order(order))
 
     def status(self, status: Status) -> None:
-        """Tell those who watch."""
+        """Publish the status."""
         self._status.put(encode_status(status))
 
     def take(self, taker: Taker) -> bool:
-        """Wait for one sample and hand it over; False if it was only a wake-up."""
+        """Wait for one sample and pass it on; return False for a wake-up."""
         with self._lock:
             self._turns += 1
             sample = self._set_aside.popleft() if self._set_aside else None
@@ -95,7 +95,7 @@ class Wires:
         return self._hand_over(sample, taker)
 
     def take_waiting(self, taker: Taker) -> None:
-        """Hand over what has come, but no more than the queue holds at once."""
+        """Pass on the waiting samples, at most one full queue."""
         with self._lock:
             while self._set_aside:
                 self._hand_over(self._set_aside.popleft(), taker)
@@ -113,31 +113,31 @@ class Wires:
         return True
 
     def leave(self) -> None:
-        """The world's token goes: the others may end."""
+        """Undeclare the world's token, so that the other parts exit."""
         self._token.undeclare()
 
     def close(self) -> None:
-        """Hear no more of agents."""
+        """Stop receiving from agents."""
         self._is_closing.set()
         self._channel.undeclare()
         self._is_closed = True
         self._relief.join()
 
     def _relieve(self) -> None:
-        """Empty the queue while the world does not: it is sending, or ends, and takes long.
+        """Empty the queue while the world does not, because sending or ending takes long.
 
-        A full queue, as in a flood, blocks the router's one thread, and without that nothing is sent either.
+        A full queue, as in a flood, blocks the router's one thread, and with it all sending.
         """
         turns = -1
         while not self._is_closed:
             self._is_closing.wait(RELIEF_EVERY_S)
-            with self._lock:  # else a later sample could overtake one that is set aside
+            with self._lock:  # else a later sample could overtake one set aside
                 if self._is_closing.is_set():
                     self._set_aside.clear()
                 elif self._is_receiving or turns != self._turns:
                     turns = self._turns
                     continue
-                with suppress(zenoh.ZError):  # once the channel is closed
+                with suppress(zenoh.ZError):  # the channel is closed
                     while (sample := self._handler.try_recv()) is not None:
                         self._set_aside.append(sample)
             if self._is_closing.is_set():
@@ -152,7 +152,7 @@ def open_router(
     asked: Sequence[str],
     announce: Callable[[str], None],
 ) -> zenoh.Session:
-    """Listen where asked; port 0 is any free one. `announce` is told the endpoints, with spaces between them.
+    """Open the router on these endpoints; port 0 means any free port. `announce` gets them, separated by spaces.
 
     Raises:
         ConnectionError: it cannot listen there.
@@ -167,7 +167,7 @@ def open_router(
             )
         except zenoh.ZError as error:
             if not may_retry or attempt == PORT_TRIES - 1:
-                raise ConnectionError(f"the router cannot be opened: {error}") from None
+                raise ConnectionError(f"the router must be able to listen: {error}") from None
         else:
             announce(" ".join(endpoints))
             return session

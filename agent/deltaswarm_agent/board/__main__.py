@@ -32,7 +32,9 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     made.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
-    made.add_argument("--accelerate", type=float, default=1.0, metavar="N", help="simulated per wall second (1)")
+    made.add_argument(
+        "--accelerate", type=float, default=1.0, metavar="N", help="simulated seconds per wall second (default: 1)"
+    )
     made.add_argument(
         "--steps", type=int, default=MAX_STEP, metavar="N", help="exit after this many steps (default: never)"
     )
@@ -40,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run a board; its exit code is 0 after being told to stop, 2 for a bad file or arguments, else 1."""
+    """Run a board. Exit code: 0 after a signal to stop, 2 for a bad file or arguments, else 1."""
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
@@ -48,9 +50,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
         if not 0 < run.accelerate <= MAX_ACCELERATE:
             found = f"{run.accelerate:g}"
-            raise SettingsError([Problem("--accelerate", found, f"above 0 and at most {MAX_ACCELERATE:g} is allowed")])
+            raise SettingsError([Problem("--accelerate", found, f"must be above 0 and at most {MAX_ACCELERATE:g}")])
         if not 1 <= run.steps <= MAX_STEP:
-            raise SettingsError([Problem("--steps", str(run.steps), f"1 to {MAX_STEP} is allowed")])
+            raise SettingsError([Problem("--steps", str(run.steps), f"must be from 1 to {MAX_STEP}")])
         if settings.body.kind == WORLD_BODY:
             begin = partial(run_in_world, world_config(settings), settings.log)
         else:
@@ -74,18 +76,18 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def check_certificate(settings: BoardSettings) -> None:
-    """Raises SettingsError for one that the other end of a link would refuse, or take for another's."""
-    from deltaswarm_wire.certificate import certificate_problem  # costs an agent 4 MB, and nobody else needs it
+    """Raise SettingsError if the other end of a link would refuse the certificate or it names another process."""
+    from deltaswarm_wire.certificate import certificate_problem  # costs an agent 4 MB; only this check needs it
 
     tls = settings.air.tls.files
     if tls is not None and (text := certificate_problem(tls, settings.user)):
-        raise SettingsError([Problem("air.tls.cert_file", repr(tls.certificate), text)])
+        raise SettingsError([Problem("air.tls.cert_file", repr(tls.certificate), f"must be valid: {text}")])
 
 
 def warn_of_certificate(settings: BoardSettings) -> None:
-    """Say what `check_certificate` would: other ends refuse in silence.
+    """Log what `check_certificate` finds, since the other end refuses silently.
 
-    The agent goes on, since it may be the clock. A child does this, whose memory is given back.
+    The agent continues, for only its clock may be wrong. A child process checks, so that its memory is freed.
     """
     if settings.air.tls.files is None:
         return
@@ -107,24 +109,26 @@ def warn_of_certificate(settings: BoardSettings) -> None:
 
 
 WORLD_LOST_S = 60.0
-"""A board whose link dies waits so long for the world to come back before it ends (and systemd starts it anew)."""
+"""Time that a board without a link waits for the world before it exits, for systemd to restart it."""
 
 
 def world_config(settings: BoardSettings) -> AgentConfig:
-    """The board's file for an agent whose body is the world's: the process is the one of a simulation."""
+    """Configure an agent with a body simulated by the world: the same process as in a simulation."""
     return AgentConfig(
         settings.run, settings.id, settings.air.link(settings.user), settings.agent, world_lost_s=WORLD_LOST_S
     )
 
 
 def run_in_world(config: AgentConfig, logs: LogSettings) -> int:
-    """Be an agent of a world, watched by systemd and with a log as any board; the process's exit code.
+    """Run an agent of a world, with systemd's watchdog and the board's log; return the exit code.
 
-    The world may pause for as long as it likes, so what is told of is that the process lives, not that it steps.
+    The world may pause indefinitely, so the watchdog reports that the process lives, not that it steps.
     """
     log_to(logs, config.agent)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)  # Python's own waits for Zenoh, which may wait for a dead link
+        signal.signal(
+            signal.SIGINT, signal.SIG_DFL
+        )  # Python's own handler would wait for Zenoh, which may hang on a dead link
     notifier = Notifier.from_environment()
     ended = threading.Event()
 
@@ -143,7 +147,7 @@ def run_in_world(config: AgentConfig, logs: LogSettings) -> int:
 
 
 def told(settings: BoardSettings) -> str:
-    """What the board would do, in words."""
+    """Describe what the board would do."""
     air, body, log, agent = settings.air, settings.body, settings.log, settings.agent
     lines = [
         f"agent {settings.id} of run {settings.run}, {agent.control.mode}, a step every {agent.step_s:g} s",
@@ -154,7 +158,7 @@ def told(settings: BoardSettings) -> str:
         + (", multicast" if air.multicast else "")
         + (", gossip" if air.gossip else "")
         + (", mTLS" if air.tls.ca_file else "")
-        + (f", agents {air.agents} alone" if air.agents else "")
+        + (f", only agents {air.agents}" if air.agents else "")
         + (f", logs in as {settings.user}" if air.credentials_file else "")
         + (f", drops frames from beyond {air.range_m:g} m" if air.range_m else ""),
         f"body: {body.kind}",

@@ -1,6 +1,6 @@
-"""One step of an agent on a board: body and air make the frame, the controller decides, the body moves.
+"""One step of an agent on a board: body and air provide the frame, the controller decides, the body moves.
 
-The controller is the same as in a simulation and does not know the difference. It is asked in every step.
+The controller is the same as in a simulation. It is called in every step.
 """
 
 import math
@@ -15,33 +15,33 @@ from deltaswarm_wire.messages import FREE, MAX_SENSED, Event, Frame, Heard
 Place = tuple[float, float]
 
 MAX_FAILURES = 10
-"""A body whose calls fail in so many steps in a row is given up, and the agent with it."""
+"""The agent fails after this many consecutive steps in which calls of the body failed."""
 
 
 def checked_sensed(found: Any) -> Sensed:
-    """What a body gave, as plain numbers; a body may be anybody's.
+    """Convert a body's result to plain numbers; a body may be third-party code.
 
     Raises:
-        TypeError, ValueError, AttributeError: it is not what a body may give.
+        TypeError, ValueError, AttributeError: the result breaks the body's contract.
     """
     if not isinstance(found, Sensed):
-        raise TypeError(f"it gives {type(found).__name__} and no Sensed")
+        raise TypeError(f"sense must return a Sensed (got {type(found).__name__})")
     if found.fault:
         return NOWHERE._replace(fault=str(found.fault))
     if len(found.events) > MAX_SENSED:
-        raise ValueError(f"it senses {len(found.events)} events; at most {MAX_SENSED} are allowed")
+        raise ValueError(f"events must be at most {MAX_SENSED} (got {len(found.events)})")
     events = tuple([Event(int(event), float(x_m), float(y_m)) for event, x_m, y_m in found.events])
     for event in events:
         if not (0 <= event.event <= MAX_ID and abs(event.x_m) <= MAX_ABS_M and abs(event.y_m) <= MAX_ABS_M):
-            raise ValueError(f"it senses event {event.event} at ({event.x_m:g}, {event.y_m:g}) m")
+            raise ValueError(f"events must have valid ids and positions (got {event})")
     return Sensed(float(found.x_m), float(found.y_m), float(found.std_m), events)
 
 
 class SetPoint:
-    """Where the body was last sent; near enough to it is there.
+    """The last target of the body, which counts as reached within a tolerance.
 
-    A controller plans to the centimetre, and a robot's place is never that certain. Without this an agent would circle
-    round a place that it has reached, and a member that stands would seem to move.
+    A controller plans to the centimetre, but a robot's position is less certain. Without a tolerance an agent would
+    circle around a target, and a member that stands would seem to move.
     """
 
     def __init__(self, arrive_m: float) -> None:
@@ -49,13 +49,13 @@ class SetPoint:
         self._at: Place | None = None
 
     def settled(self, x_m: float, y_m: float) -> Place:
-        """The place to plan from: the set point if the body is near it, else the body's own [m]."""
+        """Return the position to plan from: the set point if the body is near it, else the body's own [m]."""
         if self._at is not None and math.dist(self._at, (x_m, y_m)) <= self._arrive_m:
             return self._at
         return x_m, y_m
 
     def advance(self, at: Place, vx_mps: float, vy_mps: float, step_s: float) -> None:
-        """The next set point: a step from where the agent planned."""
+        """Move the set point one step on from the planning position."""
         self._at = (at[0] + vx_mps * step_s, at[1] + vy_mps * step_s)
 
 
@@ -64,13 +64,13 @@ class Driver:
 
     def __init__(self, shell: Shell, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
         self.role = FREE
-        """What the agent says it is."""
+        """The agent's role by its own account."""
         self.faulty_steps = 0
-        """Steps in which the body could not be relied on."""
+        """Steps with a fault of the body."""
         self.fault = ""
-        """What is wrong with the body now, in a few words."""
+        """The body's present fault in a few words; "" if none."""
         self.place_m = (math.nan, math.nan)
-        """Where the agent takes itself to be."""
+        """The agent's estimate of its position."""
         self._shell = shell
         self._step_s = step_s
         self._body = body
@@ -79,13 +79,13 @@ class Driver:
         self._failures = 0
 
     def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
-        """Sense, decide, move. None where the body is not well: then it stands, and the agent says nothing.
+        """Sense, decide, move. With a fault of the body, stand, send nothing, and return None.
 
-        `hear` gives the frames that were heard at a place [m].
+        `hear` returns the frames received at a position [m].
 
         Raises:
             ControllerError: the controller failed.
-            Exception: what the body raises, when its calls failed in `MAX_FAILURES` steps in a row.
+            Exception: from the body, after failures in `MAX_FAILURES` consecutive steps.
         """
         before, self.fault = self._failures, ""
         said = self._step(step, time_s, hear)
@@ -114,7 +114,7 @@ class Driver:
     def _sense(self, time_s: float) -> Sensed:
         try:
             return checked_sensed(self._body.sense(time_s))
-        except Exception as error:  # whatever a plug-in may raise
+        except Exception as error:  # a plug-in may raise anything
             self._fails(error)
             return NOWHERE
 
@@ -127,18 +127,18 @@ class Driver:
         return True
 
     def _fails(self, error: Exception) -> None:
-        """A call of the body failed, in its code or by what it gave."""
+        """Count a failed call of the body: an exception or an invalid result."""
         if not self.fault:
             self._failures += 1
             if self._failures >= MAX_FAILURES:
                 raise error
-            self.fault = f"its code fails: {type(error).__name__}: {error}"
+            self.fault = f"body failed: {type(error).__name__}: {error}"
 
     def _doubt(self, sensed: Sensed) -> str:
         if not (math.isfinite(sensed.x_m) and math.isfinite(sensed.y_m)):
-            return "the place is no number"
+            return "position is not a number"
         if max(abs(sensed.x_m), abs(sensed.y_m)) > MAX_ABS_M:
-            return "the place is not on this Earth"
+            return "position is off the Earth"
         if not 0.0 <= sensed.std_m <= self._max_std_m:
-            return f"the place is uncertain by {sensed.std_m:g} m"
+            return f"position has a standard deviation of {sensed.std_m:g} m"
         return ""

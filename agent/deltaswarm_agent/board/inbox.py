@@ -1,7 +1,7 @@
-"""What came through open air since the last step: checked, counted, and of each neighbour the newest.
+"""Frames received through open air since the last step: checked, counted, the newest of each neighbour.
 
-The radio decides who is heard. What is dropped here is what no radio would bring: frames that break the protocol
-or are on no agent's key, frames that lay in a dead link and come late, and on request those of senders out of range.
+The radio decides which frames arrive. Dropped here are only frames that no radio would deliver: malformed frames,
+frames on no agent's key, frames delayed in a dead link, and optionally those from senders out of range.
 """
 
 import math
@@ -14,35 +14,35 @@ from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import MAX_TIME_S, Heard
 
 MAX_NEIGHBOURS = 256
-"""So many senders are kept in one step: bounds the memory that strangers can take."""
+"""Maximum number of senders in one step; bounds the memory that strangers can use."""
 
 MAX_KNOWN = 4096
-"""So many senders' clocks are remembered."""
+"""Maximum number of senders' clocks to remember."""
 
 CLOCK_DRIFT = 1e-3
-"""Two boards' clocks part by less than this, s per s."""
+"""Bound on the relative drift of two boards' clocks [s/s]."""
 
 STEADY_S, SETTLES_S = 1.0, 10.0
-"""Arrival less sending that varies by less than this for so long is the usual: a clock jumped, or the way is new."""
+"""An offset (arrival less sending) that varies by less than the first for the second becomes the usual offset [s]."""
 
 
 MAX_RATE_HZ, MAX_BURST = 200.0, 256.0
-"""Frames of one sender that are looked at: no agent takes more than 100 steps per second, and a link may stall."""
+"""Limits on the frames of one sender: an agent takes at most 100 steps per second, and a link may stall."""
 
-TOO_MANY = f"one of more than {MAX_RATE_HZ:g} per second"
+TOO_MANY = f"over {MAX_RATE_HZ:g} per second"
 
 MAX_TOLD = 256
-"""So many reasons, of senders, are worth a line in the log: the rest is only counted."""
+"""Maximum number of logged pairs of sender and reason; the rest is only counted."""
 
 MAX_SENT_BYTES = 32
-"""Of a radio sample's attachment."""
+"""Maximum size of a radio sample's attachment."""
 
 
 @dataclass
 class _Sender:
-    """What is known of a neighbour's clock: the least of arrival less sending [s], and when that was seen.
+    """A neighbour's clock: the smallest offset (arrival less sending) [s], and when it was updated.
 
-    `steady_s` is what it has been near to since `steady_since_s`, and `steady_least_s` the least since then.
+    Since `steady_since_s` the offset has been near `steady_s`, with the minimum `steady_least_s`.
     """
 
     least_s: float
@@ -54,7 +54,7 @@ class _Sender:
 
 
 class _Arrival(NamedTuple):
-    """A sender's newest frame: its counter, when it came [s], where from [m] if that is known, its bytes."""
+    """A sender's newest frame: counter, arrival time [s], sender's position [m] if known, bytes."""
 
     counter: int
     arrived_s: float
@@ -63,7 +63,7 @@ class _Arrival(NamedTuple):
 
 
 class Sent(NamedTuple):
-    """A radio sample's attachment: when it was sent, by the sender's clock [s since its start], and where [m]."""
+    """A radio sample's attachment: sending time by the sender's clock [s since its start], and position [m]."""
 
     sent_s: float
     x_m: float
@@ -103,17 +103,17 @@ class Lateness:
 
 
 class Allowance:
-    """How many frames of each sender may come: `MAX_RATE_HZ` in the long run, `MAX_BURST` at once."""
+    """A rate limit per sender: `MAX_RATE_HZ` on average, `MAX_BURST` at once."""
 
     def __init__(self) -> None:
         self._left: dict[int | None, tuple[float, float]] = {}
 
     def spend(self, sender: int | None, now_s: float) -> bool:
-        """Whether one more may come now [s]."""
+        """Whether one more frame is allowed now [s]."""
         left, since_s = self._left.pop(sender, (MAX_BURST, now_s))
         left = min(MAX_BURST, left + MAX_RATE_HZ * (now_s - since_s))
         if len(self._left) >= MAX_KNOWN:
-            self._left.pop(next(iter(self._left)))  # whoever was heard least recently
+            self._left.pop(next(iter(self._left)))  # the least recent sender
         self._left[sender] = (max(0.0, left - 1.0), now_s)
         return left >= 1.0
 
@@ -134,11 +134,11 @@ def decode_sent(data: bytes) -> Sent:
 
 
 class Inbox:
-    """The frames for the next step. Not safe for threads: the edge that owns it takes care."""
+    """The frames for the next step. Not thread-safe; its owner locks it."""
 
     def __init__(self, agent: int, stale_s: float, range_m: float = 0.0) -> None:
         self.dropped: Counter[str] = Counter()
-        """Frames that were not kept, by reason."""
+        """Dropped frames by reason."""
         self.heard = 0
         """Frames that reached the agent."""
         self._agent = agent
@@ -150,9 +150,9 @@ class Inbox:
         self._newest: dict[int, _Arrival] = {}
 
     def refuse(self, sender: int | None, now_s: float) -> str:
-        """Why a sample of this sender that arrives now [s] is not even looked at, or nothing.
+        """Why to drop a sample that arrives now [s] unread, or "".
 
-        A sender that floods its key costs no more than this.
+        This bounds the cost of a sender that floods its key.
         """
         if self._allowance.spend(sender, now_s):
             return ""
@@ -160,16 +160,16 @@ class Inbox:
         return TOO_MANY
 
     def is_news(self, sender: int | None, reason: str) -> bool:
-        """Whether it was not asked before about this sender and reason, and not too often about others."""
+        """Whether to log this sender and reason: not logged before, and the limit is not reached."""
         if (sender, reason) in self._told or len(self._told) >= MAX_TOLD:
             return False
         self._told.add((sender, reason))
         return True
 
     def take(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
-        """A sample that arrives now [s], from this sender's key (None: no agent's key).
+        """Take a sample that arrives now [s] on this sender's key (None: no agent's key).
 
-        Returns: why it is dropped, or nothing.
+        Returns: why it is dropped, or "".
         """
         reason = self._fault(sender, data, sent, now_s)
         if reason:
@@ -187,7 +187,7 @@ class Inbox:
         if sender is None:
             return "on no agent's key"
         if sender == self._agent:
-            return "of another agent with this number"
+            return "from another agent with this number"
         if told is not None and self._lateness.of(sender, told.sent_s, now_s) > self._stale_s:
             return "stale"
         before = self._newest.get(sender)
@@ -199,7 +199,7 @@ class Inbox:
         return ""
 
     def empty(self, now_s: float, place_m: tuple[float, float]) -> tuple[Heard, ...]:
-        """What is heard in the step at `now_s` by an agent at `place_m`: what came since the last one."""
+        """Take the frames since the last step, for the step at `now_s` of an agent at `place_m`."""
         heard = []
         for sender, arrival in self._newest.items():
             if now_s - arrival.arrived_s > self._stale_s:
@@ -214,5 +214,5 @@ class Inbox:
 
 
 def _is_within(range_m: float, place_m: tuple[float, float], other_m: tuple[float, float] | None) -> bool:
-    """Whether a sender's place is known and within range."""
+    """Whether a sender's position is known and within range."""
     return other_m is not None and math.dist(place_m, other_m) <= range_m

@@ -1,4 +1,4 @@
-"""Where a board's log goes: to standard error, or to files of bounded length for as long as there is room for them."""
+"""A board's log: to standard error, or to files of bounded length until the disk is full."""
 
 import logging
 import logging.handlers
@@ -12,24 +12,24 @@ log = logging.getLogger("deltaswarm.board")
 
 
 class _Files(logging.handlers.RotatingFileHandler):
-    """Gives its place up to the handlers before it when the disk is full or read-only."""
+    """Falls back to the previous handlers when the disk is full or read-only."""
 
     def handleError(self, record: logging.LogRecord) -> None:  # noqa: N802 (the name that `logging` calls)
-        """Called by `logging` for a line that could not be written."""
+        """Handle a line that could not be written; `logging` calls this."""
         error = sys.exc_info()[1]
         root = logging.getLogger()
-        if self in root.handlers:  # else another thread has done so, while this one waited to write
+        if self in root.handlers:  # else another thread has removed it meanwhile
             root.removeHandler(self)
             _to_standard_error(logging.NOTSET)
-            log.error("nothing more is logged to %s: %s", self.baseFilename, error)
-        if record.levelno < logging.ERROR:  # others are there already
+            log.error("logging to %s stopped: %s", self.baseFilename, error)
+        if record.levelno < logging.ERROR:  # errors are already on standard error
             root.handle(record)
 
 
 def log_to(settings: LogSettings, agent: int) -> None:
-    """To standard error, which systemd keeps; with a folder to rotating files instead, errors to both.
+    """Log to standard error, which systemd keeps; with a folder, to rotating files, and errors to both.
 
-    A folder that cannot be written to is said and left.
+    If the folder is not writable, log this and use standard error.
     """
     root = logging.getLogger()
     root.setLevel(settings.level)
@@ -40,7 +40,7 @@ def log_to(settings: LogSettings, agent: int) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         files = _Files(folder / f"agent-{agent}.log", maxBytes=settings.max_bytes, backupCount=settings.backups)
     except OSError as error:
-        log.error("nothing is logged to %s: %s", folder, error)
+        log.error("cannot log to %s: %s", folder, error)
         return
     _to_standard_error(logging.ERROR)
     files.setFormatter(LogFormatter())
@@ -48,6 +48,6 @@ def log_to(settings: LogSettings, agent: int) -> None:
 
 
 def _to_standard_error(level: int) -> None:
-    """From this level on, by the handlers that were there first."""
+    """Set the level of the existing handlers."""
     for handler in logging.getLogger().handlers:
         handler.setLevel(level)

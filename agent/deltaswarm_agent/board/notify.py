@@ -1,4 +1,4 @@
-"""Tells systemd how the board is (sd_notify): datagrams to the socket that the environment names, if it does."""
+"""Notifications to systemd (sd_notify): datagrams to the socket that the environment names."""
 
 import contextlib
 import os
@@ -12,37 +12,37 @@ class Notifier:
 
     def __init__(self, address: str = "", alive_every_s: float | None = None) -> None:
         self.alive_every_s = alive_every_s
-        """`alive` is expected at least this often [s]; None: nobody watches."""
+        """Longest interval between calls of `alive` [s]; None: no watchdog."""
         # Linux spells its abstract socket names with a leading NUL, the environment with an @.
         self._address = "\0" + address[1:] if address.startswith("@") else address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) if address else None
 
     @classmethod
     def from_environment(cls, environment: MutableMapping[str, str] = os.environ) -> Self:
-        """By NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID; half the watchdog's time, as systemd advises."""
+        """Read NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID; use half the watchdog's time, as systemd advises."""
         text, pid = environment.get("WATCHDOG_USEC", ""), environment.get("WATCHDOG_PID", "")
         is_watched = text.isdecimal() and int(text) > 0 and pid in ("", str(os.getpid()))
         return cls(environment.get("NOTIFY_SOCKET", ""), int(text) / 2e6 if is_watched else None)
 
     def ready(self) -> None:
-        """The first step is done."""
+        """Notify that the first step is complete."""
         self._send("READY=1")
 
     def alive(self) -> None:
-        """The loop goes round."""
+        """Notify the watchdog that the process lives."""
         if self.alive_every_s is not None:
             self._send("WATCHDOG=1")
 
     def status(self, text: str) -> None:
-        """A line for `systemctl status`."""
+        """Set the line in `systemctl status`."""
         self._send(f"STATUS={text}")
 
     def stopping(self) -> None:
-        """The end has begun."""
+        """Notify that the process is ending."""
         self._send("STOPPING=1")
 
     def close(self) -> None:
-        """Let go of the socket."""
+        """Close the socket."""
         if self._socket:
             self._socket.close()
 

@@ -1,7 +1,7 @@
-"""Open air: each board publishes its radio frames on its own key and hears `agent/*/radio` of its neighbours.
+"""Open air: each board publishes its radio frames on its own key and subscribes to its neighbours' `agent/*/radio`.
 
-The one file of a board that touches Zenoh. Nothing here ever waits for a link: what cannot be sent at once is
-dropped, as in any radio, and the session is opened and its links are watched in a thread of its own.
+This is the only file of a board that uses Zenoh. Nothing here waits for a link: a sample that cannot be sent at once
+is dropped, as in any radio, and a separate thread opens the session and watches its links.
 """
 
 import logging
@@ -25,13 +25,13 @@ log = logging.getLogger("deltaswarm.air")
 
 RETRY_S = 1.0
 STALLS_S, STALLS_STEPS = 2.0, 5
-"""A board that has not stepped for so long by the wall, and for so many steps, is told of as not well."""
+"""A board that has not stepped for this wall time and this many steps is reported as not well."""
 CLOSE_S = 1.0
-"""A session that does not open or close within this is left to the end of the process."""
+"""A session that does not open or close within this time is left to the exit of the process."""
 
 
 def cannot_listen(endpoint: str) -> str:
-    """Why nobody can listen on a network's endpoint now; nothing if one can."""
+    """Why listening on a network endpoint fails at present; "" if it works."""
     protocol = protocol_of(endpoint)
     if protocol not in WITH_PORT:
         return ""
@@ -43,7 +43,9 @@ def cannot_listen(endpoint: str) -> str:
         [family, kind, _, _, address], *_ = socket.getaddrinfo(host.encode(), port, type=wanted)
         with socket.socket(family, kind) as probe:
             if is_stream:
-                probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # after a restart it is free, as for Zenoh
+                probe.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_REUSEADDR, 1
+                )  # as Zenoh, so that a restart can reuse the port
             probe.bind(address)
     except OSError as error:
         return str(error)
@@ -51,7 +53,7 @@ def cannot_listen(endpoint: str) -> str:
 
 
 class OpenAir:
-    """The air of one board, and its way to the operator.
+    """The air of one board, and its link to the operator.
 
     Raises:
         ValueError: Zenoh refuses the settings.
@@ -70,35 +72,35 @@ class OpenAir:
         self._report: zenoh.Publisher | None = None
         self._health: zenoh.Publisher | None = None
         self.unsent = 0
-        """Samples that found no session."""
+        """Samples dropped for lack of a session."""
         self.links = 0
-        """Boards, operators and routers that it has a link with now."""
+        """Present links with boards, operators and routers."""
 
     def open(self, accelerate: float = 1.0) -> None:
-        """Begin to look for others; the agent's clock begins now, and runs so much faster than the wall's."""
+        """Start connecting, and start the agent's clock, `accelerate` times as fast as the wall clock."""
         self._accelerate = accelerate
         self._start_s = time.monotonic()
         self._stepped_s = 0.0
         self._stalls = False
         zenoh.init_log_from_env_or("error")
         if self._settings.air.tls.ca_file and not self._settings.air.agents:
-            log.warning("without air.agents whoever has a certificate is believed, whatever number it gives")
+            log.warning("air.agents is empty: every process with a certificate can act as any agent")
         self._opener.start()
 
     @property
     def counts(self) -> str:
-        """What was heard and what was not, for the log."""
+        """Counts of received and dropped frames, for the log."""
         with self._lock:
             dropped = ", ".join(f"{count} {reason}" for reason, count in sorted(self._inbox.dropped.items()) if count)
             heard = f"heard {self._inbox.heard}; dropped {dropped or 'none'}; unsent {self.unsent}"
         return f"{heard}; links {self.links}"
 
     def now_s(self) -> float:
-        """The agent's own clock [s since `open`]: no clock of the calendar, which may be set."""
+        """The agent's monotonic clock [s since `open`]."""
         return (time.monotonic() - self._start_s) * self._accelerate
 
     def hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
-        """What came since the last step, for an agent at a place [m]."""
+        """Take the frames since the last step, for an agent at a position [m]."""
         self._stepped_s = self.now_s()
         if self._stalls:
             self._stalls = False
@@ -107,19 +109,19 @@ class OpenAir:
             return self._inbox.empty(self.now_s(), place_m)
 
     def say(self, data: bytes, place_m: tuple[float, float]) -> None:
-        """Put one radio frame on the air, from a place [m]."""
+        """Broadcast one radio frame from a position [m]."""
         self._put(self._radio, data, encode_sent(Sent(self.now_s(), *place_m)))
 
     def report(self, data: bytes) -> None:
-        """Send one report to the operator, with the board's own wall clock [Unix s] beside it."""
+        """Send one report to the operator, with the board's wall clock [Unix s] attached."""
         self._put(self._report, data, pack(time.time()))
 
     def health(self, fault: str) -> None:
-        """Tell the operator what is wrong with the body; nothing, if it is well."""
+        """Send the operator the fault of the body; "" if it is well."""
         self._put(self._health, encode_health(Health(fault)))
 
     def close(self) -> bool:
-        """Leave: the liveliness token goes at once. False where links are so bad that the session is not closed yet."""
+        """Leave; the liveliness token goes at once. Return False if bad links keep the session from closing in time."""
         self._closing.set()
         if self._opener.is_alive():
             self._opener.join(CLOSE_S)
@@ -139,16 +141,16 @@ class OpenAir:
                 publisher.put(data, attachment=attachment)
                 return
         except zenoh.ZError as error:
-            log.debug("nothing was sent: %s", error)
+            log.debug("sample not sent: %s", error)
         self.unsent += 1
 
     # In threads of their own
 
     def _tell_of_taken_ports(self) -> None:
-        """Zenoh tries to listen for ever, and in silence, since an address may come later than the board."""
+        """Warn of endpoints in use: Zenoh retries silently without end, since an address may appear later."""
         for endpoint in self._settings.air.listen:
             if problem := cannot_listen(endpoint):
-                log.warning("cannot listen on %s yet, and nobody connects to it there: %s", endpoint, problem)
+                log.warning("cannot listen on %s yet, so no board can connect to it: %s", endpoint, problem)
 
     def _keep_opening(self) -> None:
         told = ""
@@ -160,7 +162,7 @@ class OpenAir:
                 self._watch(session)
             except zenoh.ZError as error:
                 if str(error) != told:
-                    log.warning("no session yet, trying again: %s", error)
+                    log.warning("no session yet, retrying: %s", error)
                 told = str(error)
                 self._closing.wait(RETRY_S)
 
@@ -176,7 +178,7 @@ class OpenAir:
         log.info("agent %d is on the air of run %s", agent, keys.run)
 
     def _watch(self, session: zenoh.Session) -> None:
-        """Tell of links that come and go, and of an agent that does not step, until the end."""
+        """Until the end, log changes of links and report an agent that does not step."""
         longest_s = max(STALLS_S * self._accelerate, STALLS_STEPS * self._settings.agent.step_s)
         while not self._closing.wait(RETRY_S):
             stalled_s = self.now_s() - self._stepped_s
@@ -185,7 +187,7 @@ class OpenAir:
                 self.health(f"it has not stepped for {stalled_s:.0f} s")
             links = len(session.info.peers_zid()) + len(session.info.routers_zid())
             if links != self.links:
-                log.info("links: %d now, %d before", links, self.links)
+                log.info("links: %d (was %d)", links, self.links)
                 self.links = links
 
     def _publisher(
@@ -209,4 +211,4 @@ class OpenAir:
             )
             is_news = bool(reason) and self._inbox.is_news(sender, reason)
         if is_news:
-            log.warning("dropped (further ones are only counted): a frame on %s is %s", sample.key_expr, reason)
+            log.warning("dropped a frame on %s: %s (more are only counted)", sample.key_expr, reason)

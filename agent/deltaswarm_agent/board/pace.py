@@ -1,27 +1,27 @@
-"""Steps by a clock: no drift that adds up, and no burst after a delay. All times in s."""
+"""Steps by a clock, without accumulated drift and without bursts after a delay. All times in s."""
 
 import math
 
 
 class StepTimer:
-    """Step k is due at `start_s + k * step_s`, whatever happened before."""
+    """Step k is due at `start_s + k * step_s`, independent of earlier delays."""
 
     def __init__(self, step_s: float, start_s: float) -> None:
         self.skipped = 0
-        """Steps that were missed."""
+        """Number of missed steps."""
         self._step_s = step_s
         self._start_s = start_s
         self._next = 0
 
     def wait_s(self, now_s: float) -> float:
-        """Until the next step is due; 0 if it is."""
+        """Time until the next step is due; 0 if it is due."""
         return max(0.0, self._start_s + self._next * self._step_s - now_s)
 
     def due(self, now_s: float) -> int | None:
-        """The step that is to be done now, once each; None before its time. Late ones are skipped, not made up for."""
+        """Return the step that is due, each once; None if none is due. Late steps are skipped, not made up for."""
         if self.wait_s(now_s) > 0.0:
             return None
-        # The next one is due, even where rounding would have its time a hair away; and none is left that is due too.
+        # The next step is due, even if rounding puts it slightly later; skip to the newest step that is due.
         step = max(self._next, math.floor((now_s - self._start_s) / self._step_s))
         step += self._start_s + (step + 1) * self._step_s <= now_s
         self.skipped += step - self._next

@@ -1,4 +1,4 @@
-"""The board's process: body, core and air, step by step by the wall clock."""
+"""The board's process: runs body, core and air in steps of the wall clock."""
 
 import contextlib
 import faulthandler
@@ -33,14 +33,14 @@ if TYPE_CHECKING:
 log = logging.getLogger("deltaswarm.board")
 
 ENDS_WITHIN_S = 3.0
-"""A body that hangs is left behind so long after a signal (systemd kills after 5 s)."""
+"""Time after a signal at which a hanging body is abandoned (systemd kills after 5 s)."""
 
 
 class Recorder(Protocol):
-    """Where frames are kept, if they are."""
+    """Records frames."""
 
     def write(self, topic: str, data: bytes) -> None:
-        """Keep one sample."""
+        """Record one sample."""
 
     def close(self) -> None:
         """Finish the file."""
@@ -48,9 +48,9 @@ class Recorder(Protocol):
 
 @dataclass(frozen=True)
 class BoardRun:
-    """A run of one agent on this board, checked as far as it can be without starting anything.
+    """A run of one agent on this board.
 
-    `accelerate` is simulated per wall second; the agent ends after `steps` of them, or when it is told to.
+    `accelerate` is simulated seconds per wall second. The agent exits after `steps` steps or a signal.
     """
 
     settings: BoardSettings
@@ -58,28 +58,30 @@ class BoardRun:
     steps: int = MAX_STEP
 
     def check(self) -> OpenAir:
-        """Look for the body, its options, what recording needs; the air, ready to be opened.
+        """Check the body, its options and the recorder; return the air, ready to open.
 
         Raises:
-            SettingsError, ValueError: what is wrong with them.
+            SettingsError, ValueError: they have mistakes.
         """
         body = find_body(self.settings.body.kind)
         options_of(body, self.settings.body.options)
         if body.REAL_TIME and self.accelerate != 1.0:
-            raise SettingsError([Problem("--accelerate", f"{self.accelerate:g}", f"{body.__name__} is a real body: 1")])
+            raise SettingsError(
+                [Problem("--accelerate", f"{self.accelerate:g}", f"must be 1 for {body.__name__}, a real body")]
+            )
         if self.settings.log.record != "off":
             _recorder_class()
         return OpenAir(self.settings)
 
 
 def run_board(run: BoardRun, air: OpenAir) -> int:
-    """Be an agent on a board until told to stop, by SIGTERM, SIGINT or SIGHUP; the process's exit code.
+    """Run an agent on a board until SIGTERM, SIGINT or SIGHUP; return the exit code.
 
-    Call it in the main thread, with what `BoardRun.check` gave.
+    Call it in the main thread, with the air from `BoardRun.check`.
 
     Raises:
         ControllerError: the controller failed.
-        Exception: what the body raises, as it is made or later.
+        Exception: from the body, as it is made or later.
     """
     settings = run.settings
     log_to(settings.log, settings.id)
@@ -102,21 +104,21 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
         _end_in_time()
         notifier.stopping()
         try:
-            body.close()  # the robot first: whatever else fails, it shall stand
+            body.close()  # the robot first: it must stop, whatever else fails
         finally:
             is_closed = air.close()
             if recorder:
-                with contextlib.suppress(OSError):  # the disk is full, which was said
+                with contextlib.suppress(OSError):  # the disk is full, which was already logged
                     recorder.close()
             notifier.close()
     if not is_closed:
         logging.shutdown()
-        os._exit(0)  # a thread that is within Zenoh makes the interpreter's own end an abort
+        os._exit(0)  # with a thread inside Zenoh, a normal interpreter exit would abort
     return 0
 
 
 class _Loop:
-    """Step after step."""
+    """The step loop."""
 
     def __init__(
         self, run: BoardRun, driver: Driver, air: OpenAir, notifier: Notifier, recorder: Recorder | None
@@ -130,7 +132,7 @@ class _Loop:
         self._fault = ""
 
     def go(self, stop: Stop) -> None:
-        """Until a signal, or the last step."""
+        """Run until a signal or the last step."""
         settings = self._run.settings
         pace = StepTimer(self._step_s, self._air.now_s())
         line = StepTimer(settings.log.every_s, self._air.now_s() + settings.log.every_s)
@@ -159,7 +161,7 @@ class _Loop:
             self._send(said)
         fault, before = self._driver.fault, self._fault
         if fault or before:
-            self._air.health(fault)  # in each step: the link, or the operator, may come later than the fault
+            self._air.health(fault)  # in each step: link or operator may appear after the fault
         if fault != before:
             self._fault = fault
             log.warning("the body is %s", f"not well: {fault}" if fault else "well")
@@ -172,12 +174,12 @@ class _Loop:
         return heard
 
     def _keep(self, agent: int, leaf: str, data: bytes) -> None:
-        """Record a sample; a full disk ends the recording, not the agent."""
+        """Record a sample. A full disk ends the recording, not the agent."""
         if self._recorder:
             try:
                 self._recorder.write(f"/agent/{agent}/{leaf}", data)
             except OSError as error:
-                log.error("nothing more is recorded: %s", error)
+                log.error("recording stopped: %s", error)
                 self._recorder = None
 
     def _send(self, said: Outbound) -> None:
@@ -200,7 +202,7 @@ class _Loop:
 
 
 def _has_come(stop: Stop, wait_s: float) -> bool:
-    """Whether there is a signal, after waiting for one."""
+    """Wait for a signal; return whether there is one."""
     try:
         number = stop.get(timeout=wait_s) if wait_s > 0 else stop.get_nowait()
     except queue.Empty:
@@ -210,7 +212,7 @@ def _has_come(stop: Stop, wait_s: float) -> bool:
 
 
 def _end_in_time() -> None:
-    """Let the process end soon, whatever hangs: then with word of where, and exit code 1."""
+    """Make sure that the process exits soon; if it hangs, with tracebacks and exit code 1."""
     faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
 
 
@@ -218,7 +220,9 @@ def _recorder_class() -> "type[FrameRecorder]":
     try:
         from deltaswarm_agent.board.recording import FrameRecorder
     except ImportError:
-        raise SettingsError([Problem("log.record", "'mcap'", "needs the package mcap (extra mcap)")]) from None
+        raise SettingsError(
+            [Problem("log.record", "'mcap'", "must be off without the package mcap (extra mcap)")]
+        ) from None
     return FrameRecorder
 
 
@@ -229,5 +233,5 @@ def _recorder(settings: BoardSettings) -> Recorder | None:
     try:
         return _recorder_class()(Path(told.folder), f"agent-{settings.id}", told.max_bytes, told.backups)
     except OSError as error:
-        log.error("nothing is recorded: %s", error)
+        log.error("recording is off: %s", error)
         return None

@@ -1,4 +1,4 @@
-"""The agent's own frames and those it hears, as MCAP files of bounded length. Needs `mcap` (extra `mcap`)."""
+"""Records sent and received frames as MCAP files of bounded length. Needs `mcap` (extra `mcap`)."""
 
 import time
 from pathlib import Path
@@ -7,14 +7,13 @@ from typing import Any, BinaryIO
 from mcap.writer import CompressionType, Writer
 
 CHUNK_BYTES = 64 * 1024
-"""So much is lost at most when the board's power goes."""
+"""Maximum loss when the board loses power."""
 
 
 class FrameRecorder:
-    """Writes `<name>.mcap` into a folder; when it is full it becomes `<name>.1.mcap`, and so on up to `backups`.
+    """Writes `<name>.mcap` into a folder; a full file becomes `<name>.1.mcap`, and so on up to `backups`.
 
-    Topics are the samples' keys, messages the samples as they went over the air (MessagePack); the times are the
-    board's own wall clock.
+    Topics are the samples' keys, messages the samples as sent (MessagePack), times the board's wall clock.
     """
 
     def __init__(self, folder: Path, name: str, max_bytes: int, backups: int) -> None:
@@ -25,7 +24,7 @@ class FrameRecorder:
         self._open()
 
     def write(self, topic: str, data: bytes) -> None:
-        """Keep one sample."""
+        """Record one sample."""
         now_ns = time.time_ns()
         if topic not in self._channels:
             self._channels[topic] = self._writer.register_channel(topic, "msgpack", schema_id=0)
@@ -45,7 +44,7 @@ class FrameRecorder:
         return self._folder / (f"{self._name}.{number}.mcap" if number else f"{self._name}.mcap")
 
     def _roll(self) -> None:
-        """Each file takes the name of the next older one; the oldest goes."""
+        """Rename each file to the next older name, which deletes the oldest."""
         for number in reversed(range(self._backups)):
             if self._file(number).exists():
                 self._file(number).replace(self._file(number + 1))

@@ -1,4 +1,4 @@
-"""The one file that a board is given."""
+"""The settings file of a board."""
 
 import os
 import tomllib
@@ -13,7 +13,7 @@ from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.codec import MAX_AGENT_ID
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
-from deltaswarm_wire.keys import AGENT, Keys
+from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import BODIES, controller_settings
 from deltaswarm_wire.session import Pairs, RouterLink, Tls, air_pairs, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
@@ -23,20 +23,20 @@ RECORDS = ("off", "mcap")
 KINEMATIC = "kinematic"
 MAX_FILE_BYTES = 1_000_000
 WORLD_BODY = "world"
-"""The body that is the world's frame: air and clock are the world's too."""
+"""A body simulated by the world, which also provides air and clock."""
 
 
 @dataclass(frozen=True)
 class TlsSettings:
-    """Certificates, for endpoints that begin with `tls/` or `quic/`; both ends show theirs (mTLS)."""
+    """Certificates for `tls/` and `quic/` endpoints; both ends present one (mTLS)."""
 
-    ca_file: str = key("", "whose certificates are believed (PEM)")
+    ca_file: str = key("", "trusted certificate authority (PEM)")
     cert_file: str = key("", "this board's certificate (PEM)")
-    key_file: str = key("", "its private key (PEM), readable by its owner alone")
-    verify_name: bool = key(True, "whether the other end's name must be in its certificate")
+    key_file: str = key("", "its private key (PEM), readable by its owner only")
+    verify_name: bool = key(True, "check the other end's name against its certificate")
 
     def problems(self) -> list[Problem]:
-        """All three files or none, each readable, the key by nobody else."""
+        """All three files or none must be given, each readable, the key only by its owner."""
         files = {name: getattr(self, name) for name in ("ca_file", "cert_file", "key_file")}
         if not any(files.values()):
             return []
@@ -45,7 +45,7 @@ class TlsSettings:
 
     @property
     def files(self) -> Tls | None:
-        """The three files, if they are named."""
+        """The three files, if given."""
         return Tls(self.ca_file, self.cert_file, self.key_file) if self.ca_file else None
 
     def pairs(self) -> Pairs:
@@ -59,16 +59,16 @@ class AirSettings:
     """How the board reaches its neighbours and the operator."""
 
     mode: str = key("peer", "a peer among boards, or a client of a router", choices=MODES)
-    connect: tuple[str, ...] = key((), "endpoints to connect to, for ever, such as tcp/192.168.1.10:7447")
+    connect: tuple[str, ...] = key((), "endpoints to connect to, retried without end, such as tcp/192.168.1.10:7447")
     listen: tuple[str, ...] = key((), "peer: endpoints to listen on, such as tcp/0.0.0.0:7447")
     multicast: bool = key(False, "peer: find others on the local network by multicast; listens on any port")
     gossip: bool = key(False, "peer: connect to the peers of one's peers as well")
-    range_m: float = key(0.0, "drop frames whose sender says it is farther off [m]; 0: the radio decides", low=0)
-    stale_s: float = key(3.0, "drop frames that were under way for longer than usual by this [s]", above=0, high=3600)
-    agents: str = key(
-        "", "who may be there, such as 0-24, each as the agent that its certificate names; empty: anybody"
+    range_m: float = key(
+        0.0, "drop frames from senders farther away by their own account [m]; 0: the radio decides", low=0
     )
-    credentials_file: str = key("", "`user:password` lines, readable by its owner alone; the agent's own one is taken")
+    stale_s: float = key(3.0, "drop frames delayed by this much more than usual [s]", above=0, high=3600)
+    agents: str = key("", "admitted agents, such as 0-24, identified by certificate; empty: any agent")
+    credentials_file: str = key("", "`user:password` lines, readable by its owner only; the agent uses its own line")
     tls: TlsSettings = key(TlsSettings, "certificates")
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
 
@@ -76,23 +76,23 @@ class AirSettings:
         """What no single key can show."""
         found = []
         if self.mode == "client" and not self.connect:
-            found.append(Problem("connect", "none", "a client needs its router's endpoint"))
+            found.append(Problem("connect", "none", "must name the router of a client"))
         if self.mode == "client" and self.listen:
-            found.append(Problem("listen", ", ".join(self.listen), "a client does not listen: leave it out"))
+            found.append(Problem("listen", ", ".join(self.listen), "must be left out for a client"))
         if self.mode == "peer" and not (self.connect or self.listen or self.multicast):
-            found.append(Problem("connect", "none", "a peer needs one of connect, listen and multicast"))
+            found.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
                 if told := endpoint_problem(endpoint, connects=name == "connect"):
                     found.append(Problem(name, repr(endpoint), told))
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
-                    found.append(Problem(name, repr(endpoint), "air.tls must name the certificates"))
+                    found.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
         found += self._unknown_agents()
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
             found += [problem] if problem else []
         found += [
-            Problem(f"zenoh.{name}", repr(value), "a string with JSON5 in it is allowed")
+            Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
             for name, value in self.zenoh.items()
             if type(value) is not str
         ]
@@ -102,16 +102,22 @@ class AirSettings:
         if not self.agents:
             return []
         if not self.tls.ca_file or any(protocol_of(endpoint) != TLS for endpoint in (*self.connect, *self.listen)):
-            return [Problem("agents", repr(self.agents), "names are in certificates: tls/ endpoints alone are allowed")]
+            return [
+                Problem(
+                    "agents",
+                    repr(self.agents),
+                    "must be left out unless every endpoint is tls/: certificates name the agents",
+                )
+            ]
         try:
             agent_numbers(self.agents)
         except ArgumentTypeError as error:
-            return [Problem("agents", repr(self.agents), str(error))]
+            return [Problem("agents", repr(self.agents), str(error).partition(" (got")[0])]
         return []
 
     @property
     def numbers(self) -> list[int]:
-        """Who may be there; nobody in particular where it is not said."""
+        """The admitted agents; empty: any agent."""
         return agent_numbers(self.agents) if self.agents else []
 
     def link(self, user: str) -> RouterLink:
@@ -126,12 +132,12 @@ class AirSettings:
         link = self.link(user)
         listen = self.listen
         if self.mode == "peer" and self.multicast and not listen:
-            listen = (f"{TLS if self.tls.ca_file else 'tcp'}/0.0.0.0:0",)  # where one is found one must be reached
+            listen = (f"{TLS if self.tls.ca_file else 'tcp'}/0.0.0.0:0",)  # discovered peers must be able to connect
         pairs: Pairs = [
             *air_pairs(self.mode, self.connect, listen, multicast=self.multicast, gossip=self.gossip),
             *self.tls.pairs(),
         ]
-        if self.tls.ca_file:  # who is found has certificates too, or shares an endpoint that was named
+        if self.tls.ca_file:  # discovered peers also have certificates, or use a given endpoint
             pairs.append(("transport/link/protocols", sorted({TLS, *map(protocol_of, (*self.connect, *listen))})))
         if link.user:
             pairs += [("transport/auth/usrpwd/user", link.user), ("transport/auth/usrpwd/password", link.password)]
@@ -142,20 +148,20 @@ class AirSettings:
 
 @dataclass(frozen=True)
 class BodyChoice:
-    """Which body, and what the agent makes of its place."""
+    """The body, and the required quality of its position."""
 
     kind: str = key(KINEMATIC, "world, kinematic, mavlink, another by entry point, or module:Class")
-    arrive_m: float = key(0.2, "this near to where it was sent, the body is there [m]", low=0, high=10)
-    max_std_m: float = key(5.0, "a place less certain than this is none [m]", above=0)
+    arrive_m: float = key(0.2, "tolerance for arriving at a target [m]", low=0, high=10)
+    max_std_m: float = key(5.0, "largest standard deviation of a usable position [m]", above=0)
     options: dict[str, Any] = key(dict, "the body's own options")
 
 
 @dataclass(frozen=True)
 class LogSettings:
-    """What is written on the board; never more than (1 + backups) * max_bytes of each kind."""
+    """Logs and recordings on the board, each at most (1 + backups) * max_bytes."""
 
-    folder: str = key("", "where; empty: to standard error alone")
-    max_bytes: int = key(1_000_000, "a file begins anew at this length", low=10_000, high=10_000_000_000)
+    folder: str = key("", "folder; empty: standard error only")
+    max_bytes: int = key(1_000_000, "length at which a new file begins", low=10_000, high=10_000_000_000)
     backups: int = key(3, "number of older files to keep", low=1, high=1000)
     level: str = key("INFO", "least grave line", choices=("DEBUG", "INFO", "WARNING", "ERROR"))
     every_s: float = key(60.0, "a line of counts this often [s]", above=0)
@@ -164,9 +170,9 @@ class LogSettings:
     def problems(self) -> list[Problem]:
         """A recording needs a place, and a place a name."""
         if "\0" in self.folder:
-            return [Problem("folder", repr(self.folder), "no path has a NUL character")]
+            return [Problem("folder", repr(self.folder), "must have no NUL character")]
         if self.record != "off" and not self.folder:
-            return [Problem("record", repr(self.record), "needs log.folder")]
+            return [Problem("record", repr(self.record), "must be off without log.folder")]
         return []
 
 
@@ -175,19 +181,19 @@ class BoardSettings:
     """One agent on one board."""
 
     id: int = key(0, "the agent's number", low=0, high=MAX_AGENT_ID)
-    run: str = key("field", "the run's name: who shares it belongs together")
+    run: str = key("field", "name of the run, shared by all its parts")
     agent: AgentSettings = key(AgentSettings, "its task, as the world writes it into agent.toml")
-    air: AirSettings = key(AirSettings, "its neighbours and its operator")
+    air: AirSettings = key(AirSettings, "link to neighbours and operator")
     body: BodyChoice = key(BodyChoice, "its robot")
-    log: LogSettings = key(LogSettings, "what it writes")
+    log: LogSettings = key(LogSettings, "its logs and recordings")
 
     def problems(self) -> list[Problem]:
         """What no single table can show."""
         found = []
         try:
             Keys(self.run)
-        except ValueError as error:
-            found.append(Problem("run", repr(self.run[:80]), str(error)))
+        except ValueError:
+            found.append(Problem("run", repr(self.run[:80]), RUN_NAME_RULE))
         if self.air.credentials_file:
             try:
                 password_in(Path(self.air.credentials_file), self.user)
@@ -196,32 +202,36 @@ class BoardSettings:
         if self.body.kind == WORLD_BODY:
             found += self._not_of_a_world()
         elif self.air.agents and self.id not in self.air.numbers:
-            found.append(Problem("air.agents", repr(self.air.agents), f"agent {self.id} itself must be among them"))
+            found.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
         return found
 
     def _not_of_a_world(self) -> list[Problem]:
-        """What an agent whose body is the world's has no use for."""
+        """Check what a body simulated by the world excludes."""
         found = []
         if len(self.air.connect) != 1:
-            found.append(Problem("air.connect", f"{len(self.air.connect)} endpoints", "one is allowed: the world's"))
+            found.append(Problem("air.connect", f"{len(self.air.connect)}", "must have one endpoint, the world's"))
         if any(protocol_of(endpoint) == QUIC for endpoint in self.air.connect):
-            found.append(Problem("air.connect", self.air.connect[0], "the world listens on tls/ and tcp/"))
+            found.append(Problem("air.connect", self.air.connect[0], "must be tls/ or tcp/, as the world's"))
         if not self.air.tls.verify_name:
-            found.append(Problem("air.tls.verify_name", "false", "the world's certificate names its addresses: true"))
+            found.append(
+                Problem("air.tls.verify_name", "false", "must be true: the world's certificate names its addresses")
+            )
         if self.air.agents:
-            found.append(Problem("air.agents", repr(self.air.agents), "the world knows who may be there: leave it out"))
+            found.append(Problem("air.agents", repr(self.air.agents), "must be left out: the world admits its agents"))
         if self.log.record != "off":
-            found.append(Problem("log.record", repr(self.log.record), "the world's recorder has its frames: off"))
+            found.append(
+                Problem("log.record", repr(self.log.record), "must be off: the world's recorder has the frames")
+            )
         return found
 
     @property
     def user(self) -> str:
-        """The name under which the agent logs in."""
+        """The agent's user name."""
         return user_name(AGENT, self.id)
 
     @property
     def pairs(self) -> Pairs:
-        """Zenoh's settings for open air, with who may do what."""
+        """Zenoh's settings for open air, with access rules."""
         made = self.air.pairs(self.user)
         if self.air.agents:
             made.append(("access_control", air_rules(Keys(self.run), self.air.numbers)))
@@ -229,25 +239,27 @@ class BoardSettings:
 
 
 def read_settings(file: Path) -> BoardSettings:
-    """A board's file, checked; paths of files that it names, of secrets and events, begin where it is.
+    """Read and check a board's settings file. Paths in it are relative to its folder.
 
-    It names code that the agent runs, and so it is refused where everybody may write to it.
+    The file names code that the agent runs, so a file that everybody may write to is refused.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is too large or no TOML, or (as SettingsError) has mistakes: all of them.
+        OSError: the file cannot be read.
+        ValueError: the file is too large, writable by everybody or no TOML, or (SettingsError) it has mistakes.
     """
     with file.open("rb") as stream:
         mode = os.fstat(stream.fileno()).st_mode & 0o777
         data = stream.read(MAX_FILE_BYTES + 1)
     if mode & 0o002:
-        raise ValueError(f"has mode {mode:04o}; only its owner may write to what names code to run: chmod 644 {file}")
+        raise ValueError(
+            f"must be writable by its owner only, not mode {mode:04o}, for it names code to run: chmod 644 {file}"
+        )
     if len(data) > MAX_FILE_BYTES:
-        raise ValueError(f"is too large; at most {MAX_FILE_BYTES} bytes are allowed")
+        raise ValueError(f"must be at most {MAX_FILE_BYTES} bytes")
     try:
         return _checked(file, tomllib.loads(data.decode()))
     except RecursionError:
-        raise ValueError("nested too deeply") from None
+        raise ValueError("must not be nested so deeply") from None
 
 
 def _checked(file: Path, table: dict[str, Any]) -> BoardSettings:
@@ -268,12 +280,12 @@ def _checked(file: Path, table: dict[str, Any]) -> BoardSettings:
 
 
 def _control_problems(table: dict[str, Any]) -> list[Problem]:
-    """What is wrong with the controller's options, whatever else is wrong."""
+    """Check the controller's options, even if other settings are wrong."""
     agent = table.get("agent", {})
     known, _ = checked.known(AgentSettings, agent)
     control, _ = checked.check(ControlSettings, agent.get("control", {}) if type(agent) is dict else {})
     if control is None:
-        return []  # told with the other keys
+        return []  # reported with the other keys
     try:
         controller_settings(control.mode, control.options, known or AgentSettings(), "agent.control")
     except SettingsError as error:
@@ -282,23 +294,23 @@ def _control_problems(table: dict[str, Any]) -> list[Problem]:
 
 
 def _find_beside(folder: Path, table: dict[str, Any], name: str) -> None:
-    """A path that is not absolute begins where the file is, whoever reads it from wherever."""
+    """Resolve a relative path against the folder of the settings file."""
     value = table.get(name)
     if type(value) is str and value:
         table[name] = str(folder.absolute() / value)
 
 
 def _readable(name: str, file: str, *, secret: bool = False) -> Problem | None:
-    """What is wrong with a file that is named, if anything is."""
+    """Check that a file is readable and, if `secret`, private."""
     path = Path(file)
     if not os.path.isfile(file):  # unlike Path's, it takes any text
-        return Problem(name, repr(file), "a file that is there is allowed")
+        return Problem(name, repr(file), "must be a file that exists")
     mode = path.stat().st_mode & 0o777
     if secret and mode & 0o077:
-        return Problem(name, f"{file!r} has mode {mode:04o}", "a secret's mode is 0600 (chmod 600)")
+        return Problem(name, f"{file!r} of mode {mode:04o}", f"must be a file of mode 0600: chmod 600 {file}")
     try:
         with path.open("rb") as stream:
             stream.read(1)
     except OSError as error:
-        return Problem(name, repr(file), str(error))
+        return Problem(name, repr(file), f"must be readable: {error}")
     return None

@@ -1,4 +1,4 @@
-"""Signals that end a board. They are taken in a thread of their own, since the main thread may hang in a body."""
+"""Signals that end a board. A separate thread takes them, since the main thread may hang in a body."""
 
 import queue
 import signal
@@ -7,17 +7,17 @@ import threading
 from collections.abc import Callable
 
 Stop = queue.SimpleQueue[int]
-"""Signals that have come."""
+"""Received signals."""
 
 ENDING = (signal.SIGTERM, signal.SIGINT, signal.SIGHUP)
 
 
 def stop_on_signals(on_first: Callable[[], None]) -> Stop:
-    """Put each signal that ends a process into the queue, unless it is ignored; call `on_first` at the first one.
+    """Put each ending signal into the queue, unless it is ignored; call `on_first` at the first one.
 
-    Call this in the main thread. Python runs a signal's handler in the main thread alone, and not before that thread
-    comes back to Python: too late where it hangs, or where the signal comes just before it blocks. What Python's own
-    handler does at once, in whichever thread the signal reaches, is to write the number to the wake-up descriptor.
+    Call this in the main thread. Python runs signal handlers only in the main thread, once it returns to Python code:
+    too late if it hangs or blocks. Python's C-level handler, however, writes the signal's number to the wake-up
+    descriptor at once, in any thread.
     """
     stop: Stop = queue.SimpleQueue()
     woken, waker = socket.socketpair()
@@ -28,7 +28,7 @@ def stop_on_signals(on_first: Callable[[], None]) -> Stop:
         while waker.fileno() >= 0:  # which also keeps the descriptor open
             for number in woken.recv(64):
                 if number not in ENDING:
-                    continue  # of a handler that a body has set
+                    continue  # for a handler that a body has set
                 if is_first:
                     on_first()
                 is_first = False

@@ -1,1 +1,1 @@
-"""The bodies that come with the agent."""
+"""The shipped bodies."""

@@ -1,8 +1,8 @@
-"""Events from a file, for bodies without a world: boards with the same file are in the same surroundings.
+"""Events from a file, for bodies without a world. Boards with the same file have the same events.
 
-A CSV with a header: `event,x_m,y_m` and, where wanted, `from_s,until_s,work_s`. An event is there from `from_s` to
-`until_s` of the agent's own time, or until this agent has observed it for `work_s`. Boards do not tell one another
-of work done: with an `until_s` an event ends for all of them, else for each by its own observation.
+The file is CSV with a header: `event,x_m,y_m` and optionally `from_s,until_s,work_s`. An event exists from `from_s` to
+`until_s` by the agent's clock, or until this agent has observed it for `work_s`. Boards do not exchange completed
+work: `until_s` ends an event for all boards, `work_s` for each board separately.
 """
 
 import csv
@@ -22,7 +22,7 @@ MAX_ROWS, MAX_BYTES = 10_000, 2_000_000
 
 
 class Happening(NamedTuple):
-    """One row. Place in m, arena frame; times in s of the agent's own clock; work in s of its observation."""
+    """One row. Position in m, arena frame; times in s by the agent's clock; work in s of its observation."""
 
     event: int
     x_m: float
@@ -33,10 +33,10 @@ class Happening(NamedTuple):
 
 
 def read_events(lines: Iterable[str]) -> tuple[Happening, ...]:
-    """The rows of an events file.
+    """Read the rows of an events file.
 
     Raises:
-        ValueError: what is wrong, with its line.
+        ValueError: a mistake, with its line.
     """
     reader = csv.DictReader(lines)
     try:
@@ -49,17 +49,17 @@ def _happenings(reader: "csv.DictReader[str]") -> tuple[Happening, ...]:
     names = tuple(reader.fieldnames or ())
     unknown = [name for name in names if name not in _NEEDED + _OPTIONAL]
     if unknown or any(name not in names for name in _NEEDED):
-        allowed = f"{', '.join(_NEEDED)} and, where wanted, {', '.join(_OPTIONAL)} are allowed"
-        raise ValueError(f"line 1: columns {', '.join(names) or 'none'}; {allowed}")
+        rule = f"must be {', '.join(_NEEDED)} and optionally {', '.join(_OPTIONAL)}"
+        raise ValueError(f"line 1: columns {rule} (got {', '.join(names) or 'none'})")
     rows: dict[int, Happening] = {}
     for row in reader:
         if None in row:
-            raise ValueError(f"line {reader.line_num}: more columns than the header's {len(names)}")
+            raise ValueError(f"line {reader.line_num} must have at most {len(names)} columns, as the header")
         happening = _happening(row, reader.line_num)
         if happening.event in rows:
-            raise ValueError(f"line {reader.line_num}: event {happening.event} is there already")
+            raise ValueError(f"line {reader.line_num}: event must be unique (got {happening.event} again)")
         if len(rows) >= MAX_ROWS:
-            raise ValueError(f"line {reader.line_num}: at most {MAX_ROWS} events are allowed")
+            raise ValueError(f"line {reader.line_num}: events must be at most {MAX_ROWS}")
         rows[happening.event] = happening
     return tuple(rows.values())
 
@@ -72,12 +72,12 @@ def _happening(row: dict[str | None, str | None], line: int) -> Happening:
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            raise ValueError(f"line {line}: {name} is {text!r}; a number from {low:g} to {high:g} is allowed")
+            raise ValueError(f"line {line}: {name} must be a number from {low:g} to {high:g} (got {text!r})")
         return value
 
     event = number("event", 0, MAX_ID)
     if event != int(event):
-        raise ValueError(f"line {line}: event is {row['event']!r}; an integer is allowed")
+        raise ValueError(f"line {line}: event must be an integer (got {row['event']!r})")
     made = Happening(
         int(event),
         number("x_m", -MAX_ABS_M, MAX_ABS_M),
@@ -87,12 +87,12 @@ def _happening(row: dict[str | None, str | None], line: int) -> Happening:
         number("work_s", 0.0, math.inf, math.inf),
     )
     if made.until_s <= made.from_s:
-        raise ValueError(f"line {line}: until_s is {made.until_s:g}; above from_s ({made.from_s:g}) is allowed")
+        raise ValueError(f"line {line}: until_s must be above from_s, {made.from_s:g} s (got {made.until_s:g})")
     return made
 
 
 class Surroundings:
-    """The events of a file as one agent meets them."""
+    """The events of a file for one agent."""
 
     def __init__(self, happenings: Iterable[Happening], sensing_range_m: float) -> None:
         self._happenings = {happening.event: happening for happening in happenings}
@@ -109,34 +109,34 @@ class Surroundings:
         ]
 
     def observe(self, observed: Collection[int], x_m: float, y_m: float, time_s: float, for_s: float) -> None:
-        """Work for `for_s` [s] from (x_m, y_m) on those that are in range, whatever the agent claims."""
+        """Work for `for_s` [s] from (x_m, y_m) on the observed events that are in range."""
         for happening in self._near(x_m, y_m, time_s) if observed else ():
             if happening.event in observed:
                 self._done_s[happening.event] = self._done_s.get(happening.event, 0.0) + for_s
 
     def sensed(self, x_m: float, y_m: float, time_s: float, believed: tuple[float, float]) -> tuple[Event, ...]:
-        """What is in range of (x_m, y_m), the true place [m]; seen from the believed one, so it has its error."""
+        """Return the events in range of the true position (x_m, y_m) [m], shifted by the error of the believed one."""
         dx_m, dy_m = believed[0] - x_m, believed[1] - y_m
         near = self._near(x_m, y_m, time_s)[:MAX_SENSED]
         return tuple(Event(h.event, h.x_m + dx_m, h.y_m + dy_m) for h in near)
 
 
 def surroundings(file: str, sensing_range_m: float) -> Surroundings:
-    """What the file holds, for one agent; no file: nothing.
+    """Read the events file for one agent; without a file there are no events.
 
     Raises:
-        OSError, ValueError: it cannot be read.
+        OSError, ValueError: the file cannot be read.
     """
     if not file:
         return Surroundings((), sensing_range_m)
     if not os.path.isfile(file) or os.path.getsize(file) > MAX_BYTES:
-        raise ValueError(f"a file of at most {MAX_BYTES} bytes that is there is allowed")
-    text = Path(file).read_text("utf-8-sig")  # spreadsheets put a mark before the header that no one sees
+        raise ValueError(f"must be an existing file of at most {MAX_BYTES} bytes")
+    text = Path(file).read_text("utf-8-sig")  # spreadsheets write a byte-order mark
     return Surroundings(read_events(text.splitlines()), sensing_range_m)
 
 
 def file_problems(file: str) -> list[Problem]:
-    """What is wrong with the file of the option `events`."""
+    """Check the file of the option `events`."""
     try:
         surroundings(file, 1.0)
     except (OSError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""The geofence: a polygon that no commanded velocity may lead out of. Places in m, arena frame."""
+"""The geofence: a polygon that no commanded velocity may leave. Positions in m, arena frame."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -7,30 +7,32 @@ Place = tuple[float, float]
 Edge = tuple[Place, Place]
 
 TOUCH_M = 0.001
-"""Edges that come nearer to each other touch [m]."""
+"""Edges closer than this touch [m]."""
 
 
 class Fence:
     """A simple polygon, its corners in order.
 
     Raises:
-        ValueError: fewer than three corners, one that comes twice, or edges that cross or touch.
+        ValueError: fewer than three corners, a repeated corner, or edges that cross or touch.
     """
 
     def __init__(self, corners: Sequence[Place]) -> None:
         if len(corners) < 3:
-            raise ValueError(f"{len(corners)} corners; at least 3 are allowed")
+            raise ValueError(f"must have at least 3 corners, not {len(corners)}")
         self._edges = list(zip(corners, [*corners[1:], corners[0]], strict=True))
         for index, corner in enumerate(corners):
             if corner in corners[:index]:
-                raise ValueError(f"the corner {_shown(corner)} comes twice; the last is joined to the first by itself")
+                raise ValueError(
+                    f"must have each corner once, unlike {_shown(corner)}; the last is joined to the first"
+                )
         for one, other in combinations(self._edges, 2):
             if _meet(one, other):
                 edges = " and ".join(f"{_shown(a)}-{_shown(b)}" for a, b in (one, other))
-                raise ValueError(f"the edges {edges} cross or touch; edges that meet at corners alone are allowed")
+                raise ValueError(f"must have edges that meet only at corners, unlike {edges}")
 
     def holds(self, at: Place) -> bool:
-        """Whether a place is within."""
+        """Whether a position is inside."""
         x_m, y_m = at
         within = False
         for (ax, ay), (bx, by) in self._edges:
@@ -39,10 +41,9 @@ class Fence:
         return within
 
     def permits(self, at: Place, vx_mps: float, vy_mps: float, ahead_s: float) -> bool:
-        """Whether a vehicle at this place may take this velocity, `ahead_s` [s] looked ahead.
+        """Whether a vehicle at this position may take this velocity, looking `ahead_s` [s] ahead.
 
-        Within, the whole way must stay within. Outside, it may only stand, or come nearer to the fence: the way
-        back in.
+        Inside, the whole path must stay inside. Outside, the vehicle may only stand or approach the fence.
         """
         to = (at[0] + vx_mps * ahead_s, at[1] + vy_mps * ahead_s)
         if self.holds(at):
@@ -59,13 +60,13 @@ def _shown(at: Place) -> str:
 
 
 def _meet(one: Edge, other: Edge) -> bool:
-    """Whether two edges cross or touch, but for a corner that both have."""
+    """Whether two edges cross or touch outside a shared corner."""
     ends = [(end, edge) for edge, ends in ((one, other), (other, one)) for end in ends if end not in edge]
     return _cross(*one, *other) or any(_to_edge_m2(end, *edge) < TOUCH_M**2 for end, edge in ends)
 
 
 def _cross(a: Place, b: Place, c: Place, d: Place) -> bool:
-    """Whether two segments cross, each other's ends on opposite sides."""
+    """Whether two segments cross, with each one's ends on opposite sides of the other."""
     return _side(a, b, c) * _side(a, b, d) < 0 and _side(c, d, a) * _side(c, d, b) < 0
 
 

@@ -1,4 +1,4 @@
-"""What stands between an agent and a real vehicle: fence, speed limit, and the watchdog. All times in s."""
+"""Safety limits between an agent and a real vehicle: fence, speed limit, watchdog. All times in s."""
 
 import math
 from dataclasses import dataclass
@@ -13,30 +13,30 @@ STAND: Velocity = (0.0, 0.0)
 
 @dataclass(frozen=True)
 class Limits:
-    """What a vehicle is allowed, and what is expected of it."""
+    """Limits and expectations of a vehicle."""
 
     max_speed_mps: float
     command_s: float
-    """A command holds for so long; then the agent has stalled, and the vehicle stands."""
+    """Lifetime of a command; after it the agent has stalled, and the vehicle stands."""
     ahead_s: float
-    """A velocity must keep the vehicle within its fence for so long."""
+    """Time for which a velocity must keep the vehicle inside its fence."""
     position_s: float
-    """A position that is older is none."""
+    """Maximum age of a position."""
     heartbeat_s: float
-    """A vehicle unheard for longer is gone."""
+    """Maximum age of a heartbeat."""
     needs_armed: bool
     modes: tuple[str, ...]
-    """Flight modes in which the agent has the say; empty: all."""
+    """Flight modes in which the agent is in control; empty: all."""
 
 
 class Guard:
-    """Decides what velocity is sent to the vehicle [m/s; arena frame], and whether its body can be relied on."""
+    """Decides the velocity to send [m/s; arena frame] and whether the body is well."""
 
     def __init__(self, limits: Limits, fence: Fence, std_m: float) -> None:
         self.refused = 0
-        """Set-points that led out of the fence."""
+        """Set-points that would have left the fence."""
         self.stalls = 0
-        """Times that the agent stopped commanding."""
+        """Number of times that the agent stopped commanding."""
         self._limits = limits
         self._fence = fence
         self._std_m = std_m
@@ -51,7 +51,7 @@ class Guard:
         self._is_stalled = True
 
     def command(self, vx_mps: float, vy_mps: float, now_s: float) -> None:
-        """The agent wants this velocity; it is cut to the speed limit, its direction kept."""
+        """Take the agent's velocity, cut to the speed limit with its direction kept."""
         speed_mps = math.hypot(vx_mps, vy_mps)
         share = min(1.0, self._limits.max_speed_mps / speed_mps) if speed_mps else 0.0
         self._wanted = (vx_mps * share, vy_mps * share) if math.isfinite(speed_mps) else STAND
@@ -59,25 +59,25 @@ class Guard:
         self._is_stalled = False
 
     def locate(self, x_m: float, y_m: float, now_s: float) -> None:
-        """The vehicle is here [m; arena frame]."""
+        """Take the vehicle's position [m; arena frame]."""
         if math.isfinite(x_m) and math.isfinite(y_m):
             self._at, self._at_s = (x_m, y_m), now_s
 
     def doubt(self, std_m: float) -> None:
-        """The vehicle says how certain its place is, as a standard deviation [m]."""
+        """Take the standard deviation of the vehicle's position [m]."""
         if math.isfinite(std_m) and std_m >= 0.0:
             self._std_m = std_m
 
     def beat(self, is_armed: bool, mode: str, now_s: float) -> None:
-        """The vehicle lives."""
+        """Take a heartbeat."""
         self._is_armed, self._mode, self._heard_s = is_armed, mode, now_s
 
     def object(self, objection: str) -> None:
-        """Why the vehicle may not move, in a few words; empty: it may."""
+        """Set why the vehicle must not move, in a few words; "" if it may."""
         self._objection = objection
 
     def velocity(self, now_s: float) -> Velocity:
-        """What to send now: what the agent wants, or to stand."""
+        """Return the velocity to send now: the agent's, or zero."""
         if now_s - self._wanted_s > self._limits.command_s:
             self.stalls += not self._is_stalled
             self._is_stalled = True
@@ -90,14 +90,14 @@ class Guard:
         return self._wanted
 
     def sensed(self, now_s: float) -> Sensed:
-        """The place, and what is wrong with the vehicle if anything is; without events."""
+        """Return the position and the fault of the vehicle, without events."""
         at = NOWHERE if self._at is None else Sensed(*self._at, self._std_m)
         return at._replace(fault=self._fault(now_s))
 
     def _fault(self, now_s: float) -> str:
         limits = self._limits
         if now_s - self._heard_s > limits.heartbeat_s:
-            return "no heartbeat of the vehicle"
+            return "no heartbeat from the vehicle"
         if self._at is None or now_s - self._at_s > limits.position_s:
             return "no position from the vehicle"
         if limits.needs_armed and not self._is_armed:

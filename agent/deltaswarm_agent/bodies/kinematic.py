@@ -1,7 +1,7 @@
-"""A body without hardware: a unicycle with noise, whose odometry drifts and is set right now and then.
+"""A body without hardware: a noisy unicycle whose odometry drifts and is corrected periodically.
 
-The true place is known to nobody but this file: the agent gets the believed one. All chance comes from the
-generator that is handed in, so the same seed gives the same drive for the same commands.
+Only this file knows the true position; the agent gets the believed one. All chance comes from the given generator, so
+equal seeds and commands give equal motion.
 """
 
 import math
@@ -13,23 +13,23 @@ from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_wire.checked import Problem, key
 
 SUBSTEP_S = 0.1
-"""The drive is worked out in pieces of at most this length [s]."""
+"""Longest integration step of the motion [s]."""
 
 
 @dataclass(frozen=True)
 class KinematicSettings:
     """The unicycle, its errors, and its surroundings."""
 
-    x_m: float = key(0.0, "where it starts, along x [m]")
-    y_m: float = key(0.0, "where it starts, along y [m]")
-    heading_rad: float = key(0.0, "which way it looks at first [rad from x towards y]")
+    x_m: float = key(0.0, "start position along x [m]")
+    y_m: float = key(0.0, "start position along y [m]")
+    heading_rad: float = key(0.0, "start heading [rad from x towards y]")
     turn_rate_radps: float = key(3.0, "fastest turn [rad/s]", above=0)
     speed_noise: float = key(0.02, "standard deviation of the speed, per speed", low=0, high=1)
     turn_noise_rad: float = key(0.02, "standard deviation of the heading per square root of a second [rad]", low=0)
     drift: float = key(0.02, "error of odometry per square root of a metre driven [m], along each axis", low=0)
-    fix_interval_s: float = key(10.0, "odometry is set right this often [s]; 0: never", low=0)
-    fix_std_m: float = key(0.02, "error of the place right after that, along each axis [m]", low=0)
-    events: str = key("", "a CSV file of events; empty: there are none")
+    fix_interval_s: float = key(10.0, "interval between position fixes [s]; 0: never", low=0)
+    fix_std_m: float = key(0.02, "position error after a fix, along each axis [m]", low=0)
+    events: str = key("", "a CSV file of events; empty: no events")
 
     def problems(self) -> list[Problem]:
         """The events must be readable."""
@@ -37,7 +37,7 @@ class KinematicSettings:
 
 
 class KinematicBody:
-    """One unicycle. Places in m, arena frame; headings in rad from x towards y."""
+    """One unicycle. Positions in m, arena frame; headings in rad from x towards y."""
 
     Settings: ClassVar[type[Any]] = KinematicSettings
     REAL_TIME: ClassVar[bool] = False
@@ -59,7 +59,7 @@ class KinematicBody:
         self._until_s = 0.0
 
     def sense(self, time_s: float) -> Sensed:
-        """Drive on until `time_s`, and look round."""
+        """Drive until `time_s`, and sense."""
         worked_s = max(0.0, min(time_s, self._until_s) - self._time_s)
         self._surroundings.observe(self._observed, *self.true_m, self._time_s, worked_s)
         while self._time_s < time_s:
@@ -75,7 +75,7 @@ class KinematicBody:
         return Sensed(*believed, std_m, self._surroundings.sensed(*self.true_m, time_s, believed))
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Take a command; it lasts for two steps."""
+        """Take a command, which holds for two steps."""
         self._velocity = (vx_mps, vy_mps)
         self._observed = observed
         self._until_s = self._time_s + self._hold_s
@@ -88,7 +88,7 @@ class KinematicBody:
         return self._rng.gauss(0.0, self._options.fix_std_m), self._rng.gauss(0.0, self._options.fix_std_m)
 
     def _drive(self, piece_s: float) -> None:
-        """Turn towards the commanded velocity, as fast as it can, and go ahead as far as it looks that way."""
+        """Turn towards the commanded velocity, and drive in proportion to the alignment with it."""
         vx_mps, vy_mps = self._velocity
         speed_mps = min(math.hypot(vx_mps, vy_mps), self._top_mps)
         if speed_mps == 0.0 or self._time_s >= self._until_s:

@@ -1,4 +1,4 @@
-"""Finds the body that a board's file names."""
+"""Find the body that a board's file names."""
 
 from typing import Any
 
@@ -8,10 +8,10 @@ from deltaswarm_wire.plugins import BODIES, BODY_GROUP, find_class
 
 
 def find_body(kind: str, path: str = "body.kind") -> type[Body]:
-    """The class that `kind` names: one of ours, an entry point, or `module:Class`.
+    """Find the class that `kind` names: a shipped body, an entry point, or `module:Class`.
 
     Raises:
-        SettingsError: nothing of that name, it cannot be imported, or it is no body.
+        SettingsError: the name is unknown, cannot be imported, or is no body.
     """
     needed = ("Settings", "REAL_TIME", "sense", "move", "close")
     body: type[Body] = find_class(
@@ -21,16 +21,16 @@ def find_body(kind: str, path: str = "body.kind") -> type[Body]:
 
 
 def options_of(body: type[Body], table: dict[str, Any], path: str = "body.options") -> Any:
-    """The body's own options, checked.
+    """Check the body's own options.
 
     Raises:
-        SettingsError: with every mistake in them.
+        SettingsError: with every mistake.
     """
     return checked.load(body.Settings, table, path)
 
 
 def make_body(body: type[Body], options: Any, context: BodyContext) -> Body:
-    """A body of this class."""
+    """Make a body of this class."""
     make: Any = body
     made: Body = make(options, context)
     return made

@@ -1,12 +1,12 @@
 """A body that is a MAVLink vehicle: local position in, velocity set-points out. Needs `pymavlink` (extra `mavlink`).
 
-It neither arms nor takes off nor changes the flight mode: a pilot does, and takes the vehicle back by leaving the
-mode. A thread of its own speaks to the vehicle, ten times a second: when the agent stalls, this thread has the
-vehicle stand. When the whole process dies, set-points cease, and the vehicle's own failsafe must act: COM_OF_LOSS_T
-in PX4 (1 s by default), GUID_TIMEOUT in ArduPilot's copters (3 s); its rovers stop after 3 s, whatever is set.
+The body does not arm, take off or change the flight mode: a pilot does, and regains control by leaving the mode. A
+separate thread sends set-points ten times a second and stops the vehicle when the agent stalls. If the whole process
+dies, set-points cease and the vehicle's own failsafe must act: COM_OF_LOSS_T in PX4 (1 s by default), GUID_TIMEOUT in
+ArduPilot's copters (3 s); its rovers always stop after 3 s.
 
-The one file that speaks MAVLink. Of pymavlink it takes a dialect, which is the protocol itself, and not `mavutil`,
-which loads another dialect, numpy and more, and takes three times the memory.
+This is the only file that speaks MAVLink. From pymavlink it uses only a dialect, the protocol itself, and not
+`mavutil`, which loads another dialect, numpy and more, and triples the memory.
 """
 
 import logging
@@ -30,57 +30,59 @@ from deltaswarm_wire.checked import Problem, key
 log = logging.getLogger("deltaswarm.mavlink")
 
 VELOCITY_ONLY = 0b0000_1101_1100_0111
-"""The set-point's mask: position, acceleration, yaw and yaw rate are to be ignored."""
+"""Set-point mask: ignore position, acceleration, yaw and yaw rate."""
 
 STAND_STILL = 0b0000_0101_1100_0111
-"""The same with a yaw rate, of zero: a rover that is given no yaw turns to where its velocity points, and a velocity
-of zero points north."""
+"""The same with a yaw rate of zero: without yaw a rover turns towards its velocity, and a zero velocity points
+north."""
 
 HEARTBEAT_EVERY_S = 1.0
 ASK_AFTER_S = 2.0
-"""What did not come for so long is asked for, again and again: the autopilot may have restarted."""
+"""A message missing for this long is requested again, since the autopilot may have restarted."""
 
 STATE_EVERY_S = 0.5
 RESTARTED_MS = 1000
-"""A clock of the autopilot that goes back by more has begun anew; by less, a datagram was overtaken."""
+"""If the autopilot's clock goes back by more, it restarted; by less, datagrams were reordered."""
 
 NOT_IN_THE_AIR = "the vehicle is not in the air"
-RESTARTED = "the autopilot restarted, and its local frame may have moved: the agent must be started anew"
+RESTARTED = "the autopilot restarted, and its local frame may have moved: restart the agent"
 CLOSE_S = 1.0
 RETRY_S = 1.0
 
 
 @dataclass(frozen=True)
 class MavlinkSettings:
-    """The vehicle, its place in the arena, and its limits."""
+    """The vehicle, its frame, and its limits."""
 
     device: str = key(
         "udpin:0.0.0.0:14540", "udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device (/dev/...)"
     )
-    baud: int = key(115200, "of a serial device", low=MIN_BAUD, high=MAX_BAUD)
+    baud: int = key(115200, "baud rate of a serial device", low=MIN_BAUD, high=MAX_BAUD)
     system_id: int = key(245, "this board's own MAVLink number", low=1, high=255)
     origin_north_m: float = key(0.0, "the arena's corner (0, 0), north in the vehicle's local frame [m]")
-    origin_east_m: float = key(0.0, "and east [m]")
+    origin_east_m: float = key(0.0, "the arena's corner (0, 0), east in the vehicle's local frame [m]")
     heading_deg: float = key(
         0.0, "compass direction of the arena's +y; with 0 x is east and y north", low=-360, high=360
     )
-    max_speed_mps: float = key(1.0, "no set-point is faster [m/s]", above=0, high=30)
-    fence_m: tuple[tuple[float, ...], ...] = key((), "corners of the geofence [m; arena frame]; none: the arena, grown")
-    fence_margin_m: float = key(5.0, "by so much the arena is grown, where no corners are given [m]", low=0)
-    ahead_s: float = key(1.5, "how far ahead a velocity must stay within the fence [s]", low=0, high=60)
+    max_speed_mps: float = key(1.0, "speed limit of set-points [m/s]", above=0, high=30)
+    fence_m: tuple[tuple[float, ...], ...] = key(
+        (), "corners of the geofence [m; arena frame]; none: the arena plus fence_margin_m"
+    )
+    fence_margin_m: float = key(5.0, "margin around the arena without fence_m [m]", low=0)
+    ahead_s: float = key(1.5, "time for which a velocity must stay inside the fence [s]", low=0, high=60)
     stall_s: float = key(0.5, "time without a command after which the vehicle must stop [s]", above=0, high=10)
-    position_s: float = key(1.0, "an older position is none [s]", above=0, high=60)
-    heartbeat_s: float = key(3.0, "a vehicle unheard for longer is gone [s]", above=0, high=60)
-    needs_armed: bool = key(True, "whether the agent waits for the vehicle to be armed")
+    position_s: float = key(1.0, "maximum age of a position [s]", above=0, high=60)
+    heartbeat_s: float = key(3.0, "maximum age of a heartbeat [s]", above=0, high=60)
+    needs_armed: bool = key(True, "wait for the vehicle to be armed")
     modes: tuple[str, ...] = key(
-        ("GUIDED", "OFFBOARD"), "flight modes in which the agent has the say, in any case; none: all"
+        ("GUIDED", "OFFBOARD"), "flight modes in which the agent is in control, in upper or lower case; none: all"
     )
     rate_hz: float = key(10.0, "set-points per second", low=3, high=100)
-    std_m: float = key(0.3, "standard deviation of its place, until the vehicle says better [m]", low=0)
-    events: str = key("", "a CSV file of events to pretend to sense; empty: there are none")
+    std_m: float = key(0.3, "standard deviation of the position, until the vehicle sends one [m]", low=0)
+    events: str = key("", "a CSV file of simulated events; empty: no events")
 
     def problems(self) -> list[Problem]:
-        """What no single key can show."""
+        """Check what involves several keys."""
         found = []
         if self.fence_m:
             try:
@@ -94,23 +96,29 @@ class MavlinkSettings:
         else:
             for module, package in (("pymavlink", "pymavlink"), ("serial", "pyserial")):
                 if (module != "serial" or kind == "serial") and find_spec(module) is None:
-                    found.append(Problem("device", repr(self.device), f"needs the package {package} (extra mavlink)"))
+                    found.append(
+                        Problem(
+                            "device",
+                            repr(self.device),
+                            f"must be another device without the package {package} (extra mavlink)",
+                        )
+                    )
         if unknown := [mode for mode in self.modes if mode.upper() not in MODES]:
-            found.append(Problem("modes", ", ".join(map(repr, unknown)), f"{', '.join(sorted(MODES))} are allowed"))
+            found.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
         return found + file_problems(self.events)
 
     def _corners(self) -> list[Place]:
         if any(len(corner) != 2 for corner in self.fence_m):
-            raise ValueError("corners of two numbers are allowed")
+            raise ValueError("must have corners of two numbers")
         return [(corner[0], corner[1]) for corner in self.fence_m]
 
     def fence(self, width_m: float, height_m: float) -> Fence:
-        """The geofence, in an arena of this size."""
+        """Make the geofence for an arena of this size."""
         low, right, top = -self.fence_margin_m, width_m + self.fence_margin_m, height_m + self.fence_margin_m
         return Fence(self._corners() or [(low, low), (right, low), (right, top), (low, top)])
 
     def limits(self, step_s: float) -> Limits:
-        """What the guard keeps, for an agent that commands once a step."""
+        """Make the guard's limits for an agent that commands once a step."""
         return Limits(
             max_speed_mps=self.max_speed_mps,
             command_s=step_s + self.stall_s,
@@ -123,7 +131,7 @@ class MavlinkSettings:
 
 
 class MavlinkBody:
-    """One vehicle, which may come later, and go: its body is not well meanwhile.
+    """One vehicle, which may appear later and disappear; meanwhile the body has a fault.
 
     Raises:
         ImportError: pymavlink is not installed, or pyserial for a serial device.
@@ -155,14 +163,14 @@ class MavlinkBody:
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
         self._mav = self._mavlink.MAVLink(self._link, options.system_id, self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._mav.robust_parsing = True  # bytes that are no message are passed over
+        self._mav.robust_parsing = True  # skip bytes that are no message
         self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
         self._thread.start()
 
     # The agent's thread
 
     def sense(self, time_s: float) -> Sensed:
-        """The vehicle's newest place, and the events of the file that are near it."""
+        """Return the vehicle's newest position and the events near it."""
         with self._lock:
             sensed = self._guard.sensed(time.monotonic())
         if self._no_link:
@@ -175,24 +183,26 @@ class MavlinkBody:
         return sensed._replace(events=self._surroundings.sensed(*at, time_s, at))
 
     def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Hand a velocity to the guard; it reaches the vehicle within a tenth of a second."""
+        """Pass a velocity to the guard; it reaches the vehicle within 0.1 s."""
         self._observed = observed
         with self._lock:
             self._guard.command(vx_mps, vy_mps, time.monotonic())
 
     def close(self) -> None:
-        """Have the vehicle stand, and hang up."""
+        """Stop the vehicle and close the link."""
         with self._lock:
             self._guard.command(0.0, 0.0, time.monotonic())
         self._closing.set()
         self._thread.join(CLOSE_S)
         self._link.close()
-        log.info("%d set-points refused at the fence, %d stalls of the agent", self._guard.refused, self._guard.stalls)
+        log.info(
+            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
+        )
 
     # The vehicle's thread
 
     def _serve(self) -> None:
-        """Hear the vehicle, and tell it what to do at the rate asked for; a link is tried for ever."""
+        """Receive messages and send set-points at `rate_hz`; retry the link without end."""
         set_point_due_s = heartbeat_due_s = time.monotonic()
         while True:
             is_last = self._closing.is_set()
@@ -218,7 +228,7 @@ class MavlinkBody:
                     return
 
     def _messages(self, data: bytes) -> Iterator[Any]:
-        """The messages in what came; never more than the parser wants, whose buffer would else grow."""
+        """Parse messages; feed the parser only what it needs, or its buffer would grow."""
         at = 0
         while at < len(data):
             until = at + self._mav.bytes_needed()
@@ -250,13 +260,13 @@ class MavlinkBody:
                     self._guard.doubt(message.pos_horiz_accuracy)
 
     def _is_of_the_vehicle(self, heartbeat: Any, source: tuple[int, int]) -> bool:
-        # The autopilot that was heard first; not a ground station, nor another companion.
+        # The first autopilot heard, not a ground station or another companion.
         return heartbeat.autopilot != self._mavlink.MAV_AUTOPILOT_INVALID and self._target in (None, source)
 
     def _hear_heartbeat(self, heartbeat: Any, source: tuple[int, int], now_s: float) -> None:
         if self._target is None:
             self._target = source
-            log.info("vehicle %d is there", source[0])
+            log.info("vehicle %d found", source[0])
             self._ask(now_s)
         self._is_px4 = heartbeat.autopilot == PX4
         self._flies = heartbeat.type not in (*ROVERS, SUBMARINE)
@@ -268,7 +278,7 @@ class MavlinkBody:
 
     @property
     def _is_grounded(self) -> bool:
-        # What flies is taken to be on the ground until it says otherwise: a take-off may be under way.
+        # Assume that an aircraft is on the ground until it says otherwise: it may be taking off.
         mavlink = self._mavlink
         grounded = (
             None,
@@ -291,7 +301,7 @@ class MavlinkBody:
             self._guard.object(objection)
 
     def _ask(self, now_s: float) -> None:
-        # For what does not come: positions as often as set-points, and whether it flies.
+        # Request missing messages: positions at the rate of set-points, and the landed state.
         mavlink = self._mavlink
         wanted = {
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: 1.0 / self._options.rate_hz,
@@ -313,8 +323,8 @@ class MavlinkBody:
             velocity, stalls = self._guard.velocity(now_s), self._guard.stalls
         if stalls > self._told_stalls:
             self._told_stalls = stalls
-            log.warning("the agent has stalled %d times: the vehicle was told to stand", stalls)
-        # A set-point ends an ArduPilot's take-off; a PX4 wants them before it changes to OFFBOARD.
+            log.warning("stall %d of the agent: the vehicle must stand", stalls)
+        # A set-point would end an ArduPilot's take-off; a PX4 requires them before it changes to OFFBOARD.
         if self._target is None or (self._is_grounded and not self._is_px4):
             return
         north_mps, east_mps = self._frame.turned_to_ned(*velocity)
@@ -330,7 +340,7 @@ class MavlinkBody:
 
 
 def _dialect() -> Any:
-    # MAVLink 2, and no messages of one autopilot alone: the smallest dialect that has set-points.
+    # MAVLink 2 without messages of a specific autopilot: the smallest dialect with set-points.
     from pymavlink.dialects.v20 import common
 
     return common

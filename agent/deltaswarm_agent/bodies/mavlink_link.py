@@ -1,8 +1,8 @@
-"""The bytes between a board and its autopilot: UDP, TCP or a serial line, spelled as MAVLink's tools spell them.
+"""The link between a board and its autopilot: UDP, TCP or serial, with the connection strings of MAVLink's tools.
 
-pymavlink's own `mavutil` has such links too, but costs an agent 15 to 26 MB, and its TCP holds up the thread that
-must have the vehicle stand. Here nothing waits longer than asked, and a link that is not open yet, or broke, is opened
-at the next `receive`: an autopilot may come after its board, and go.
+pymavlink's own `mavutil` has such links, too, but costs an agent 15 to 26 MB, and its TCP blocks the thread that must
+stop the vehicle. Here no call waits longer than requested, and `receive` opens a link that is closed or broken: an
+autopilot may appear after its board, and disappear.
 """
 
 import abc
@@ -17,14 +17,14 @@ UDP_IN = ("udpin", "udp")
 UDP_OUT = "udpout"
 TCP = "tcp"
 READ_BYTES = 4096
-"""More than a datagram with MAVLink in it can have."""
+"""More than the largest datagram with MAVLink."""
 MIN_BAUD, MAX_BAUD = 1200, 10_000_000
 CONNECT_S = 1.0
 WRITE_S = 0.2
 
 
 class Device(NamedTuple):
-    """Where the autopilot is: `udpin`, `udpout` or `tcp` with a host, or `serial` with a path; port or baud."""
+    """Address of the autopilot: `udpin`, `udpout` or `tcp` with host and port, or `serial` with path and baud rate."""
 
     kind: str
     name: str
@@ -32,67 +32,67 @@ class Device(NamedTuple):
 
 
 def parse_device(text: str, baud: int) -> Device:
-    """What a connection string means. `baud` is for a serial line whose string names none.
+    """Parse a connection string. `baud` is the default for a serial device.
 
     Raises:
-        ValueError: what is wrong with it.
+        ValueError: the string is malformed; the text says what it must be.
     """
     kind, colon, rest = text.partition(":")
     if kind in (*UDP_IN, UDP_OUT, TCP) and colon:
         host, colon, port = rest.rpartition(":")
         if not (host and colon and port.isdecimal() and 1 <= int(port) <= 0xFFFF):
-            raise ValueError(f"{kind}:HOST:PORT is allowed, with a port of 1 to 65535")
+            raise ValueError(f"must be {kind}:HOST:PORT, with a port from 1 to 65535")
         return Device(UDP_IN[0] if kind in UDP_IN else kind, _without_brackets(host), int(port))
     if text.startswith("/"):
         path, comma, rate = text.partition(",")
         if comma and not (rate.isdecimal() and MIN_BAUD <= int(rate) <= MAX_BAUD):
-            raise ValueError(f"after the comma, a serial device's baud rate of {MIN_BAUD} to {MAX_BAUD} is allowed")
+            raise ValueError(f"must have a baud rate from {MIN_BAUD} to {MAX_BAUD} after the comma")
         return Device("serial", path, int(rate) if comma else baud)
-    raise ValueError("udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a serial device such as /dev/ttyACM0")
+    raise ValueError("must be udpin:HOST:PORT, udpout:HOST:PORT, tcp:HOST:PORT, or a path such as /dev/ttyACM0")
 
 
 def _without_brackets(host: str) -> str:
-    """A host's name or address; of IPv6 one is written in brackets, and may end in `%` and an interface's name."""
+    """Check a host; an IPv6 address is in brackets and may end in `%` and an interface's name."""
     bare = host.removeprefix("[").removesuffix("]")
     if ":" not in host and bare == host:
         return host
     try:
         socket.inet_pton(socket.AF_INET6, bare.partition("%")[0] if host == f"[{bare}]" else "")
     except OSError:
-        raise ValueError(f"for {host!r}, a name, an IPv4 address or an IPv6 address in [] is allowed") from None
+        raise ValueError(f"must have a name, an IPv4 address, or an IPv6 address in [] as host, not {host!r}") from None
     return bare
 
 
 class Link(abc.ABC):
-    """One of the three. Every call but `close` raises OSError when the link is broken, or cannot be opened."""
+    """A link. Every method except `close` raises OSError if the link is broken or cannot be opened."""
 
     def __init__(self) -> None:
         self._end: Any = None
-        """The socket or serial port; None while it is not open."""
+        """The socket or serial port; None while closed."""
 
     def open(self) -> None:
-        """Open it, unless it is open."""
+        """Open the link if it is closed."""
         if self._end is not None:
             return
         try:
             self._end = self._opened()
-        except (ValueError, termios.error) as error:  # a name that can be none, or a rate that the device refuses
+        except (ValueError, termios.error) as error:  # an impossible name, or a rate that the device refuses
             raise OSError(str(error)) from error
 
     def receive(self, wait_s: float) -> bytes:
-        """What came, after waiting so long at most [s]; nothing if nothing came. Opens what is not open."""
+        """Wait up to `wait_s` for data; return b"" if there is none. Opens the link if it is closed."""
         self.open()
         with self._hanging_up_on_error():
             return self._read(wait_s)
 
     def write(self, data: bytes) -> None:
-        """Send a message; it is lost while the link is not open, or nobody is known to send to."""
+        """Send a message; without an open link or a known peer it is lost."""
         if self._end is not None:
             with self._hanging_up_on_error():
                 self._send(data)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the link."""
         if self._end is not None:
             with contextlib.suppress(OSError):  # a device that was pulled out
                 self._end.close()
@@ -108,19 +108,19 @@ class Link(abc.ABC):
 
     @abc.abstractmethod
     def _opened(self) -> Any:
-        """A new end."""
+        """Open a socket or port."""
 
     @abc.abstractmethod
     def _read(self, wait_s: float) -> bytes:
-        """As `receive`, from an end that is open."""
+        """Implement `receive` on an open link."""
 
     @abc.abstractmethod
     def _send(self, data: bytes) -> None:
-        """As `write`, to an end that is open."""
+        """Implement `write` on an open link."""
 
 
 def open_link(device: Device) -> Link:
-    """The link to a device, which need not be there yet.
+    """Make the link to a device, which need not exist yet.
 
     Raises:
         ImportError: pyserial is not installed.
@@ -133,7 +133,7 @@ def open_link(device: Device) -> Link:
 
 
 class UdpLink(Link):
-    """Listens, and answers whoever spoke last; or speaks to one address. Reads one datagram."""
+    """Listens and replies to the latest sender, or sends to one address. Reads one datagram."""
 
     def __init__(self, host: str, port: int, *, listens: bool) -> None:
         super().__init__()
@@ -143,7 +143,7 @@ class UdpLink(Link):
 
     def _opened(self) -> socket.socket:
         host, port = self._address
-        # As bytes, since for text Python loads tables of 1 MB. IPv4 first, which is what autopilots speak.
+        # As bytes: for text Python loads tables of 1 MB. IPv4 first, as autopilots use it.
         found = socket.getaddrinfo(host.encode(), port, type=socket.SOCK_DGRAM)
         family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
         opened = socket.socket(family, socket.SOCK_DGRAM)
@@ -188,19 +188,19 @@ class TcpLink(Link):
         except TimeoutError:
             return b""
         if not data:
-            raise ConnectionResetError("the other end hung up")
+            raise ConnectionResetError("closed by the other end")
         return data
 
     def _send(self, data: bytes) -> None:
         self._end.settimeout(WRITE_S)
-        self._end.sendall(data)  # all of it, or the link is broken: half a message would spoil the next
+        self._end.sendall(data)  # all or a broken link: half a message would spoil the next
 
 
 class SerialLink(Link):
     """A serial line. Needs `pyserial`."""
 
     def __init__(self, path: str, baud: int) -> None:
-        import serial  # nobody else needs it
+        import serial  # only needed here
 
         super().__init__()
         self._make: Any = serial.Serial
@@ -212,7 +212,7 @@ class SerialLink(Link):
     def _read(self, wait_s: float) -> bytes:
         if not select.select([self._end], [], [], wait_s)[0]:
             return b""
-        data: bytes = self._end.read(READ_BYTES)  # raises if there is nothing after all: the device is gone
+        data: bytes = self._end.read(READ_BYTES)  # raises if there is no data: the device is gone
         return data
 
     def _send(self, data: bytes) -> None:

@@ -1,4 +1,4 @@
-"""The names of flight modes, as ground stations show them, from the numbers in a heartbeat."""
+"""Names of flight modes, as in ground stations, from the numbers in a heartbeat."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -13,7 +13,7 @@ UNKNOWN = "UNKNOWN"
 
 
 def _numbered(names: str) -> Mapping[int, str]:
-    """Names in the order of their numbers; a dash has none."""
+    """Map numbers to names, given in order; a dash leaves a number out."""
     return MappingProxyType({number: name for number, name in enumerate(names.split()) if name != "-"})
 
 
@@ -31,7 +31,7 @@ _ROVER = _numbered(
 _SUB = _numbered("STABILIZE ACRO ALT_HOLD AUTO GUIDED - - CIRCLE - SURFACE - - - - - - POSHOLD - - MANUAL")
 
 ROVERS = frozenset((10, 11))
-"""MAV_TYPE of what drives or swims."""
+"""MAV_TYPE of rovers and boats."""
 
 SUBMARINE = 12
 
@@ -47,11 +47,11 @@ _PX4 = _numbered("- MANUAL ALTCTL POSCTL AUTO ACRO OFFBOARD STABILIZED RATTITUDE
 _PX4_AUTO = _numbered("- - TAKEOFF LOITER MISSION RTL LAND RTGS FOLLOWME")
 
 MODES = frozenset(name for numbered in (_COPTER, _PLANE, _ROVER, _SUB, _PX4, _PX4_AUTO) for name in numbered.values())
-"""All names, of which each is in capitals."""
+"""All names, in capitals."""
 
 
 def mode_name(autopilot: int, vehicle: int, base_mode: int, custom_mode: int) -> str:
-    """The mode in a heartbeat; one without a name here is `Mode(NUMBER)`."""
+    """Name the mode in a heartbeat; an unknown one is `Mode(NUMBER)`."""
     if autopilot == PX4:
         main, sub = custom_mode >> 16 & 0xFF, custom_mode >> 24 & 0xFF
         name = _PX4.get(main, UNKNOWN)

@@ -1,1 +1,1 @@
-"""The controllers that are shipped; each is one file or one folder, and a line in `deltaswarm_wire.plugins`."""
+"""The shipped controllers; each is one file or folder, and a line in `deltaswarm_wire.plugins`."""

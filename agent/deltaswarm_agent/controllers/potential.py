@@ -1,8 +1,8 @@
 """Virtual-force coverage: agents spread until they are far enough from each other, and observe what they sense.
 
 After Howard, Mataric and Sukhatme 2002 (Mobile sensor network deployment using potential fields): neighbours and walls
-push an agent away, the less the farther they are. Each agent broadcasts where it is; it knows of others only what it
-heard lately. One that senses events stands, observes the nearest, and tells the operator of it.
+push an agent away, the less the farther they are. Each agent broadcasts its position and knows others only from
+recent frames. An agent that senses events stands, observes the nearest, and reports it to the operator.
 """
 
 import math
@@ -43,11 +43,11 @@ class PotentialController:
         self._settings: PotentialSettings = context.settings
         self._shared = context.shared
         self._neighbours: dict[int, tuple[Pose, float]] = {}
-        """Where each was, and when that was heard [s]."""
+        """Position of each neighbour, and the time of its frame [s]."""
         self._next_beacon_s = context.rng.uniform(0.0, self._settings.beacon_s)
 
     def step(self, percept: Percept) -> Decision:
-        """Note what was heard, then observe, or move by the forces."""
+        """Take received frames, then observe, or move by the forces."""
         now_s = percept.time_s
         for sender, payload in percept.heard:
             place = _decode_beacon(payload)
@@ -101,7 +101,7 @@ def _distance_m(pose: Pose, event: Event) -> tuple[float, int]:
 
 
 def _decode_beacon(payload: bytes) -> Pose | None:
-    """Where a neighbour is [m]; None if this is no beacon."""
+    """Return a neighbour's position [m]; None if this is no beacon."""
     try:
         x_cm, y_cm = array(unpack(payload, BEACON_BYTES), 2, "beacon")
         low, high = -MAX_ABS_CM, MAX_ABS_CM

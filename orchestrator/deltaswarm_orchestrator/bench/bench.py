@@ -1,7 +1,6 @@
 """How fast the swarm is on this machine, beside the floors under it, measured in turns in one run."""
 
 import secrets
-import statistics
 import tempfile
 import time
 from dataclasses import replace
@@ -9,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.bench import floors
+from deltaswarm_orchestrator.bench.scale import in_turns, median_of
 from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
@@ -38,52 +37,39 @@ def bench_scenario(agents: int, steps: int) -> Scenario:
 
 
 def measure(agents: int, steps: int) -> dict[str, Any]:
-    """All measurements, in turns; medians of the rounds.
-
-    Raises:
-        ValueError: less than one agent or one step.
-    """
-    if agents < 1 or steps < 1:
-        raise ValueError(f"at least 1 agent and 1 step are expected, not {agents} and {steps}")
+    """All measurements, in turns; medians of the rounds."""
     scenario = bench_scenario(agents, steps)
-    sockets, zenoh, swarm, inside, parts = [], [], [], [], []
-    started: list[float] = []
-    memory: list[float] = []
+    rounds = []
     for _ in range(ROUNDS):
-        rate, startup_s, pss_mb = _swarm(scenario)  # first: what the fork server preloads is decided once
-        swarm.append(rate)
-        started.append(startup_s)
-        memory.append(pss_mb)
-        sockets.append(floors.sockets_steps_per_s(agents, steps))
-        zenoh.append(floors.zenoh_steps_per_s(agents, steps))
-        rate, shares = _in_process(scenario)
-        inside.append(rate)
-        parts.append(shares)
-    ratios = [one / floor for one, floor in zip(swarm, zenoh, strict=True)]
-    agents_us = statistics.median(share["agents_us"] for share in parts)
-    world_us = statistics.median(share["world_us"] for share in parts)
-    step_us = 1e6 / statistics.median(swarm)
+        found = _swarm(scenario)  # first: what the fork server preloads is decided once
+        found |= {
+            "sockets": floors.sockets_steps_per_s(agents, steps),
+            "zenoh": floors.zenoh_steps_per_s(agents, steps),
+        }
+        found |= in_turns({"": scenario}, steps, warm_up_steps=0)[""]
+        rounds.append(found | {"share": found["swarm"] / found["zenoh"]})
+    median = median_of(rounds)
     return {
         "agents": agents,
         "steps": steps,
         "rounds": ROUNDS,
-        "sockets_floor_steps_per_s": statistics.median(sockets),
-        "zenoh_floor_steps_per_s": statistics.median(zenoh),
-        "swarm_steps_per_s": statistics.median(swarm),
-        "swarm_share_of_zenoh_floor": statistics.median(ratios),
-        "in_process_steps_per_s": statistics.median(inside),
+        "sockets_floor_steps_per_s": median["sockets"],
+        "zenoh_floor_steps_per_s": median["zenoh"],
+        "swarm_steps_per_s": median["swarm"],
+        "swarm_share_of_zenoh_floor": median["share"],
+        "in_process_steps_per_s": 1e6 / median["step_us"],
         "step_us": {
-            "whole": step_us,
-            "zenoh_floor": 1e6 / statistics.median(zenoh),
-            "world": world_us,
-            "agents": agents_us,
+            "whole": 1e6 / median["swarm"],
+            "zenoh_floor": 1e6 / median["zenoh"],
+            "world": median["world_us"],
+            "agents": median["agents_us"],
         },
-        "startup_s": statistics.median(started),
-        "agent_pss_mb": max(memory),
+        "startup_s": median["startup_s"],
+        "agent_pss_mb": max(found["pss_mb"] for found in rounds),
     }
 
 
-def _swarm(scenario: Scenario) -> tuple[float, float, float]:
+def _swarm(scenario: Scenario) -> dict[str, float]:
     """Steps per second, start-up time [s] and the largest agent's memory [MB] of one run with processes."""
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
@@ -108,7 +94,7 @@ def _swarm(scenario: Scenario) -> tuple[float, float, float]:
         summary = results.summary(results.read_outcome(folder), scenario)
         if not summary["valid"]:
             raise RuntimeError(f"the measured run is not valid: {summary['invalid_because']}")
-        return summary["steps_per_s"], startup_s, pss_mb
+        return {"swarm": summary["steps_per_s"], "startup_s": startup_s, "pss_mb": pss_mb}
 
 
 def _pss_mb(pid: int) -> float:
@@ -118,35 +104,3 @@ def _pss_mb(pid: int) -> float:
     except OSError:
         return 0.0
     return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024
-
-
-def _in_process(scenario: Scenario) -> tuple[float, dict[str, float]]:
-    """Steps per second in one process, and where the time goes [us per step]."""
-    swarm = InProcess(scenario)
-    steps = scenario.run.steps
-    began = time.perf_counter()
-    for step in range(steps):
-        swarm.step(step, step == steps - 1)
-    wall_s = time.perf_counter() - began
-    agents_us = swarm.agents_s / steps * 1e6
-    return steps / wall_s, {"agents_us": agents_us, "world_us": wall_s / steps * 1e6 - agents_us}
-
-
-def text(found: dict[str, Any]) -> str:
-    """For people."""
-    step = found["step_us"]
-    fabric = min(step["zenoh_floor"], step["whole"])
-    return "\n".join(
-        [
-            f"{found['agents']} agents, {found['steps']} steps, medians of {found['rounds']} rounds",
-            f"  sockets floor      {found['sockets_floor_steps_per_s']:8.0f} steps/s",
-            f"  Zenoh floor        {found['zenoh_floor_steps_per_s']:8.0f} steps/s",
-            f"  swarm              {found['swarm_steps_per_s']:8.0f} steps/s  "
-            f"({found['swarm_share_of_zenoh_floor']:.2f} of the Zenoh floor)",
-            f"  one process        {found['in_process_steps_per_s']:8.0f} steps/s",
-            f"  a step             {step['whole']:8.0f} us: fabric {fabric:.0f}, the rest {step['whole'] - fabric:.0f}",
-            f"  on one core        {step['world']:8.0f} us world, {step['agents']:.0f} us all agents",
-            f"  start-up           {found['startup_s']:8.2f} s",
-            f"  memory per agent   {found['agent_pss_mb']:8.1f} MB (PSS, largest)",
-        ]
-    )

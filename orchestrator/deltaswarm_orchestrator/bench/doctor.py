@@ -1,41 +1,29 @@
 """What a machine needs for a swarm, what it has, and how to get what is missing."""
 
-import json
+import multiprocessing
 import os
 import platform
+import re
 import resource
 import socket
 import sys
-from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, requires, version
 
 from deltaswarm_orchestrator.exits import complain
 
-NEEDED = {
-    "cryptography": (42, 0),
-    "eclipse-zenoh": (1, 10),
-    "foxglove-schemas-protobuf": (0, 4),
-    "mcap": (1, 6),
-    "mcap-protobuf-support": (0, 6),
-    "msgpack": (1, 0),
-    "numpy": (1, 26),
-    "orjson": (3, 10),
-    "packaging": (24, 0),
-    "protobuf": (5, 29),
-    "rich": (13, 7),
-    "tomli-w": (1, 0),
-    "zstandard": (0, 22),
-}
-"""By hand and not from this package's metadata, which takes a package to be read; a test holds them together."""
+REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
+"""As this package's own metadata has it."""
 
 DESCRIPTORS_WANTED = 1024
 CONNECT_WITHIN_S = 5.0
-
-
 INSTALL_STUDY = "pip install 'deltaswarm[study]'"
 
-FOR_STUDIES = {"jinja2": (3, 1), "markupsafe": (2, 1), "matplotlib": (3, 9), "pandas": (2, 2), "scipy": (1, 15)}
-"""The same for the extra `study`, without which runs work, but no sweeps, studies and reports."""
+
+def needed(extra: str = "") -> dict[str, str]:
+    """Least versions of the packages that deltaswarm needs, or its extra `study`, by name."""
+    found = (REQUIREMENT.fullmatch(text) for text in requires("deltaswarm") or ())
+    return {one["name"]: one["least"] for one in found if one and (one["extra"] or "") == extra}
 
 
 @dataclass(frozen=True)
@@ -50,28 +38,23 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Look at this machine."""
-    packages = [_package(name, least) for name, least in NEEDED.items()]
-    return [_python(), *packages, _studies(), _cores(), _descriptors(), _loopback(), _start_method()]
+    python = Finding("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed")
+    packages = [_package(name, least) for name, least in needed().items()]
+    return [python, *packages, _studies(), _cores(), _descriptors(), _loopback(), _start_method()]
 
 
-def _python() -> Finding:
-    well = sys.version_info >= (3, 11)
-    return Finding("Python", platform.python_version(), well, "Python 3.11 or newer is needed")
-
-
-def _package(name: str, least: tuple[int, int]) -> Finding:
-    wanted = ".".join(map(str, least))
-    advice = f"python -m pip install '{name}>={wanted}'"
+def _package(name: str, least: str) -> Finding:
+    advice = f"python -m pip install '{name}>={least}'"
     try:
         found = version(name)
     except PackageNotFoundError:
         return Finding(name, "not installed", False, advice)
-    numbers = tuple(int(part) for part in found.split(".")[:2] if part.isdecimal())
-    return Finding(name, found, numbers >= least, advice)
+    numbers, wanted = ([int(part) for part in text.split(".")[:3] if part.isdecimal()] for text in (found, least))
+    return Finding(name, found, numbers >= wanted, advice)
 
 
 def _studies() -> Finding:
-    lacking = [name for name, least in FOR_STUDIES.items() if not _package(name, least).is_well]
+    lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
     found = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
     return Finding("sweeps and studies", found, True)
 
@@ -106,24 +89,8 @@ def _loopback() -> Finding:
 
 
 def _start_method() -> Finding:
-    import multiprocessing
-
     well = "forkserver" in multiprocessing.get_all_start_methods()
     return Finding("fork server", "available" if well else "missing", well, "Linux or another Unix is needed")
-
-
-def to_json(findings: list[Finding]) -> str:
-    """As JSON."""
-    return json.dumps([asdict(finding) for finding in findings])
-
-
-def text(findings: list[Finding]) -> str:
-    """For people: what is not well comes with its advice."""
-    width = max(len(finding.name) for finding in findings)
-    return "\n".join(
-        f"{'ok     ' if f.is_well else 'MISSING'} {f.name:{width}}  {f.found}{'' if f.is_well else f'  ->  {f.advice}'}"
-        for f in findings
-    )
 
 
 def can_start_parts() -> bool:

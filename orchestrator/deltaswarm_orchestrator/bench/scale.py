@@ -1,10 +1,11 @@
-"""How the time of a step grows with the swarm, at the paper's density, in one process."""
+"""What a step costs in one process: how it grows with the swarm, at the paper's density."""
 
 import itertools
 import multiprocessing
 import statistics
 import time
-from collections.abc import Sequence
+from collections import Counter, deque
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -22,6 +23,11 @@ SIZES = (25, 50, 100, 200, 400)
 
 WARM_UP_STEPS = 1000
 """Steps before those that are timed. In the paper's scenario trees hold half of the agents from about here on."""
+
+BLOCK_STEPS = 50
+"""Scenarios take turns after this many steps, so that other load on the machine meets all of them alike."""
+
+COUNTED = ("frames_sent", "frames_received", "agents_in_trees")
 
 TILE_AGENTS = 25
 """Agents of the paper's base scenario, whose arena is the tile."""
@@ -63,19 +69,16 @@ def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int =
     The sizes take turns, so that a machine that is busy for a while is so for all of them.
 
     Raises:
-        ValueError: a size, the steps or the rounds are below 1, or there are not two different sizes.
+        ValueError: fewer than two different sizes.
     """
-    if min(steps, rounds, *sizes) < 1:
-        raise ValueError("sizes, steps and rounds of at least 1 are expected")
     if len(set(sizes)) < 2:
-        raise ValueError("at least two different sizes are expected: growth is between them")
+        raise ValueError(f"--sizes must have at least two different sizes (got {', '.join(map(str, sizes)) or 'none'})")
     found = [[_in_fresh_process(agents, steps, seed) for agents in sizes] for seed in range(1, rounds + 1)]
-    rows = []
-    for agents, measured in zip(sizes, zip(*found, strict=True), strict=True):
-        median = {name: statistics.median(one[name] for one in measured) for name in measured[0]}
-        rows.append({"agents": agents, "agent_steps_per_s": agents * median["steps_per_s"], **median})
-    step_s = [1.0 / row["steps_per_s"] for row in rows]
-    exponent, _ = np.polyfit(np.log(sizes), np.log(step_s), 1)
+    rows = [
+        {"agents": agents, "agent_steps_per_s": agents * row["steps_per_s"], **row}
+        for agents, row in zip(sizes, map(median_of, zip(*found, strict=True)), strict=True)
+    ]
+    exponent, _ = np.polyfit(np.log(sizes), np.log([1.0 / row["steps_per_s"] for row in rows]), 1)
     return {
         "warm_up_steps": WARM_UP_STEPS,
         "steps": steps,
@@ -83,6 +86,12 @@ def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int =
         "sizes": rows,
         "step_time_exponent": float(exponent),
     }
+
+
+def median_of(rows: Iterable[Mapping[str, float]]) -> dict[str, float]:
+    """The median of each metric over some rows."""
+    columns = {name: [row[name] for row in rows] for rows in [list(rows)] for name in rows[0]}
+    return {name: statistics.median(values) for name, values in columns.items()}
 
 
 def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
@@ -93,41 +102,45 @@ def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
 
 def _measure(agents: int, steps: int, seed: int) -> dict[str, float]:
     """Speed, the share of agents in trees while it was measured, and the process's largest memory [MB]."""
-    swarm = InProcess(scale_scenario(agents, WARM_UP_STEPS + steps, seed))
-    in_trees = 0
-    began = time.process_time()
-    for step in range(WARM_UP_STEPS + steps):
-        if step == WARM_UP_STEPS:
-            began = time.process_time()
-        tally = swarm.step(step, step == WARM_UP_STEPS + steps - 1)
-        swarm.close(Clock(step, tally.time_s, False))
-        in_trees += tally.agents_in_trees if step >= WARM_UP_STEPS else 0
+    (found,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
     return {
-        "steps_per_s": steps / (time.process_time() - began),
-        "share_in_trees": in_trees / (steps * agents),
+        "steps_per_s": 1e6 / found["step_us"],
+        "share_in_trees": found["agents_in_trees"] / agents,
         "peak_memory_mb": _peak_memory_mb(),
     }
 
 
+def in_turns(
+    scenarios: Mapping[str, Scenario], steps: int, warm_up_steps: int = WARM_UP_STEPS
+) -> dict[str, dict[str, float]]:
+    """What a step of each scenario costs in this process, after a warm-up: CPU time [us], frames, agents in trees."""
+    swarms = {name: InProcess(scenario) for name, scenario in scenarios.items()}
+    totals: dict[str, Counter[str]] = {name: Counter() for name in scenarios}
+    turns = deque(scenarios)
+    last = warm_up_steps + steps
+    for first in range(0, last, BLOCK_STEPS):
+        for name in turns:
+            found = _block(swarms[name], range(first, min(first + BLOCK_STEPS, last)))
+            if first >= warm_up_steps:
+                totals[name].update(found)
+        turns.rotate()
+    return {name: {metric: total / steps for metric, total in own.items()} for name, own in totals.items()}
+
+
+def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
+    """Totals over some steps; the agents' CPU time by their share of the wall time."""
+    agents_s, wall_began, began = swarm.agents_s, time.perf_counter(), time.process_time()
+    tallies = []
+    for step in steps:
+        tallies.append(tally := swarm.step(step, last=False))
+        swarm.close(Clock(step, tally.time_s, False))
+    whole_us = 1e6 * (time.process_time() - began)
+    agents_us = whole_us * (swarm.agents_s - agents_s) / (time.perf_counter() - wall_began)
+    counts = {name: sum(getattr(tally, name) for tally in tallies) for name in COUNTED}
+    return {"step_us": whole_us, "agents_us": agents_us, "world_us": whole_us - agents_us, **counts}
+
+
 def _peak_memory_mb() -> float:
-    """Not `getrusage`: its figure begins with that of the process that started this one."""
+    """Not `getrusage`: its number begins with that of the process that started this one."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024
-
-
-def text(found: dict[str, Any]) -> str:
-    """For people."""
-    head = f"{found['steps']} steps after {found['warm_up_steps']}, medians of {found['rounds']} rounds, one process"
-    rows = [
-        f"  {row['agents']:6d}  {row['steps_per_s']:8.0f}  {row['agent_steps_per_s']:13.0f}"
-        f"  {row['share_in_trees']:8.2f}  {row['peak_memory_mb']:9.0f}"
-        for row in found["sizes"]
-    ]
-    return "\n".join(
-        [
-            head,
-            "  agents   steps/s  agent-steps/s  in trees  peak [MB]",
-            *rows,
-            f"  the time of a step grows with the number of agents to the power of {found['step_time_exponent']:.2f}",
-        ]
-    )

@@ -42,14 +42,16 @@ class Boards:
         """
         found = []
         if self.agents[-1] >= scenario.agents.count:
-            allowed = f"0 to {scenario.agents.count - 1} is allowed (agents.count)"
+            allowed = f"must be 0 to {scenario.agents.count - 1} (agents.count)"
             found.append(Problem("--boards", str(self.agents[-1]), allowed))
         if problem := endpoint_problem(self.listen, connects=True):
             found.append(Problem("--listen", repr(self.listen), problem))
         elif protocol_of(self.listen) not in WITH_PORT or _is_any(self._host):
-            found.append(Problem("--listen", repr(self.listen), "boards connect to it: give this machine's address"))
+            found.append(
+                Problem("--listen", repr(self.listen), "must be this machine's address, to which boards connect")
+            )
         found += [
-            Problem(f"fault.{number}.kind", repr(fault.kind), "with --boards not all processes are in hand")
+            Problem(f"fault.{number}.kind", repr(fault.kind), "must not signal processes, some of which are on boards")
             for number, fault in enumerate(scenario.fault)
             if fault.kind in TO_PROCESSES
         ]

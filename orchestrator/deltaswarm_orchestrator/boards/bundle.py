@@ -1,7 +1,7 @@
 """A folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
 
-Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs; each wheel is
-checked against the tags that the board's Python takes.
+Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs. pip fetches only
+wheels that the board's Python takes; a wheel that is built here must be pure Python.
 """
 
 import hashlib
@@ -11,15 +11,12 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from packaging.tags import Tag, compatible_tags, cpython_tags
-from packaging.utils import parse_wheel_filename
-from packaging.version import Version
-
+from deltaswarm_orchestrator.exits import FAILED, CommandError
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import Problem, SettingsError
 
@@ -27,7 +24,7 @@ PLATFORMS = ("linux_aarch64", "linux_armv7l", "linux_x86_64")
 PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 """Raspberry Pi OS has 3.11 (bookworm) and 3.13 (trixie)."""
 
-AGENT, ZENOH, MSGPACK = "deltaswarm-agent", "eclipse-zenoh", "msgpack"
+ZENOH, MSGPACK = "eclipse-zenoh", "msgpack"
 
 GLIBC_MINORS = range(36, 16, -1)
 """Of glibc 2, newest first: bookworm has 2.36, and no wheel of ours is older than manylinux_2_17."""
@@ -42,8 +39,10 @@ INSTALLED_DATA = "board"
 TAIL_LINES = 8
 
 
-class BundleError(Exception):
+class BundleError(CommandError):
     """No bundle was made; the text says why."""
+
+    code = FAILED
 
 
 def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[str]:
@@ -51,64 +50,43 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[s
 
     Raises:
         SettingsError: the folder is there.
-        BundleError: a wheel cannot be had, or one does not fit. Nothing is left behind.
+        BundleError: a wheel cannot be had, or does not fit. Nothing is left behind.
     """
     if out.exists():
-        raise SettingsError(
-            [Problem("--out", f"{out} is there already", "nothing is overwritten: a new one is expected")]
-        )
+        raise SettingsError([Problem("--out", str(out), "must be a new folder; nothing is overwritten")])
     with _beside(out) as folder, tempfile.TemporaryDirectory(prefix="deltaswarm-") as name:
         scratch = Path(name)
         wheels = folder / "wheels"
         wheels.mkdir()
         source = _source(scratch / "agent")
-        _pip("wheel", "--no-deps", "--wheel-dir", str(wheels), str(source))
+        _build(wheels, str(source))
         _fetch(f"{ZENOH}=={version(ZENOH)}", platform, pythons[0], wheels)
         for python in pythons:
             _fetch_msgpack(platform, python, wheels)
-        names = sorted(wheel.name for wheel in wheels.iterdir())
-        if problems := check(names, platform, pythons):
-            raise BundleError("; ".join(problems))
         for item in (source / "systemd").iterdir():
             shutil.copy(item, folder)
         shutil.copy(source / "README.md", folder)
         _write_sums(folder)
-    return names
-
-
-def check(names: Iterable[str], platform: str, pythons: Sequence[str]) -> list[str]:
-    """What is wrong with these wheels, if anything is: a stranger among them, or a board that none of them fits."""
-    problems = []
-    there: dict[str, list[frozenset[Tag]]] = {AGENT: [], ZENOH: [], MSGPACK: []}
-    for name in names:
-        project, _, _, tags = parse_wheel_filename(name)
-        if project not in there:
-            problems.append(f"{name} does not belong into a bundle")
-        elif not any(tags & board_tags(platform, python) for python in pythons):
-            problems.append(f"{name} does not fit {platform}")
-        else:
-            there[project].append(tags)
-    for wanted, found in there.items():
-        problems += [
-            f"no wheel of {wanted} for Python {python} on {platform}"
-            for python in pythons
-            if not any(tags & board_tags(platform, python) for tags in found)
-        ]
-    return problems
-
-
-def board_tags(platform: str, python: str) -> frozenset[Tag]:
-    """The tags that a board's CPython takes (PEP 425), from its platform and its version such as `3.11`."""
-    numbers = Version(python).release
-    platforms = wheel_platforms(platform)
-    interpreter = f"cp{numbers[0]}{numbers[1]}"
-    return frozenset((*cpython_tags(numbers, platforms=platforms), *compatible_tags(numbers, interpreter, platforms)))
+        return sorted(wheel.name for wheel in wheels.iterdir())
 
 
 def wheel_platforms(platform: str) -> list[str]:
     """The platform tags that `linux_<machine>` takes, best first (PEP 600)."""
     machine = platform.removeprefix("linux_")
     return [*(f"manylinux_2_{minor}_{machine}" for minor in GLIBC_MINORS), f"manylinux2014_{machine}", platform]
+
+
+def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[str, str] | None = None) -> None:
+    """Build a wheel that fits any board.
+
+    Raises:
+        BundleError: it holds machine code of this machine, or cannot be built.
+    """
+    before = set(wheels.iterdir())
+    _pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
+    for wheel in set(wheels.iterdir()) - before:
+        if not wheel.name.endswith("-py3-none-any.whl"):
+            raise BundleError(f"a wheel that is built here must be pure Python (got {wheel.name})")
 
 
 def _fetch(requirement: str, platform: str, python: str, wheels: Path) -> None:
@@ -127,11 +105,8 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
     try:
         _fetch(f"{MSGPACK}=={wanted}", platform, python, wheels)
     except BundleError:
-        _pip(
-            *("wheel", "--no-deps", "--no-cache-dir", "--no-binary", MSGPACK, "--wheel-dir", str(wheels)),
-            f"{MSGPACK}=={wanted}",
-            environment={"MSGPACK_PUREPYTHON": "1"},
-        )
+        options = ("--no-cache-dir", "--no-binary", MSGPACK)
+        _build(wheels, f"{MSGPACK}=={wanted}", *options, environment={"MSGPACK_PUREPYTHON": "1"})
 
 
 def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:

@@ -24,6 +24,11 @@ LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 CLOCK_SLACK = datetime.timedelta(days=1)
 """A board without a clock of its own may lag behind."""
 
+KEY_USAGES = (
+    *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
+    *("key_cert_sign", "crl_sign", "encipher_only", "decipher_only"),
+)
+
 Key = ec.EllipticCurvePrivateKey
 
 
@@ -31,7 +36,7 @@ class Authority:
     """Signs certificates; its key is in memory, or in the folder's `ca.key`."""
 
     def __init__(self, key: Key, certificate: x509.Certificate) -> None:
-        self._key = key
+        self.key = key
         self.certificate = certificate
 
     @classmethod
@@ -39,17 +44,7 @@ class Authority:
         """A new authority, valid for so many days."""
         key = ec.generate_private_key(ec.SECP256R1())
         name = _name("deltaswarm CA")
-        signing = x509.KeyUsage(
-            digital_signature=False,
-            content_commitment=False,
-            key_encipherment=False,
-            data_encipherment=False,
-            key_agreement=False,
-            key_cert_sign=True,
-            crl_sign=True,
-            encipher_only=False,
-            decipher_only=False,
-        )
+        signing = x509.KeyUsage(**{usage: usage in ("key_cert_sign", "crl_sign") for usage in KEY_USAGES})
         builder = (
             _builder(name, name, key, days)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
@@ -87,11 +82,7 @@ class Authority:
             .add_extension(x509.ExtendedKeyUsage(usages), critical=False)
             .add_extension(names, critical=False)
         )
-        return key, builder.sign(self._key, hashes.SHA256())
-
-    def write(self, folder: Path) -> None:
-        """`ca.pem` and `ca.key`."""
-        _write(folder / CA, self._key, self.certificate)
+        return key, builder.sign(self.key, hashes.SHA256())
 
 
 def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -> list[Path]:
@@ -113,7 +104,7 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
             raise ValueError(f"{folder}: its authority has ended; make certificates in a new folder")
     else:
         authority = Authority.create(days)
-        authority.write(folder)
+        _write(folder / CA, authority.key, authority.certificate)
         made.append(CA)
     for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
         path = folder / f"{name}.pem"
@@ -149,7 +140,7 @@ def _host(text: str) -> x509.GeneralName:
         pass
     labels = text.split(".")
     if not all(label and label.replace("-", "").isalnum() and label.isascii() for label in labels):
-        raise ValueError(f"host {text!r}: a name or an IP address is expected")
+        raise ValueError(f"--host must be a name or an IP address (got {text!r})")
     return x509.DNSName(text)
 
 

@@ -8,7 +8,7 @@ import select
 import sys
 from collections.abc import Sequence
 
-from deltaswarm_orchestrator.exits import FAILED, USAGE, complain
+from deltaswarm_orchestrator.exits import FAILED, USAGE, CommandError, complain
 from deltaswarm_orchestrator.stopping import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
@@ -19,6 +19,8 @@ COMMANDS = {
     "study": "answer a question: runs, tests, verdicts and figures on one page",
     "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
+    "station": "open the page of a run that is under way, for the person who watches and commands",
+    "replay": "show a run once more on the station's page, from its recording",
     "info": "show a finished or interrupted run, from its folder",
     "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
@@ -72,10 +74,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         for problem in error.problems:
             complain(str(problem))
         return USAGE
+    except CommandError as error:
+        complain(str(error))
+        return error.code
     except ModuleNotFoundError as error:
-        from deltaswarm_orchestrator.bench.doctor import FOR_STUDIES, INSTALL_STUDY
+        from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, needed
 
-        if (error.name or "").partition(".")[0] not in FOR_STUDIES:
+        if (error.name or "").partition(".")[0] not in needed("study"):
             raise
         complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
         return USAGE

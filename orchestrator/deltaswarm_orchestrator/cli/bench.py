@@ -5,29 +5,30 @@ import json
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.text import named
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """The arguments of `deltaswarm bench`."""
-    command.add_argument("--agents", type=int, default=25, metavar="N", help="size of the swarm (default: 25)")
-    command.add_argument("--steps", type=int, default=1000, metavar="N", help="steps per measurement (default: 1000)")
+    count = whole(1)
+    command.add_argument("--agents", type=count, default=25, metavar="N", help="size of the swarm (default: 25)")
+    command.add_argument("--steps", type=count, default=1000, metavar="N", help="steps per measurement (default: 1000)")
     command.add_argument(
         "--scale", action="store_true", help="measure how the cost of a step grows with the swarm, in one process"
     )
     command.add_argument("--radio", action="store_true", help="measure what the radio models cost, in one process")
-    command.add_argument("--sizes", type=_sizes, metavar="N,N,...", help="with --scale (default: 25,50,100,200,400)")
-    command.add_argument("--rounds", type=int, default=3, metavar="N", help="with --scale or --radio (default: 3)")
+    command.add_argument(
+        "--sizes",
+        type=lambda text: [count(part) for part in text.split(",")],
+        metavar="N,N,...",
+        help="with --scale (default: 25,50,100,200,400)",
+    )
+    command.add_argument("--rounds", type=count, default=3, metavar="N", help="with --scale or --radio (default: 3)")
     command.add_argument("--plot", type=Path, metavar="NAME", help="with --scale: draw NAME.png and NAME.svg")
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=bench)
-
-
-def _sizes(text: str) -> list[int]:
-    try:
-        return [int(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: numbers with commas between them are expected") from None
 
 
 def bench(arguments: argparse.Namespace) -> int:
@@ -37,27 +38,24 @@ def bench(arguments: argparse.Namespace) -> int:
     if not (arguments.scale or arguments.radio or can_start_parts()):
         return FAILED
     try:
-        found, text = _measured(arguments)
+        found = _measured(arguments)
     except ValueError as error:
-        complain(str(error))
-        return USAGE
-    print(json.dumps(found) if arguments.json else text)
+        raise CommandError(str(error)) from None
+    print(json.dumps(found) if arguments.json else named(found))
     return OK
 
 
-def _measured(arguments: argparse.Namespace) -> tuple[dict[str, Any], str]:
+def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
     from deltaswarm_orchestrator.bench import bench, radio_cost, scale
 
     if arguments.radio:
-        found = radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
-        return found, radio_cost.text(found)
+        return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
     if not arguments.scale:
-        found = bench.measure(arguments.agents, arguments.steps)
-        return found, bench.text(found)
+        return bench.measure(arguments.agents, arguments.steps)
     found = scale.measure_scale(arguments.sizes or scale.SIZES, arguments.steps, arguments.rounds)
     if arguments.plot:
         from deltaswarm_orchestrator.report.plots.scale import scale as drawn
         from deltaswarm_orchestrator.report.plots.style import save
 
-        save(drawn([{**row, "rss_mb": row["peak_memory_mb"]} for row in found["sizes"]]), arguments.plot)
-    return found, scale.text(found)
+        save(drawn(found["sizes"]), arguments.plot)
+    return found

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.exits import OK
 from deltaswarm_wire import __version__
 
 
@@ -29,10 +29,6 @@ def bundle(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
-    try:
-        names = bundles.bundle(out, arguments.platform, pythons)
-    except bundles.BundleError as error:
-        complain(str(error))
-        return FAILED
+    names = bundles.bundle(out, arguments.platform, pythons)
     print("\n".join([*(f"  {name}" for name in names), str(out)]))
     return OK

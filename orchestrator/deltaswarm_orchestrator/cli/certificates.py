@@ -4,10 +4,9 @@ import argparse
 import sys
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK, USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.exits import OK, CommandError
 from deltaswarm_wire.arguments import agent_numbers
-
-MAX_DAYS = 36_500
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -21,14 +20,10 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--host", action="append", default=[], metavar="HOST", help="name or address of the world's machine; repeatable"
     )
-    command.add_argument("--days", type=_days, default=365, metavar="N", help="how long they are valid (default: 365)")
+    command.add_argument(
+        "--days", type=whole(1, 36_500), default=365, metavar="N", help="how long they are valid (default: 365)"
+    )
     command.set_defaults(func=certificates)
-
-
-def _days(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= MAX_DAYS:
-        raise argparse.ArgumentTypeError(f"{text!r}: 1 to {MAX_DAYS} days are allowed")
-    return int(text)
 
 
 def certificates(arguments: argparse.Namespace) -> int:
@@ -38,8 +33,7 @@ def certificates(arguments: argparse.Namespace) -> int:
     try:
         files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
     except (ValueError, OSError) as error:
-        complain(str(error))
-        return USAGE
+        raise CommandError(str(error)) from None
     print("\n".join(map(str, files)) if files else f"{arguments.out}: all certificates exist")
     print(
         f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine. "

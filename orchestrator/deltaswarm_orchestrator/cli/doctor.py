@@ -1,8 +1,15 @@
 """`deltaswarm doctor`."""
 
 import argparse
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.exits import FAILED, OK
+from deltaswarm_orchestrator.text import aligned
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.bench.doctor import Finding
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -16,5 +23,14 @@ def doctor(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.bench import doctor
 
     findings = doctor.examine()
-    print(doctor.to_json(findings) if arguments.json else doctor.text(findings))
+    if arguments.json:
+        print(json.dumps([asdict(finding) for finding in findings]))
+    else:
+        print(aligned(_row(finding) for finding in findings))
     return OK if all(finding.is_well for finding in findings) else FAILED
+
+
+def _row(finding: "Finding") -> tuple[str, str, str]:
+    """What is not well comes with its advice."""
+    found = finding.found if finding.is_well else f"{finding.found}  ->  {finding.advice}"
+    return "ok" if finding.is_well else "MISSING", finding.name, found

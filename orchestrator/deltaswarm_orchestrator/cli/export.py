@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.exits import FAILED, OK, complain
 
 FORMATS = ("csv", "rosbag2", "rrd", "mp4")
 
@@ -25,9 +25,6 @@ def export(arguments: argparse.Namespace) -> int:
     out = arguments.out or exporting.default_out(arguments.run, arguments.format)
     try:
         complete = exporting.export(arguments.run, arguments.format, out, force=arguments.force)
-    except exporting.ExportError as error:
-        complain(str(error))
-        return USAGE
     except OSError as error:
         complain(f"{error.filename or out} could not be written: {error.strerror or error}")
         return FAILED

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK, USAGE, complain
+from deltaswarm_orchestrator.exits import OK, CommandError
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -20,13 +20,8 @@ def info(arguments: argparse.Namespace) -> int:
 
     if not arguments.folder.is_dir():
         unfinished = arguments.folder.with_name(f"{arguments.folder.name}.part")
-        allowed = f"{unfinished} has what was left of a run" if unfinished.is_dir() else "a run folder is expected"
-        complain(f"{arguments.folder} is not a folder; {allowed}")
-        return USAGE
-    try:
-        found = info.describe(arguments.folder)
-    except info.NotARunError as error:
-        complain(str(error))
-        return USAGE
+        hint = f"; {unfinished} has what is left of an interrupted run" if unfinished.is_dir() else ""
+        raise CommandError(f"{arguments.folder} must be a run's folder{hint}")
+    found = info.describe(arguments.folder)
     print(json.dumps(found) if arguments.json else info.text(found))
     return OK

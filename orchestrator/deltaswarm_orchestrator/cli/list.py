@@ -5,6 +5,7 @@ import json
 from importlib.metadata import entry_points
 
 from deltaswarm_orchestrator.exits import OK
+from deltaswarm_orchestrator.text import aligned
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -20,34 +21,28 @@ def list_all(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps(found))
         return OK
-    width = max(len(name) for names in found.values() for name in names)
     for kind, names in found.items():
-        print(f"{kind}:")
-        print("\n".join(f"  {name:{width}}  {what}".rstrip() for name, what in names.items()))
+        print(f"{kind}:\n{aligned(('', *pair) for pair in names.items())}")
     return OK
 
 
 def known() -> dict[str, dict[str, str]]:
     """Every name that a command or a settings file may use, by kind, with a line about it."""
-    from deltaswarm_orchestrator.run.scenario import BUILT_IN as SCENARIOS
-    from deltaswarm_orchestrator.sweeps.load import FOLDERS, files_in
+    from deltaswarm_orchestrator.run.scenario import files_in
+    from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
     from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS
 
-    def about(folder: str) -> dict[str, str]:
-        texts = {file.name.removesuffix(".toml"): file.read_text() for file in files_in(folder)}
+    def about(*folders: str) -> dict[str, str]:
+        texts = {name: file.read_text() for name, file in files_in(*folders).items()}
         return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
 
     def plugins(shipped: dict[str, str], group: str) -> dict[str, str]:
         return {**shipped, **{point.name: point.value for point in entry_points(group=group)}}
 
-    scenarios = about("scenarios")
-    studies = {
-        name: text for folder in FOLDERS if folder.startswith("studies/") for name, text in about(folder).items()
-    }
     return {
-        "scenarios": {name: scenarios[name] for name in SCENARIOS},
+        "scenarios": about("scenarios"),
         "sweeps": about("sweeps/built_in"),
-        "studies": studies,
+        "studies": about(*STUDY_FOLDERS),
         "controllers": plugins(CONTROLLERS, CONTROLLER_GROUP),
         "bodies": plugins(BODIES, BODY_GROUP),
     }

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK, USAGE, complain
+from deltaswarm_orchestrator.exits import OK, CommandError
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -42,8 +42,7 @@ def report(arguments: argparse.Namespace) -> int:
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
         )
         files = write(study, Evidence.of_sweep(study, table, series), provenance_of(manifest), arguments.out or folder)
-    except (SweepFolderError, OSError, ValueError) as error:
-        complain(str(error))
-        return USAGE
+    except (OSError, ValueError) as error:
+        raise CommandError(str(error)) from None
     print(json.dumps([str(file) for file in files]) if arguments.json else files[0])
     return OK

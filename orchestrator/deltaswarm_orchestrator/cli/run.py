@@ -5,12 +5,17 @@ import json
 import sys
 from datetime import datetime
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.cli import boards as cli_boards
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import number, whole
+from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.run.scenario import BUILT_IN, commented_toml, load_scenario
-from deltaswarm_wire.arguments import listens_on, override
+from deltaswarm_wire.arguments import agent_numbers, listens_on, override
+from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import RECORDS, Scenario
+
+if TYPE_CHECKING:
+    from deltaswarm_orchestrator.boards.boards import Boards
 
 DEFAULT_SCENARIO = "paper-25"
 LOOPBACK = "127.0.0.1:0"
@@ -42,13 +47,24 @@ def add(command: argparse.ArgumentParser) -> None:
         metavar="ENDPOINT",
         help=f"where the router listens (default: {ANYWHERE})",
     )
-    cli_boards.add_hardware_in_the_loop(command)
+    command.add_argument(
+        "--boards",
+        type=agent_numbers,
+        metavar="N-M,...",
+        help="agents that run on boards: wait for them instead of starting them",
+    )
+    command.add_argument(
+        "--boards-folder",
+        type=Path,
+        metavar="FOLDER",
+        help="where to put the files for each board (default: RUN.boards)",
+    )
     command.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
     command.add_argument(
         "--checkpoint",
-        type=_steps,
+        type=whole(1),
         default=0,
         metavar="STEPS",
         help="save the whole run after every STEPS steps",
@@ -59,7 +75,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
     command.add_argument(
         "--speed",
-        type=_speed,
+        type=number(0, 1000),
         default=1.0,
         metavar="N",
         help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
@@ -80,27 +96,10 @@ def add(command: argparse.ArgumentParser) -> None:
     command.set_defaults(func=run)
 
 
-def _steps(text: str) -> int:
-    if not text.isdecimal() or not int(text):
-        raise argparse.ArgumentTypeError(f"{text!r}: a number of steps, at least 1, is expected")
-    return int(text)
-
-
-def _speed(text: str) -> float:
-    try:
-        speed = float(text)
-    except ValueError:
-        speed = -1.0
-    if not 0.0 <= speed <= 1000.0:
-        raise argparse.ArgumentTypeError(f"must be from 0 to 1000 (got {text})")
-    return speed
-
-
 def run(arguments: argparse.Namespace) -> int:
     """`deltaswarm run`."""
     if problem := _resume_problem(arguments):
-        complain(problem)
-        return USAGE
+        raise CommandError(problem)
     scenario = _scenario_of(arguments)
     if arguments.dry_run:
         print(commented_toml(scenario), end="")
@@ -113,12 +112,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     from deltaswarm_orchestrator.run.conduct import RunOptions
     from deltaswarm_orchestrator.run.conduct import run as run_scenario
-    from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError
     from deltaswarm_orchestrator.run.progress import Display, result_table
     from deltaswarm_orchestrator.run.station import Station
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
-    boards = cli_boards.boards_of(arguments, out)
+    boards = _boards_of(arguments, out)
     listen = ANYWHERE if boards else arguments.listen
     options = RunOptions(
         out,
@@ -131,12 +129,8 @@ def run(arguments: argparse.Namespace) -> int:
         Station(arguments.speed, arguments.station_listen) if arguments.station else None,
         resume=arguments.resume is not None,
     )
-    try:
-        with Display(scenario.run.step_s, scenario.agents.count) as display:
-            result = run_scenario(scenario, options, display)
-    except FolderError as error:
-        complain(str(error))
-        return FAILED if isinstance(error, FolderTakenError) else USAGE
+    with Display(scenario.run.step_s, scenario.agents.count) as display:
+        result = run_scenario(scenario, options, display)
     for message in result.messages:
         complain(message)
     if arguments.json:
@@ -162,27 +156,17 @@ def _resume_problem(arguments: argparse.Namespace) -> str | None:
     if arguments.resume is None:
         elsewhere = {"--in-process": arguments.in_process, "--boards": arguments.boards}
         given = [name for name, value in elsewhere.items() if arguments.checkpoint and value]
-        return f"--checkpoint saves processes of this machine; {given[0]} is not allowed with it" if given else None
+        return f"--checkpoint must be given without {given[0]}: it saves processes of this machine" if given else None
     names = (
-        "scenario",
-        "set",
-        "seed",
-        "out",
-        "force",
-        "in_process",
-        "record",
-        "boards",
-        "checkpoint",
-        "dry_run",
-        "commands",
-        "station",
+        *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run"),
+        *("commands", "station"),
     )
     given = [name for name in names if getattr(arguments, name) not in (None, False, 0, [])]
     if given:
         shown = ", ".join(name.upper() if name == "scenario" else f"--{name.replace('_', '-')}" for name in given)
-        return f"--resume goes on with the run as it was begun; {shown} is not allowed with it"
+        return f"--resume must be given without {shown}: the run goes on as it began"
     if not (arguments.resume / "scenario.toml").is_file():
-        return f"--resume {arguments.resume}: the folder of a run that was begun is expected"
+        return f"--resume must be the folder of an interrupted run (got {arguments.resume})"
     return None
 
 
@@ -202,3 +186,25 @@ def _default_folder(scenario: Scenario) -> Path:
     numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
     free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
     return next(free)
+
+
+def _boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
+    """The boards of a run into the folder `out`, if it has any.
+
+    Raises:
+        SettingsError: a folder for them without them, or boards in a run in one process.
+    """
+    if not arguments.boards:
+        if arguments.boards_folder:
+            raise SettingsError(
+                [Problem("--boards-folder", str(arguments.boards_folder), "must be given with --boards")]
+            )
+        return None
+    if arguments.in_process:
+        raise SettingsError(
+            [Problem("--boards", "with --in-process", "must not be given: boards are processes of their own")]
+        )
+    from deltaswarm_orchestrator.boards.boards import Boards
+
+    folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
+    return Boards(tuple(arguments.boards), arguments.listen, folder)

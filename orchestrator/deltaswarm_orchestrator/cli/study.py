@@ -2,11 +2,12 @@
 
 import argparse
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltaswarm_orchestrator.cli.sweep import add_engine, conduct_for
-from deltaswarm_orchestrator.exits import FAILED, MISSED, OK, USAGE, complain
+from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for
+from deltaswarm_orchestrator.exits import FAILED, MISSED, OK, USAGE, CommandError, complain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,10 +32,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
     command.add_argument("--plan", action="store_true", help="print what would be run and what it could show")
     command.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
-    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
-    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
-    command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
-    add_engine(command)
+    add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
     command.add_argument("--json", action="store_true", help="print the verdicts as JSON")
     command.set_defaults(func=study)
@@ -42,6 +40,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
+    from deltaswarm_orchestrator.studies.page import write_index
     from deltaswarm_orchestrator.studies.plan import plan
     from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
@@ -49,31 +48,39 @@ def study(arguments: argparse.Namespace) -> int:
 
     is_known = arguments.study in {*COLLECTIONS, *BUILT_IN} or Path(arguments.study).exists()
     if not is_known and (hint := did_you_mean(arguments.study, COLLECTIONS)):
-        complain(f"there is no study {arguments.study!r}; {hint.strip()}")
-        return USAGE
+        raise CommandError(f"there is no study {arguments.study!r}; {hint.strip()}")
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
     studies = [load_study(name, arguments.set, settings) for name in names]
     if arguments.plan:
         print("\n\n".join(map(plan, studies)))
         return OK
-    out: Path = arguments.out or Path("studies") / studies[0].name
-    if len(studies) > 1:
-        out = arguments.out or Path("studies") / arguments.study
+    is_collection = len(studies) > 1
+    out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
     codes, told = [], []
     for one in studies:
-        code, found = _done(arguments, one, out / one.name if len(studies) > 1 else out)
-        codes.append(code)
-        told += [found] if found else []
-        if code in (FAILED, USAGE):
+        try:
+            code, found = _done(arguments, one, out / one.name if is_collection else out)
+        except CommandError as error:
+            complain(str(error))
+            codes.append(error.code)
             break
+        codes.append(code)
+        told.append(found)
+    if is_collection and told:
+        index = write_index(arguments.study, studies, out)
+        print(f"{arguments.study}: {index}", file=sys.stderr)
     if arguments.json:
-        print(json.dumps(told if len(studies) > 1 else told[0] if told else None))
+        print(json.dumps(told if is_collection else told[0] if told else None))
     return max(codes, key=(OK, MISSED, FAILED, USAGE).index)
 
 
-def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any] | None]:
-    """One study's exit code, and its verdicts for JSON."""
+def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
+    """Do one study; its exit code, and its page and verdicts.
+
+    Raises:
+        CommandError: a run failed, or there is no page.
+    """
     from deltaswarm_orchestrator.studies.page import Evidence, write
     from deltaswarm_orchestrator.sweeps.table import read_table
 
@@ -81,14 +88,10 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
         if arguments.render:
             evidence, provenance = Evidence.of_folder(one, folder), read_table(folder / "provenance.csv")
         else:
-            made = _conducted(arguments, one, folder)
-            if isinstance(made, int):
-                return made, None
-            evidence, provenance = made
+            evidence, provenance = _conducted(arguments, one, folder)
         files = write(one, evidence, provenance, folder)
     except (OSError, ValueError) as error:
-        complain(f"{one.name}: {error}")
-        return FAILED, None
+        raise CommandError(f"{one.name}: {error}", FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
@@ -103,8 +106,12 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
     return MISSED if is_missed else OK, {"study": one.name, "page": str(files[0]), "claims": verdicts}
 
 
-def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame] | int":
-    """What a study's runs show and where they come from; or an exit code."""
+def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
+    """What a study's runs show, and where they come from.
+
+    Raises:
+        CommandError: the sweep could not begin, or a run failed.
+    """
     from deltaswarm_orchestrator.studies.page import Evidence, provenance_of
     from deltaswarm_orchestrator.sweeps.shared import take_over
 
@@ -114,8 +121,6 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
         if taken := take_over(one.sweep, runs, others):
             complain(f"{one.name}: {taken} runs are taken from other studies")
     result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
-    if result is None:
-        return USAGE
     if not result.is_well:
-        return FAILED
+        raise CommandError(f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page", FAILED)
     return Evidence.of_sweep(one, result.table, result.series), provenance_of(result.manifest)

@@ -2,14 +2,13 @@
 
 import argparse
 import json
-import signal
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
+from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.conduct import SweepResult
@@ -24,23 +23,21 @@ def add(command: argparse.ArgumentParser) -> None:
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
 
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
-    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
-    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
-    command.add_argument(
-        "--prove", type=int, metavar="N", help="runs to repeat with real processes, to compare digests"
-    )
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     command.add_argument("--dry-run", action="store_true", help="check the sweep and list its variants only")
-    add_engine(command)
+    add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=sweep)
 
 
-def add_engine(command: argparse.ArgumentParser) -> None:
-    """Where and by what means runs are done."""
-    command.add_argument("-j", "--jobs", type=int, metavar="N", help="runs in parallel (default: number of cores)")
+def add_runs(command: argparse.ArgumentParser) -> None:
+    """Which runs are done, where and by what means."""
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
+    command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
+    command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
+    command.add_argument("-j", "--jobs", type=whole(1), metavar="N", help="runs in parallel (default: number of cores)")
     command.add_argument("--processes", action="store_true", help="every run with real agent processes")
     command.add_argument("--engine", choices=ENGINES, default="local", help="this machine, or a Dask cluster")
     command.add_argument(
@@ -55,19 +52,13 @@ def sweep(arguments: argparse.Namespace) -> int:
     settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
     loaded = load_sweep(arguments.sweep, arguments.set, settings)
     if arguments.dry_run:
-        jobs = loaded.jobs()
-        print(
-            f"{loaded.name}: {len(loaded.variants)} variants x {loaded.file.sweep.repeats} replicates, {len(jobs)} runs"
-        )
+        print(loaded.size)
         print("\n".join(variant.label for variant in loaded.variants))
         return OK
     if arguments.series and not loaded.file.sweep.series_every_s:
-        complain("--series: sweep.series_every_s is 0, which keeps no time series")
-        return USAGE
+        raise CommandError("--series needs time series, but sweep.series_every_s is 0")
     folder = arguments.out or Path("sweeps") / loaded.name
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
-    if result is None:
-        return USAGE
     if arguments.json:
         print(json.dumps({"folder": str(folder), **result.manifest, "well": result.is_well}))
     else:
@@ -75,46 +66,37 @@ def sweep(arguments: argparse.Namespace) -> int:
     return OK if result.is_well else FAILED
 
 
-def conduct_for(
-    arguments: argparse.Namespace,
-    loaded: "Sweep",
-    folder: Path,
-    *,
-    with_series: bool,
-    only: Sequence[str] | None = None,
-) -> "SweepResult | None":
-    """Do a sweep as the command line says, and say what went wrong; None if it could not begin."""
+def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool) -> "SweepResult":
+    """Do a sweep as the command line says, and say what went wrong.
+
+    Raises:
+        CommandError: it could not begin.
+    """
     from deltaswarm_orchestrator.sweeps.conduct import conduct
-    from deltaswarm_orchestrator.sweeps.engine import EngineError
-    from deltaswarm_orchestrator.sweeps.folder import SweepFolderError
     from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
     from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
-    if make_engine is None:
-        return None
+    raise_on_signals(STOP_SIGNALS)  # tables are written, and the sweep can go on later
     try:
-        with SweepDisplay(loaded.name) as display, _interruptible():
-            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series, only=only)
-    except (SweepFolderError, EngineError, OSError) as error:  # OSError: a full disk beneath a table
-        complain(str(error))
-        return None
-    for file in result.damaged:
-        complain(f"{file} was damaged: cut off, or changed after it was written; its run was done again")
-    for file in result.left_out:
-        complain(f"{file} is damaged: cut off, or changed after it was written; it is not in the tables; delete it")
-    if len(result.manifest["code"]) > 1:
-        versions = len(result.manifest["code"])
-        complain(f"{folder} has runs by {versions} versions of the code; another --out would have one")
-    for reason in result.failed:
-        complain(f"failed: {reason}")
-    for name in result.differing:
-        complain(f"digests differ between one process and real processes: {name}")
+        with SweepDisplay(loaded.name) as display:
+            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
+    except OSError as error:  # a full disk beneath a table
+        raise CommandError(str(error)) from None
+    told = [
+        *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
+        *(f"failed: {reason}" for reason in result.failed),
+        *(f"digests differ between one process and real processes: {name}" for name in result.differing),
+    ]
+    if (versions := len(result.manifest["code"])) > 1:
+        told.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
     if _is_outdated(folder / "page.md", result.manifest["digest"]):
-        complain(f"{folder / 'page.md'} is of another table; made anew by: deltaswarm report {folder}")
+        told.append(f"{folder / 'page.md'} is of another table; made anew by: deltaswarm report {folder}")
     if result.interrupted:
-        complain(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
+        told.append(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
+    for line in told:
+        complain(line)
     return result
 
 
@@ -123,54 +105,31 @@ def _is_outdated(report: Path, digest: str | None) -> bool:
     return report.exists() and (digest is None or digest not in report.read_text())
 
 
-def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine] | None":
-    """What makes the engine that the command line asks for; None, with a complaint, if it asks for nonsense."""
+def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine]":
+    """What makes the engine that the command line asks for."""
     from deltaswarm_orchestrator.sweeps.conduct import default_workers
     from deltaswarm_orchestrator.sweeps.engine import LocalEngine
 
-    workers = arguments.jobs if arguments.jobs is not None else default_workers(means)
-    if workers < 1:
-        complain(f"--jobs: {workers}; at least 1 is allowed")
-        return None
+    workers = arguments.jobs or default_workers(means)
     if arguments.engine == "local":
         if arguments.scheduler:
-            complain("--scheduler is for --engine dask")
-            return None
+            raise CommandError("--scheduler is for --engine dask")
         return lambda: LocalEngine(workers)
     try:
         from deltaswarm_orchestrator.sweeps.cluster import DaskEngine
     except ImportError:
-        complain("--engine dask needs Dask: pip install 'deltaswarm[cluster]'")
-        return None
+        raise CommandError("--engine dask needs Dask: pip install 'deltaswarm[cluster]'") from None
     return lambda: DaskEngine(arguments.scheduler, workers)
-
-
-@contextmanager
-def _interruptible() -> Iterator[None]:
-    """SIGTERM and a closed terminal end a sweep as Ctrl-C does: tables are written, and it can go on later."""
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    numbers = (signal.SIGTERM, signal.SIGHUP)
-    before: dict[signal.Signals, Any] = {number: signal.signal(number, interrupt) for number in numbers}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def described(result: "SweepResult") -> str:
     """The end of a sweep, for people."""
     manifest, proofs = result.manifest, result.manifest["proofs"]
-    sessions = f" over {manifest['sessions']} sessions" if manifest["sessions"] > 1 else ""
-    lines = [
-        f"{result.finished} of {result.runs} runs in {manifest['wall_s']:.0f} s{sessions}, digest "
-        f"{manifest['digest'] or '-'}"
-    ]
-    if proofs["checked"]:
-        lines.append(
-            f"{proofs['equal']} of {proofs['checked']} runs that were also done by real processes have the same digest"
-        )
-    return "\n".join([*lines, str(result.folder / "table.csv")])
+    return "\n".join(
+        [
+            f"{result.finished} of {result.runs} runs in {manifest['wall_s']:.0f} s "
+            f"(sessions: {manifest['sessions']}), digest {manifest['digest'] or '-'}",
+            f"repeated with real processes: {proofs['checked']}, with the same digest: {proofs['equal']}",
+            str(result.folder / "table.csv"),
+        ]
+    )

@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.exits import FAILED, OK, complain
 from deltaswarm_wire.keys import OPERATOR
 
 
@@ -24,18 +24,14 @@ def _receiver(text: str) -> int | str:
     try:
         return text if text == OPERATOR else int(text)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r}: an agent's number or {OPERATOR!r} is expected") from None
+        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r})") from None
 
 
 def why(arguments: argparse.Namespace) -> int:
     """Say whether one agent could hear another, and why not."""
-    from deltaswarm_orchestrator.run import info, why
+    from deltaswarm_orchestrator.run import why
 
-    try:
-        answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
-    except info.NotARunError as error:
-        complain(str(error))
-        return USAGE
+    answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
     print(json.dumps(asdict(answer)) if arguments.json else why.text(answer))
     if answer.differs_from_step is not None:
         complain(f"the run was disturbed: from step {answer.differs_from_step} on this is another one than it was")

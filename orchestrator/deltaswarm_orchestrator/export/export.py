@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.reader import recording_in
 from deltaswarm_orchestrator.recording.records import RecordingError
 
 
-class ExportError(Exception):
+class ExportError(CommandError):
     """A recording cannot be exported; the text says why, and what to do."""
 
 
@@ -73,7 +74,7 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
                 raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")
             out.rename(Path(made) / f"{out.name}.replaced")
         part.rename(out)
-    return film.figures.complete
+    return film.recording.complete
 
 
 def _is_like(old: Path, new: Path) -> bool:

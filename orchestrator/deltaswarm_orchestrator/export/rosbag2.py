@@ -38,7 +38,7 @@ def write(film: Film, out: Path) -> None:
             for role in sorted(places):
                 bag.add(f"/swarm/{_ros_name(role)}", POSES, view.time_s, _poses(places[role], view.time_s))
             bag.add("/events", POSES, view.time_s, _poses([(e.x_m, e.y_m) for e in view.events], view.time_s))
-        for workload in film.figures.workloads:
+        for workload in film.recording.workloads:
             for name in ("messages", "rate_60s_hz"):
                 value = _KINDS[NUMBER](data=float(getattr(workload, name)))
                 bag.add(f"/operator/{name}", NUMBER, workload.time_s, value)

@@ -1,4 +1,4 @@
-"""A Rerun recording: agents as points per role, trees, events, walls, and the figures as plots.
+"""A Rerun recording: agents as points per role, trees, events, walls, and metrics as plots.
 
 Rerun also opens `recording.mcap` itself; this has the roles apart, trees, and curves besides.
 """
@@ -10,7 +10,6 @@ import rerun as rr
 
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.recording.scene import EVENT_RGBA, role_rgba
-from deltaswarm_wire.messages import NOBODY
 
 TIME, STEP = "time", "step"
 """The timelines: simulated time, and steps."""
@@ -25,7 +24,7 @@ WORKLOAD = ("messages", "rate_60s_hz")
 def write(film: Film, out: Path) -> None:
     """One file."""
     longest_m = max(film.width_m, film.height_m)
-    with rr.RecordingStream("deltaswarm", recording_id=film.figures.metadata.get("digest")) as stream:
+    with rr.RecordingStream("deltaswarm", recording_id=film.recording.metadata.get("digest")) as stream:
         stream.save(out)
         stream.log("arena", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         stream.log("arena/walls", rr.LineStrips3D([_flat(wall) for wall in film.walls_m]), static=True)
@@ -33,8 +32,8 @@ def write(film: Film, out: Path) -> None:
         for view in film.snapshots():
             shown = _log(stream, view, shown, longest_m)
         for entity, names, rows in (
-            ("swarm", SWARM, film.figures.tallies),
-            ("operator", WORKLOAD, film.figures.workloads),
+            ("swarm", SWARM, film.recording.tallies),
+            ("operator", WORKLOAD, film.recording.workloads),
         ):
             times = [
                 rr.TimeColumn(TIME, duration=[row.time_s for row in rows]),
@@ -58,9 +57,7 @@ def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float) -> set[
             radii=[AGENT_RADIUS * longest_m] * len(bodies),
         )
         stream.log(f"arena/agents/{rr.escape_entity_path_part(role)}", points)
-    places = {body.agent: (body.x_m, body.y_m) for body in view.bodies}
-    children = [body for body in view.bodies if body.parent != NOBODY and body.parent in places]
-    lines = [_flat([places[body.agent], places[body.parent]]) for body in children]
+    lines = [_flat(line) for line in view.trees_m]
     stream.log("arena/trees", rr.LineStrips3D(lines, colors=[list(role_rgba("member"))] * len(lines)))
     count = len(view.events)
     events = _flat([(event.x_m, event.y_m) for event in view.events])

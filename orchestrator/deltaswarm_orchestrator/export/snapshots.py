@@ -1,4 +1,4 @@
-"""What an export shows of a recording: the swarm as it was in each view, and the figures."""
+"""What an export shows of a recording: the swarm as it was in each view, and its metrics."""
 
 import tomllib
 from collections.abc import Iterator
@@ -22,13 +22,19 @@ class Snapshot(NamedTuple):
     bodies: tuple[Body, ...]
     events: tuple[EventState, ...]
 
+    @property
+    def trees_m(self) -> list[list[tuple[float, float]]]:
+        """A line from each child to its parent."""
+        places = {body.agent: (body.x_m, body.y_m) for body in self.bodies}
+        return [[places[body.agent], places[body.parent]] for body in self.bodies if body.parent in places]
+
 
 @dataclass(frozen=True)
 class Film:
     """A recording to be exported."""
 
     path: Path
-    figures: Recording
+    recording: Recording
     width_m: float
     height_m: float
     obstacles_m: list[list[tuple[float, float]]] = field(default_factory=list)
@@ -53,10 +59,10 @@ def read_film(path: Path) -> Film:
         FileNotFoundError: there is none.
         RecordingError: it is no recording, or was cut off before it began.
     """
-    figures = read_recording(path)
-    arena = tomllib.loads(figures.scenario).get("arena", {"width_m": 0.0, "height_m": 0.0})
+    recording = read_recording(path)
+    arena = tomllib.loads(recording.scenario).get("arena", {"width_m": 0.0, "height_m": 0.0})
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
-    return Film(path, figures, arena["width_m"], arena["height_m"], obstacles)
+    return Film(path, recording, arena["width_m"], arena["height_m"], obstacles)
 
 
 def snapshots(path: Path) -> Iterator[Snapshot]:

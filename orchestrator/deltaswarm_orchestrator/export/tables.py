@@ -1,11 +1,9 @@
 """CSV: `poses.csv` (a row per view and agent), `events.csv` (per event), `workload.csv` (per step)."""
 
-import csv
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from deltaswarm_orchestrator.export.snapshots import Film
+from deltaswarm_orchestrator.run.results import write_csv
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.truth import Body, EventState
@@ -19,13 +17,6 @@ def write(film: Film, out: Path) -> None:
         for view in film.snapshots()
         for body in view.bodies
     )
-    _write(out / "poses.csv", ("step", "time_s", *Body._fields), poses)
-    _write(out / "events.csv", EventState._fields, film.figures.events)
-    _write(out / "workload.csv", Workload._fields, film.figures.workloads)
-
-
-def _write(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    with file.open("w", newline="") as stream:
-        table = csv.writer(stream)
-        table.writerow(header)
-        table.writerows(rows)
+    write_csv(out / "poses.csv", ("step", "time_s", *Body._fields), poses)
+    write_csv(out / "events.csv", EventState._fields, film.recording.events)
+    write_csv(out / "workload.csv", Workload._fields, film.recording.workloads)

@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 from deltaswarm_orchestrator.export.export import ExportError
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.recording.scene import role_colour
-from deltaswarm_wire.messages import NOBODY
 
 FRAMES_PER_S = 20
 MAX_FRAMES = 30 * FRAMES_PER_S
@@ -57,11 +56,9 @@ class _Picture:
 
     def show(self, view: Snapshot) -> None:
         """Draw one view."""
-        places = {body.agent: (body.x_m, body.y_m) for body in view.bodies}
-        children = [body for body in view.bodies if body.parent != NOBODY and body.parent in places]
-        self._trees.set_segments([[places[body.agent], places[body.parent]] for body in children])
+        self._trees.set_segments(view.trees_m)
         self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
-        self._agents.set_offsets(np.array(list(places.values())).reshape(-1, 2))
+        self._agents.set_offsets(np.array([(body.x_m, body.y_m) for body in view.bodies]).reshape(-1, 2))
         self._agents.set_facecolor([role_colour(body.role) for body in view.bodies])
         self._axes.set_title(f"{view.time_s:.0f} s")
         if new := {body.role for body in view.bodies} - set(self._roles):

@@ -1,11 +1,9 @@
 """A page from its parts: one template for HTML that needs nothing else, one for Markdown."""
 
 import base64
-import io
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import resources
 from typing import Any
 
 import jinja2
@@ -35,9 +33,9 @@ class Picture:
     @property
     def uri(self) -> str:
         """The drawing within the page: an image, so that the names within one drawing cannot meet those of another."""
-        kind, data = "svg+xml", _rendered(self.drawing, "svg")
+        kind, data = "svg+xml", style.rendered(self.drawing, "svg")
         if len(data) > MAX_SVG_BYTES:
-            kind, data = "png", _rendered(self.drawing, "png")
+            kind, data = "png", style.rendered(self.drawing, "png")
         return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
@@ -68,7 +66,7 @@ def render(template: str, context: Mapping[str, Any]) -> str:
     Text between backticks is set as code; everything else is shown as it is.
     """
     environment = jinja2.Environment(
-        loader=jinja2.FunctionLoader(lambda name: _template(name)),
+        loader=jinja2.PackageLoader("deltaswarm_orchestrator.report"),
         autoescape="html" in template,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -76,10 +74,6 @@ def render(template: str, context: Mapping[str, Any]) -> str:
     )
     environment.filters |= {"code": _with_code, "cell": lambda text: " ".join(text.split()).replace("|", "\\|")}
     return environment.get_template(template).render(context) + "\n"
-
-
-def _template(name: str) -> str:
-    return resources.files(__package__).joinpath("templates", name).read_text(encoding="utf-8")
 
 
 def _texts(values: Sequence[Any]) -> list[str]:
@@ -113,11 +107,3 @@ def _with_code(text: str) -> Markup:
         return escape(text)
     shown = (Markup("<code>{}</code>").format(one) if index % 2 else escape(one) for index, one in enumerate(pieces))
     return Markup("").join(shown)
-
-
-def _rendered(figure: Figure, kind: str) -> bytes:
-    stream = io.BytesIO()
-    metadata: dict[str, dict[str, Any]] = {"svg": {"Date": None, "Creator": None}, "png": {"Software": None}}
-    with style.drawing():
-        figure.savefig(stream, format=kind, metadata=metadata[kind])
-    return stream.getvalue()

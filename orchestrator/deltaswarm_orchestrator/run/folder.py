@@ -7,10 +7,10 @@ import shutil
 from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
-from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError, is_held
+from deltaswarm_orchestrator.exits import FAILED, CommandError
+from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.run.results import write_json
 from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_wire.settings import Scenario
@@ -24,12 +24,14 @@ BEGINNING = {*LOCK_FILES, "scenario.toml", "manifest.json.part"}
 DELETE_TRIES = 10
 
 
-class FolderError(Exception):
+class FolderError(CommandError):
     """The run folder cannot be made, is being written, or is there already and `--force` was not given."""
 
 
 class FolderTakenError(FolderError):
     """A whole run cannot get its name, and keeps the one it was written under."""
+
+    code = FAILED
 
 
 class RunFolder:
@@ -70,9 +72,7 @@ class RunFolder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -165,11 +165,6 @@ class ResumedFolder(RunFolder):
             self._lock.release()
             raise FolderError(f"{folder} has just become another run's")
         folder.rename(self.path)
-
-
-def is_under_way(folder: Path) -> bool | None:
-    """Whether a run writes to a folder; None where that cannot be known."""
-    return is_held(folder)
 
 
 def _beside(path: Path) -> Path:

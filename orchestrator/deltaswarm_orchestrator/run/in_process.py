@@ -15,7 +15,7 @@ from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.run.reporter import Quiet, Reporter
+from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
@@ -124,7 +124,7 @@ def run_in_process(
     stopped: Callable[[], object] = lambda: None,
 ) -> Outcome:
     """A whole run, or what there is of it when `stopped` says so; what its parts say of it."""
-    reporter = reporter or Quiet()
+    reporter = reporter or Reporter()
     outcome = Outcome()
     try:
         swarm = InProcess(scenario)

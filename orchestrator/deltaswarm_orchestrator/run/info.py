@@ -6,10 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
+from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.folder import FolderError, is_under_way
+from deltaswarm_orchestrator.run.folder import FolderError
+from deltaswarm_orchestrator.run.folder_lock import is_held
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import newest
+from deltaswarm_orchestrator.text import aligned, shown
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
@@ -18,7 +21,7 @@ SHOWN_OF_MANIFEST = {"name", "seed", "engine", "started", "exit_reason", "versio
 T = TypeVar("T")
 
 
-class NotARunError(Exception):
+class NotARunError(CommandError):
     """The folder is no run folder, or one that cannot be read."""
 
 
@@ -65,7 +68,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
     if manifest["exit_reason"] != results.RUNNING:
         return f"incomplete ({manifest['exit_reason']})"
     died = "incomplete (killed, or its machine stopped)"
-    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_under_way(folder)]
+    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_held(folder)]
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
@@ -96,24 +99,22 @@ def _read(file: Path, parse: Callable[[str], T]) -> T:
 def text(found: dict[str, Any]) -> str:
     """The same for people."""
     manifest, summary = found["manifest"], found["summary"]
-    waiting, workload = summary["waiting_time_s"]["mean"], summary["operator_messages_per_s"]["mean"]
-    lines = [
-        f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {found['state']}",
-        f"  started {manifest['started']}, engine {manifest['engine']}, {summary['steps']} steps",
-        f"  mean waiting time {_shown(waiting)} s, operator messages {_shown(workload)} per s",
-        f"  agents lost: {summary['agents_lost'] or 'none'}; digest {summary['digest'] or '-'}",
-        f"  versions: {', '.join(f'{name} {number}' for name, number in manifest['versions'].items() if number)}",
+    rows = [
+        ("started", manifest["started"]),
+        ("engine", manifest["engine"]),
+        ("steps", shown(summary["steps"])),
+        ("mean waiting time [s]", shown(summary["waiting_time_s"]["mean"])),
+        ("operator messages [1/s]", shown(summary["operator_messages_per_s"]["mean"])),
+        ("agents lost", ", ".join(map(str, summary["agents_lost"])) or "none"),
+        ("digest", shown(summary["digest"])),
+        ("versions", ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number)),
+        *(("ended because", line) for why in manifest.get("why", []) for line in why.splitlines()),
     ]
-    lines += [f"  {line}" for why in manifest.get("why", []) for line in why.splitlines()]
     if found["checkpoint_step"] is not None:
-        lines.append(f"  it can go on after step {found['checkpoint_step']}: deltaswarm run --resume {found['folder']}")
+        rows.append((f"checkpoint at step {found['checkpoint_step']}", f"deltaswarm run --resume {found['folder']}"))
     for fault in summary.get("faults", []):
-        whom = ", ".join(map(str, fault["agents"])) or "nobody"
-        lines.append(f"  fault at {fault['at_s']:g} s: {fault['kind']}: {whom}")
-    lines += [f"  not valid: {reason}" for reason in summary["invalid_because"]]
-    lines += [f"  {name}: {size:,} bytes" for name, size in found["files"].items()]
-    return "\n".join(lines)
-
-
-def _shown(value: float | None) -> str:
-    return "-" if value is None else f"{value:.2f}"
+        agents = ", ".join(map(str, fault["agents"])) or "none"
+        rows.append((f"fault at {fault['at_s']:g} s", f"{fault['kind']}, agents: {agents}"))
+    rows += [("not valid", reason) for reason in summary["invalid_because"]]
+    rows += [(name, f"{size:,} bytes") for name, size in found["files"].items()]
+    return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {found['state']}\n{aligned(rows)}"

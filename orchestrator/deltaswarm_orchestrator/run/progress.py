@@ -2,58 +2,66 @@
 
 import sys
 import time
-from types import TracebackType
+from collections.abc import Sequence
 from typing import Any, Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.text import shown
 from deltaswarm_wire.operator_messages import Status
 
 LINE_EVERY_S = 10.0
 SPEED_OVER_S = 0.5
 """Wall time over which a speed is measured at the least; what is shorter says nothing."""
 
-
 BAR_AND_TIME = 24
 """Columns that the bar and the time left need at least."""
 
 
-class BarOnTerminal:
-    """What has a bar, or none where there is no terminal, and takes it away at its end."""
+class Bar:
+    """A bar on a terminal, which goes away at its end, or a line now and then on a pipe; as a context manager."""
 
-    def __init__(self) -> None:
+    def __init__(self, text: str, *columns: ProgressColumn, **options: Any) -> None:
         self._console = Console(stderr=True)
         self._bar: Progress | None = None
-        self._task = TaskID(0)
+        if self._console.is_terminal:
+            self._bar = Progress(TextColumn("{task.description}"), *columns, console=self._console, **options)
+        self._task = self._bar.add_task(text, total=None) if self._bar else TaskID(0)
+        self._line_due = 0.0
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __enter__(self) -> Self:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
 
+    def _show(self, line: str, *, is_last: bool, brief: str, **task: Any) -> None:
+        """Show a state: `brief` beside the bar, or `line` if it is time for one."""
+        now = time.monotonic()
+        if self._bar is not None:
+            self._bar.update(self._task, description=brief, **task)
+        elif now >= self._line_due or is_last:
+            self._line_due = now + LINE_EVERY_S
+            print(line, file=sys.stderr, flush=True)
 
-class Display(BarOnTerminal):
-    """A bar on a terminal, else lines; as a context manager."""
+
+class Display(Bar, Reporter):
+    """Shows a run."""
 
     def __init__(self, step_s: float, agents: int) -> None:
-        super().__init__()
+        columns = BarColumn(bar_width=None), TimeRemainingColumn()
+        super().__init__("waiting for all processes", *columns, expand=True)
         self._agents = agents
         self._step_s = step_s
         self._first: tuple[float, float] | None = None
         """Wall time and simulated time [s] of the first state that was shown."""
-        self._line_due = 0.0
         self._shown: Status | None = None
-
-    def __enter__(self) -> Self:
-        if self._console.is_terminal:
-            columns = TextColumn("{task.description}"), BarColumn(bar_width=None), TimeRemainingColumn()
-            self._bar = Progress(*columns, console=self._console, expand=True)
-            self._task = self._bar.add_task("waiting for all processes", total=None)
-            self._bar.start()
-        return self
 
     def say(self, text: str) -> None:
         """Print it at once."""
@@ -61,60 +69,39 @@ class Display(BarOnTerminal):
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
         """Show the newest state."""
-        now = time.monotonic()
-        if status.phase == "waiting" and self._bar is not None:
-            self._bar.update(self._task, description=f"{status.agents_alive} of {self._agents} agents are up")
-        if status.phase == "waiting" or status == self._shown:
+        if status.phase == "waiting":
+            if self._bar is not None:
+                self._bar.update(self._task, description=f"{status.agents_alive} of {self._agents} agents are up")
+            return
+        if status == self._shown:
             return
         self._shown = status
+        now = time.monotonic()
         if self._first is None:
             self._first = now, status.time_s
         passed_s = now - self._first[0]
         speed = (status.time_s - self._first[1]) / passed_s if passed_s >= SPEED_OVER_S else None
-        if self._bar is not None:
-            room = self._console.width - BAR_AND_TIME
-            text = describe_briefly(status, messages_per_s, speed, self._step_s, room)
-            self._bar.update(self._task, description=text, total=status.steps, completed=status.step + 1)
-        elif now >= self._line_due or status.phase == "ended":
-            self._line_due = now + LINE_EVERY_S
-            print(describe(status, messages_per_s, speed, self._step_s), file=sys.stderr, flush=True)
+        parts = described(status, messages_per_s, speed, self._step_s)
+        brief = fitting(parts, self._console.width - BAR_AND_TIME)
+        task = {"total": status.steps, "completed": status.step + 1}
+        self._show(", ".join(parts), is_last=status.phase == "ended", brief=brief, **task)
 
 
-def describe(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> str:
-    """One line: simulated time, speed against real time, trees, workload, waiting."""
-    return (
-        f"{status.time_s:.0f}/{status.steps * step_s:.0f} s, {_speed(speed, ' real time, ')}"
-        f"{status.agents_alive} agents, {status.agents_in_trees} in trees, "
-        f"operator {_rate(messages_per_s)} messages/s, waiting {status.mean_waiting_s:.1f} s"
-    )
-
-
-def describe_briefly(
-    status: Status, messages_per_s: float | None, speed: float | None, step_s: float, room: int
-) -> str:
-    """The same beside a bar: as much of it as there is room for, the time first."""
-    parts = (
+def described(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> list[str]:
+    """Simulated time, speed against real time, workload, trees, waiting; what matters most first."""
+    return [
         f"{status.time_s:.0f}/{status.steps * step_s:.0f} s",
-        _speed(speed, "").strip(),
-        f"{_rate(messages_per_s)} messages/s",
-        f"{status.agents_in_trees} in trees",
+        *([f"{speed:.0f}x real time"] if speed is not None else []),
+        f"operator {'-' if messages_per_s is None else f'{messages_per_s:.1f}'} messages/s",
+        f"{status.agents_in_trees} of {status.agents_alive} in trees",
         f"waiting {status.mean_waiting_s:.1f} s",
-    )
-    text = ""
-    for part in filter(None, parts):
-        longer = f"{text}, {part}" if text else part
-        if text and len(longer) > room:
-            break
-        text = longer
-    return text
+    ]
 
 
-def _speed(speed: float | None, after: str) -> str:
-    return "" if speed is None else f"{speed:.0f}x{after}"
-
-
-def _rate(messages_per_s: float | None) -> str:
-    return "-" if messages_per_s is None else f"{messages_per_s:.1f}"
+def fitting(parts: Sequence[str], room: int) -> str:
+    """As many parts as there is room for, at least the first."""
+    texts = [", ".join(parts[:count]) for count in range(len(parts), 0, -1)]
+    return next((text for text in texts if len(text) <= room), texts[-1])
 
 
 ROWS = (
@@ -139,7 +126,7 @@ ROWS = (
 
 
 def result_table(summary: dict[str, Any]) -> Table:
-    """The summary's main figures as a table."""
+    """The summary's main metrics as a table."""
     table = Table(title=f"{summary['name']}, {summary['mode']}, seed {summary['seed']}", show_header=False)
     table.add_column(style="dim")
     table.add_column(justify="right")
@@ -148,17 +135,9 @@ def result_table(summary: dict[str, Any]) -> Table:
         value: Any = summary
         for key in path.split("."):
             value = value[key]
-        table.add_row(label, _shown(value), unit)
+        table.add_row(label, shown(value), unit)
         if path == "reports.arrived":
             for reason, count in summary["reports_dropped"].items():
                 if count:
-                    table.add_row(f"reports dropped: {reason}", _shown(count), "")
+                    table.add_row(f"reports dropped: {reason}", shown(count), "")
     return table
-
-
-def _shown(value: Any) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "NO"
-    return f"{value:.2f}" if isinstance(value, float) else str(value)

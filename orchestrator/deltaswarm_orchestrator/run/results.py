@@ -1,8 +1,8 @@
 """The run folder: what a run's parts left, merged into tables and one summary."""
 
 import csv
-import io
 import json
+import os
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -33,13 +33,13 @@ OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if nam
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
 
 RUNNING = "running"
-"""The exit reason of a run that has not ended, and for ever of one that was killed: see `run_folder.is_under_way`."""
+"""The exit reason of a run that has not ended, and for ever of one that was killed: see `folder_lock.is_held`."""
 
 MAX_NAMED = 5
-"""So many agents are named in a reason."""
+"""Agents that a reason names at most."""
 
 OFTEN = 5
-"""So often no count falls back by itself: that of an agent which began anew behind a dead link does so once."""
+"""Resets of a sequence number that cannot be chance: an agent that restarts behind a dead link resets it once."""
 
 Row = TypeVar("Row", Tally, Workload, EventState)
 
@@ -149,8 +149,8 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
             yield [*tally, *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
 
     header = [*Tally._fields, *OPERATOR_COLUMNS.values()]
-    _write_csv(folder / "series.csv", header, rows())
-    _write_csv(folder / "events.csv", EventState._fields, outcome.events)
+    write_csv(folder / "series.csv", header, rows())
+    write_csv(folder / "events.csv", EventState._fields, outcome.events)
     if commands := outcome.world.get("commands"):
         write_whole(folder / COMMANDS, tomli_w.dumps({"command": commands}).encode())
     if not keep_unmerged:
@@ -160,16 +160,20 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
             (folder / DEEDS).rename(folder / "operator.csv")
 
 
-def _write_csv(file: Path, header: Sequence[str], rows: Iterable[Iterable[Any]]) -> None:
-    text = io.StringIO(newline="")
-    table = csv.writer(text)
-    table.writerow(header)
-    table.writerows(rows)
-    write_whole(file, text.getvalue().encode())
+def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
+    """Write a CSV file, whole or not at all."""
+    part = file.with_name(f"{file.name}.part")
+    with part.open("w", newline="") as stream:
+        table = csv.writer(stream)
+        table.writerow(header)
+        table.writerows(rows)
+        stream.flush()
+        os.fsync(stream.fileno())
+    part.replace(file)
 
 
-def figures(outcome: Outcome, step_s: float) -> dict[str, Any]:
-    """The figures that follow from what happened, whoever kept the record; the same from a recording."""
+def metrics(outcome: Outcome, step_s: float) -> dict[str, Any]:
+    """The metrics that follow from what happened, whoever kept the record; the same from a recording."""
     tallies, workloads = outcome.tallies, outcome.workloads
     waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
     end_s = len(tallies) * step_s
@@ -224,7 +228,7 @@ def _rate(counts: Sequence[int], step_s: float) -> float | None:
     return None if mean is None else mean / step_s
 
 
-def _whose_were_lost(outcome: Outcome) -> str:
+def _lost_by_agent(outcome: Outcome) -> str:
     """By agent, most first; empty where it is not known."""
     lost = Counter({agent: own["lost"] for agent, own in (outcome.operator.get("per_sender") or {}).items()})
     lost.update(outcome.world.get("transport_lost", {}))
@@ -233,15 +237,15 @@ def _whose_were_lost(outcome: Outcome) -> str:
 
 
 def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
-    """`summary.json`: the figures, and how the run went."""
-    found = figures(outcome, scenario.run.step_s)
+    """`summary.json`: the metrics, and how the run went."""
+    found = metrics(outcome, scenario.run.step_s)
     wall_s = outcome.world.get("wall_s")
     simulated_s = found["steps"] * scenario.run.step_s
     reasons = [] if outcome.is_complete else ["the run did not come to its last step"]
     if found["transport_lost"]:
-        reasons.append(f"{found['transport_lost']} messages were lost on the fabric{_whose_were_lost(outcome)}")
+        reasons.append(f"{found['transport_lost']} messages were lost on the fabric{_lost_by_agent(outcome)}")
     reasons += [
-        f"the count of agent {agent} fell back {count} times: two processes may be acting as it"
+        f"agent {agent}'s sequence number reset {count} times; two processes may share its id"
         for agent, count in outcome.world.get("fell_back", {}).items()
         if count >= OFTEN
     ]

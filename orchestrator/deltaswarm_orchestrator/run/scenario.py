@@ -4,8 +4,9 @@ import dataclasses
 import json
 import tomllib
 import typing
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib import resources
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,17 @@ from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
 from deltaswarm_wire.settings_operator import SET_DELTA
 from deltaswarm_wire.settings_radio import RadioSettings
 
-BUILT_IN = ("paper-25", "paper-100", "smoke")
+
+def files_in(*folders: str) -> dict[str, Traversable]:
+    """The TOML files of folders of this package, by name."""
+    files = [
+        file for folder in folders for file in resources.files("deltaswarm_orchestrator").joinpath(folder).iterdir()
+    ]
+    named = {file.name.removesuffix(".toml"): file for file in files if file.name.endswith(".toml")}
+    return dict(sorted(named.items()))
+
+
+BUILT_IN = files_in("scenarios")
 
 
 def load_scenario(
@@ -30,9 +41,8 @@ def load_scenario(
     Raises:
         SettingsError: every mistake in file and overrides at once.
     """
-    table, problems = read_table(name)
-    for override in overrides:
-        problems += apply(table, override)
+    table = read_table(name)
+    problems = [problem for override in overrides for problem in apply(table, override)]
     if seed is not None:
         table["seed"] = seed
     if commands is not None:
@@ -105,9 +115,9 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
 
 def commented_toml(scenario: Scenario) -> str:
     """The effective scenario, with the meaning of every key beside it."""
-    about = dict(_meanings(Scenario, ""))
-    for name, text in _meanings(find_controller(scenario.control.mode).Settings, "control."):
-        about.setdefault(name, text)
+    own = find_controller(scenario.control.mode).Settings()
+    keys = [*_keys(own, "control."), *_keys(Scenario(), "")]  # the scenario's last: they count
+    about = {key.replace("[]", ""): spec.metadata["doc"] for key, spec, _ in keys}
     lines, table = [], ""
     for line in to_toml(scenario).splitlines():
         if line.startswith("["):
@@ -118,49 +128,46 @@ def commented_toml(scenario: Scenario) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _meanings(settings: Any, prefix: str) -> Iterator[tuple[str, str]]:
-    """The dotted name and the meaning of every key of a settings class."""
-    hints = typing.get_type_hints(settings)
-    for spec in dataclasses.fields(settings):
-        inner = [
-            item for item in (hints[spec.name], *typing.get_args(hints[spec.name])) if dataclasses.is_dataclass(item)
-        ]
-        for item in inner:
-            yield from _meanings(item, f"{prefix}{spec.name}.")
-        if not inner:
-            yield f"{prefix}{spec.name}", spec.metadata["doc"]
-
-
-def read_table(name: str, beside: Path = Path()) -> tuple[dict[str, Any], list[Problem]]:
+def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[str, Any]:
     """The table of a built-in scenario or of a file, unchecked; a relative path starts at `beside`.
 
     Raises:
-        SettingsError: there is no such scenario, or it is no TOML.
+        SettingsError: there is no such scenario, or it is no TOML; `key` says where it was named.
     """
+    table, path = read_toml(key, name, BUILT_IN, beside)
+    if path is not None:
+        _resolve_grid(table, path.parent)
+    return table
+
+
+def read_toml(
+    key: str, name: str, built_in: Mapping[str, Traversable], beside: Path = Path()
+) -> tuple[dict[str, Any], Path | None]:
+    """The table of a built-in file, or of another with its path.
+
+    Raises:
+        SettingsError: there is no such file, it is no TOML, or it has no schema.
+    """
+    if name in built_in:
+        return tomllib.loads(built_in[name].read_text()), None
     path = beside / name
-    if name in BUILT_IN:
-        text = resources.files("deltaswarm_orchestrator").joinpath(f"scenarios/{name}.toml").read_text()
-        return tomllib.loads(text), []
+    if found := _instead_of_file(path):
+        allowed = f"{did_you_mean(name, built_in)}must be a TOML file or one of {', '.join(built_in)}"
+        raise SettingsError([Problem(key, f"{name!r} {found}", allowed)])
     try:
-        if not path.is_file():
-            allowed = f"{did_you_mean(name, BUILT_IN)}a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-            raise SettingsError([Problem("scenario", f"{name!r} {instead_of_file(path)}", allowed)])
         table = tomllib.loads(path.read_text())
-    except SettingsError:
-        raise
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
-        raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
+        raise SettingsError([Problem(str(path), str(error), "must be TOML")]) from None
     if "schema" not in table:
-        return table, [Problem("schema", "missing", "schema = 1 is expected")]
-    _resolve_grid(table, path.parent)
-    return table, []
+        raise SettingsError([Problem("schema", "missing", "must be 1")])
+    return table, path
 
 
-def instead_of_file(path: Path) -> str:
-    """What is there where a file is expected, for an error message."""
+def _instead_of_file(path: Path) -> str:
+    """What is there where a file must be; empty if it is one."""
     try:
-        return "is a folder" if path.is_dir() else "is not there"
-    except OSError:  # a name that is too long, a folder that may not be read
+        return "" if path.is_file() else "is a folder" if path.is_dir() else "is not there"
+    except (OSError, ValueError):  # a name that is too long, a folder that may not be read
         return "is not there"
 
 
@@ -185,8 +192,8 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
         grid = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(file, delimiter=",", ndmin=2)
         fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
     except (OSError, ValueError, TypeError) as error:
-        return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "a table is expected")]
-    allowed = "a table of finite weights >= 0 with a positive sum is allowed"
+        return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "must be a table")]
+    allowed = "must be a table of finite weights >= 0 with a positive sum"
     return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
 
 
@@ -194,7 +201,7 @@ def apply(table: dict[str, Any], override: str) -> list[Problem]:
     """Set one dotted key from `key=value`; the value is TOML, or else a plain string."""
     path, sign, text = override.partition("=")
     if not sign or not all(path.strip().split(".")):
-        return [Problem("--set", repr(override), "key=value is expected")]
+        return [Problem("--set", repr(override), "must be key=value")]
     try:
         value = tomllib.loads(f"value = {text}")["value"]
     except (ValueError, RecursionError):
@@ -206,11 +213,11 @@ def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
     """Set one dotted key of a nested table."""
     keys = path.split(".")
     if not all(keys):
-        return [Problem(path or "''", "no key", "a dotted key such as control.delta is expected")]
+        return [Problem(path or "''", "no key", "must be a dotted key such as control.delta")]
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, dict):
-            return [Problem(path, f"{key!r} is no table", "a key of a table is expected")]
+            return [Problem(path, f"{key!r} is no table", "must be a key of a table")]
     table[keys[-1]] = value
     return []
 
@@ -231,23 +238,29 @@ def reference() -> str:
     return "\n".join(lines) + "\n"
 
 
-def _reference_rows(settings: Any, prefix: str) -> Iterator[str]:
-    hints = typing.get_type_hints(type(settings))
-    for spec in dataclasses.fields(settings):
-        value = getattr(settings, spec.name)
+def _reference_rows(settings: Any, prefix: str, whose: str = "") -> Iterator[str]:
+    for key, spec, value in _keys(settings, prefix):
         if spec.metadata.get("rest"):
-            yield from _controller_rows(prefix)
-            continue
-        if dataclasses.is_dataclass(value):
-            yield from _reference_rows(value, f"{prefix}{spec.name}.")
+            yield from _controller_rows(key.removesuffix(spec.name))
             continue
         choices = spec.metadata["choices"]
         meaning = spec.metadata["doc"] + (f" ({', '.join(choices)})" if choices else "")
         shown = "" if value is None else f"`{json.dumps(checked.plain_value(value))}`"
-        yield f"| `{prefix}{spec.name}` | {shown} | {meaning} | {spec.metadata['source']} |"
+        yield f"| `{key}` | {shown} | {whose}{meaning} | {spec.metadata['source']} |"
+
+
+def _keys(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Field[Any]", Any]]:
+    """Every key of some settings, dotted, with its field and its value; those of items of a list after the list's."""
+    hints = typing.get_type_hints(type(settings))
+    for spec in dataclasses.fields(settings):
+        value = getattr(settings, spec.name)
+        if dataclasses.is_dataclass(value):
+            yield from _keys(value, f"{prefix}{spec.name}.")
+            continue
+        yield f"{prefix}{spec.name}", spec, value
         for item in typing.get_args(hints[spec.name]):
             if dataclasses.is_dataclass(item):
-                yield from _reference_rows(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")
+                yield from _keys(typing.cast(Any, item)(), f"{prefix}{spec.name}[].")
 
 
 def _controller_rows(prefix: str) -> Iterator[str]:
@@ -255,6 +268,4 @@ def _controller_rows(prefix: str) -> Iterator[str]:
     for target in dict.fromkeys(CONTROLLERS.values()):
         modes = [mode for mode, own in CONTROLLERS.items() if own == target]
         whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "
-        for row in _reference_rows(find_controller(modes[0]).Settings(), prefix):
-            key, default, meaning = row.split(" | ", 2)
-            yield f"{key} | {default} | {whose}{meaning}"
+        yield from _reference_rows(find_controller(modes[0]).Settings(), prefix, whose)

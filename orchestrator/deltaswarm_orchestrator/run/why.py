@@ -10,6 +10,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
 from deltaswarm_orchestrator.run.info import read_run
+from deltaswarm_orchestrator.text import aligned
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.operator_messages import Clock
@@ -52,16 +53,15 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
 
 def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:
     count, end_s = scenario.agents.count, scenario.run.steps * scenario.run.step_s
-    allowed = f"0 to {count - 1} is allowed"
     found = [
-        Problem(name, f"there is no agent {agent}", allowed)
+        Problem(name, str(agent), f"must be an agent from 0 to {count - 1}")
         for name, agent in (("A", sender), ("B", receiver))
         if not isinstance(agent, str) and not 0 <= agent < count
     ]
     if sender == receiver:
-        found.append(Problem("B", f"{receiver}", "another agent than A is allowed"))
+        found.append(Problem("B", str(receiver), "must be another agent than A"))
     if not 0 <= at_s < end_s:
-        found.append(Problem("--at", f"{at_s:g}", f"a time from 0 to below {end_s:g} s is allowed"))
+        found.append(Problem("--at", f"{at_s:g}", f"must be at least 0 and below {end_s:g} s"))
     if found:
         raise SettingsError(found)
 
@@ -107,34 +107,18 @@ def _air_of(tally: Tally) -> tuple[Any, ...]:
 
 def text(answer: Answer) -> str:
     """The same for people."""
-    can = "could hear" if answer.reason is None else "could not hear"
+    receiver = "the operator" if answer.receiver == OPERATOR else f"agent {answer.receiver}"
+    verdict = "could hear" if answer.reason is None else "could not hear"
     because = "" if answer.reason is None else f": {answer.reason}"
-    is_operator = answer.receiver == OPERATOR
-    who = "the operator" if is_operator else f"agent {answer.receiver}"
-    lines = [f"At {answer.time_s:g} s (step {answer.step}) {who} {can} agent {answer.sender}{because}"]
-    if not answer.findings:
-        lines.append("  this run has no uplink model: every report arrives in the step in which it is sent")
-    lines += [
-        f"  {'CUT' if finding['cuts'] else 'ok ':3} {finding['reason']}: {finding['says']}"
-        for finding in answer.findings
-    ]
-    if answer.outcomes:
-        lines += [
-            f"  a {'report' if is_operator else 'frame'} of agent {answer.sender}: {outcome}"
-            for outcome in answer.outcomes
-        ]
-    elif is_operator:
-        lines.append(f"  agent {answer.sender} reported nothing in this step")
-    else:
-        lines.append(f"  agent {answer.sender} had sent nothing in the step before")
-    lines.append(f"  (found by doing the run again in one process{_kinship(answer)})")
-    return "\n".join(lines)
-
-
-def _kinship(answer: Answer) -> str:
-    """How far the run that was asked is the one in the folder."""
+    rows = [("CUT" if finding["cuts"] else "ok", finding["reason"], finding["says"]) for finding in answer.findings]
+    if not rows:
+        rows = [("ok", "uplink", "there is no model: every report arrives in the step in which it is sent")]
+    rows += [("", "sent", outcome) for outcome in answer.outcomes or ("nothing in this step",)]
     if answer.differs_from_step is not None:
-        return f", which from step {answer.differs_from_step} on is another run than the one in the folder"
-    if answer.step >= answer.steps_in_folder:
-        return f"; the one in the folder has {answer.steps_in_folder} steps, and did not come to this one"
-    return ", which is the same run to the bit"
+        replay = f"differs from the run in the folder from step {answer.differs_from_step} on"
+    elif answer.step >= answer.steps_in_folder:
+        replay = f"goes on where the run in the folder ends, after {answer.steps_in_folder} steps"
+    else:
+        replay = "equals the run in the folder up to this step"
+    head = f"At {answer.time_s:g} s (step {answer.step}) {receiver} {verdict} agent {answer.sender}{because}"
+    return f"{head}\n{aligned([*rows, ('', 'replay', replay)])}"

@@ -53,9 +53,7 @@ def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
 
     named = [_handle(looks[name], name, line=False) for name in hues] if settings.hue else []
     named += [_PUBLISHED] if settings.published else []
-    return _panels(
-        settings, study, shown, draw, named, study.metrics[settings.metric].label, study.factor_title(settings.x)
-    )
+    return _panels(settings, study, shown, draw, named, study.factor_title(settings.x))
 
 
 def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
@@ -65,19 +63,17 @@ def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure
     places = study.numbers(settings.x)
     at = {name: places[name] if places else float(index) for index, name in enumerate(names)}
     ordered = sorted(names, key=at.__getitem__)
-    looks = _looks(study, settings.hue) if settings.hue else {"": style.OTHERS[0]}
-    hues = _there(shown, settings.hue, study) if settings.hue else [""]
+    hues = _hues(settings, study, shown)
     apart = 0.012 * (max(at.values()) - min(at.values()) or 1.0)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
-        for index, hue in enumerate(hues):
+        for index, (hue, look) in enumerate(hues.items()):
             own = rows[rows[settings.hue] == hue] if hue else rows
             found = [describe(own[own[settings.x] == name][settings.metric]) for name in ordered]
             middle = np.array([_or_nan(one.median) for one in found])
             low = np.array([_or_nan(one.low) for one in found])
             high = np.array([_or_nan(one.high) for one in found])
             x = np.array([at[name] for name in ordered]) + apart * (index - (len(hues) - 1) / 2)
-            look = looks[hue]
             whiskers = np.nan_to_num(np.stack([middle - low, high - middle]))
             axes.errorbar(
                 *(x, middle, whiskers),
@@ -93,28 +89,25 @@ def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure
         if not places:
             _categories(axes, names)
 
-    named = [_handle(looks[hue], hue) for hue in hues] if settings.hue else []
-    metric = study.metrics[settings.metric]
-    return _panels(settings, study, shown, draw, named, metric.label, study.factor_title(settings.x))
+    return _panels(settings, study, shown, draw, _handles(hues), study.factor_title(settings.x))
 
 
 def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figure:
     """Means over the replicates with 95 % intervals, each drawn over the window of time that it is of."""
     courses = courses[courses["metric"] == settings.metric].rename(columns={"mean": settings.metric})
     shown = _chosen(settings, courses)
-    looks = _looks(study, settings.hue) if settings.hue else {"": style.OTHERS[0]}
-    hues = _there(shown, settings.hue, study) if settings.hue else [""]
+    hues = _hues(settings, study, shown)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
-        for hue in hues:
+        for hue, look in hues.items():
             own = (rows[rows[settings.hue] == hue] if hue else rows).sort_values("time_s")
             if own.empty:
                 continue
             edges = np.array([*own["time_s"], own["time_s"].iloc[-1] + study.file.study.window_s])
-            line: dict[str, Any] = {"color": looks[hue].colour, "linestyle": looks[hue].line, "linewidth": 1.2}
+            line: dict[str, Any] = {"color": look.colour, "linestyle": look.line, "linewidth": 1.2}
             axes.stairs(own[settings.metric], edges, baseline=None, **line)
             low, high = ([*own[name], own[name].iloc[-1]] for name in ("low", "high"))
-            axes.fill_between(edges, low, high, step="post", color=looks[hue].colour, alpha=0.2, linewidth=0)
+            axes.fill_between(edges, low, high, step="post", color=look.colour, alpha=0.2, linewidth=0)
         for span in settings.spans:
             until_s = span.from_s if span.until_s is None else span.until_s
             axes.axvspan(span.from_s, until_s, color=style.GREY, alpha=0.15, linewidth=0.9, zorder=0)
@@ -122,19 +115,18 @@ def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figur
             axes.annotate(span.text, (span.from_s, 1.0), (3, -3), va="top", **place)
         axes.margins(x=0)
 
-    named = [_handle(looks[hue], hue, marker=False) for hue in hues] if settings.hue else []
-    return _panels(settings, study, shown, draw, named, study.metrics[settings.metric].label, "time [s]")
+    return _panels(settings, study, shown, draw, _handles(hues, marker=False), "time [s]")
 
 
 def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
     """A point per replicate, an ellipse of one standard deviation around the mean of each level of the hue."""
     shown = _chosen(settings, runs)
-    hues, looks = _there(shown, settings.hue, study), _looks(study, settings.hue)
+    hues = _hues(settings, study, shown)
 
     def draw(axes: Axes, rows: pd.DataFrame) -> None:
-        for hue in hues:
+        for hue, look in hues.items():
             points = rows[rows[settings.hue] == hue][[settings.x, settings.metric]].dropna().to_numpy(np.float64)
-            _cloud(axes, points, looks[hue])
+            _cloud(axes, points, look)
         medians = rows.groupby("variant")[[settings.x, settings.metric]].median()
         path = [name for name in settings.path if name in medians.index]
         joined = medians.loc[path].to_numpy(np.float64)
@@ -144,9 +136,7 @@ def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
             words = name if number is None else str(number)
             axes.annotate(words, (x_at, y_at), (4, 3), textcoords="offset points", zorder=5, path_effects=[_HALO])
 
-    named = [_handle(looks[hue], hue) for hue in hues]
-    x, y = study.metrics[settings.x], study.metrics[settings.metric]
-    return _panels(settings, study, shown, draw, named, y.label, x.label)
+    return _panels(settings, study, shown, draw, _handles(hues), study.metrics[settings.x].label)
 
 
 def ellipse(points: Floats) -> tuple[float, float, float]:
@@ -167,8 +157,7 @@ def _panels(
     rows: pd.DataFrame,
     draw: Callable[[Axes, pd.DataFrame], None],
     handles: Sequence[Line2D],
-    y_label: str,
-    x_label: str = "",
+    x_label: str,
 ) -> Figure:
     """A panel per level of the facet, with shared axes; the legend below all, in room of its own."""
     facets = _there(rows, settings.facet, study) if settings.facet else [""]
@@ -195,7 +184,7 @@ def _panels(
         for axes in grid[-1]:
             axes.set_xlabel(x_label)
         for axes in grid[:, 0]:
-            axes.set_ylabel(y_label)
+            axes.set_ylabel(study.metrics[settings.metric].label)
         if handles:
             figure.legend(handles=list(handles), loc="outside lower center", ncols=3, columnspacing=1.2)
     return figure
@@ -223,6 +212,19 @@ def _there(rows: pd.DataFrame, factor: str, study: Study) -> list[str]:
 
 def _looks(study: Study, factor: str) -> dict[str, Look]:
     return style.looks(study.factors[factor], repeat=True)
+
+
+def _hues(settings: FigureSettings, study: Study, shown: pd.DataFrame) -> dict[str, Look]:
+    """The look of each level of the hue that has rows; without a hue one look, named by nothing."""
+    if not settings.hue:
+        return {"": style.OTHERS[0]}
+    looks = _looks(study, settings.hue)
+    return {hue: looks[hue] for hue in _there(shown, settings.hue, study)}
+
+
+def _handles(hues: Mapping[str, Look], *, marker: bool = True) -> list[Line2D]:
+    """The legend's, of the hues that have a name."""
+    return [_handle(look, hue, marker=marker) for hue, look in hues.items() if hue]
 
 
 def _side_by_side(names: Sequence[str]) -> Iterator[tuple[str, float, float]]:

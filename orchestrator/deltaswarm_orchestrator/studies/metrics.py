@@ -67,7 +67,7 @@ class MetricSettings:
             return [Problem("column", "missing", "a metric of kind 'column' needs it")]
         if self.kind != COLUMN and not (self.of in BUILT_IN and BUILT_IN[self.of].series):
             over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
-            return [Problem("of", repr(self.of), f"one of {over_time} is allowed")]
+            return [Problem("of", repr(self.of), f"must be one of {over_time}")]
         return []
 
     def made(self) -> Metric:

@@ -1,6 +1,6 @@
 """A study's page: what its tables and figures say, in the order in which a reader asks."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.report import words
 from deltaswarm_orchestrator.report.page import Picture, Table, render, table
 from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.report.plots.swarm import swarm
-from deltaswarm_orchestrator.stats import ALPHA, pairs_needed
+from deltaswarm_orchestrator.stats import pairs_needed
 from deltaswarm_orchestrator.studies.charts import CHARTS
 from deltaswarm_orchestrator.studies.evidence import (
     claims_of,
@@ -36,7 +36,6 @@ class Section:
     """A heading and what stands below it."""
 
     heading: str
-    text: str = ""
     tables: list[Table] = field(default_factory=list)
     pictures: list[Picture] = field(default_factory=list)
 
@@ -146,6 +145,7 @@ def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[s
         "findings": [" ".join(text.split()) for text in supported],
         "warnings": [*evidence.warnings, *lacking],
         "sections": [one for one in _sections(study, evidence, pictures, provenance) if one.tables or one.pictures],
+        "verdicts": _counts(evidence.claims),
         "figures": "figures",
     }
     return render("page.html.jinja", context), render("page.md.jinja", context), pictures
@@ -169,29 +169,20 @@ def _swarm(study: Study, figure: FigureSettings) -> Figure:
 
 def _sections(study: Study, evidence: Evidence, pictures: list[Picture], provenance: pd.DataFrame) -> Iterator[Section]:
     if len(evidence.claims):
-        yield Section("Verdicts", _counts(evidence.claims), [_claims(study, evidence.claims), *_reasons(evidence)])
-    yield Section("Figures", "", [], pictures)
+        yield Section("Verdicts", [_claims(study, evidence.claims), *_reasons(evidence)])
+    yield Section("Figures", pictures=pictures)
     if len(evidence.contrasts):
-        text = (
-            "Paired by replicate, since all variants see the same arrivals. Estimates are Hodges-Lehmann shifts with "
-            f"their exact 95 % intervals; verdicts are at {ALPHA:.0%} after Holm's correction within each contrast and "
-            "metric."
-        ).replace("5%", "5 %")
-        yield Section("Contrasts", text, list(_contrasts(study, evidence.contrasts)))
+        yield Section("Contrasts", list(_contrasts(study, evidence.contrasts)))
     if len(evidence.recovery):
-        yield Section("Recovery", _RECOVERY, [_recovered(study, evidence.recovery)])
-    yield Section("Estimates", "Medians over the replicates with exact 95 % intervals.", [_estimates(study, evidence)])
-    yield Section("Where this comes from", "", [table(provenance, {"what": "What", "value": "Value"})])
+        yield Section("Recovery", [_recovered(study, evidence.recovery)])
+    yield Section("Estimates", [_estimates(study, evidence)])
+    yield Section("Where this comes from", [table(provenance, {"what": "What", "value": "Value"})])
 
 
-def _counts(claims: pd.DataFrame) -> str:
-    counts = claims["verdict"].value_counts()
-    named = ", ".join(f"{verdict} {counts.get(verdict, 0)}" for verdict in (HOLDS, REFUTED, UNDECIDED))
-    return (
-        f"Verdicts of {len(claims)} claims: {named}. A claim holds if the test shows it, or if the interval of a value "
-        "lies within the tolerance; it is refuted if the opposite is significant, or if the interval lies outside. "
-        "Holm's correction is over the claims of the same source."
-    )
+def _counts(claims: pd.DataFrame) -> dict[str, int]:
+    """How many claims have each verdict."""
+    found = claims["verdict"].tolist() if len(claims) else []
+    return {verdict: found.count(verdict) for verdict in (HOLDS, REFUTED, UNDECIDED)}
 
 
 def _claims(study: Study, claims: pd.DataFrame) -> Table:
@@ -234,12 +225,6 @@ def _recovered(study: Study, recovery: pd.DataFrame) -> Table:
     return table(rows, {**headings, "back_s": "Back after [s]", "interval": "95 % interval [s]"})
 
 
-_RECOVERY = (
-    "When the mean over the replicates is again within the tolerance of the same replicates without the fault, window "
-    "by window, for as many windows in a row as the study asks for. Intervals are bootstrap intervals over replicates."
-)
-
-
 def _estimates(study: Study, evidence: Evidence) -> Table:
     rows = evidence.estimates.copy()
     metrics = list(dict.fromkeys(rows["metric"]))
@@ -274,6 +259,23 @@ def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Pa
     for picture in pictures:
         files += style.save(picture.drawing, folder / "figures" / picture.name)
     return [*files, *evidence.save(folder), *write_table(folder / "provenance", provenance)]
+
+
+def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
+    """Write `index.html` and `index.md`, which link the pages of a collection's studies; the first of them."""
+    done = [study for study in studies if (folder / study.name / "page.html").exists()]
+    context = {
+        "title": f"Studies: {name}",
+        "question": f"{len(done)} studies, each with its own page.",
+        "links": [
+            {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
+            for study in done
+        ],
+        **dict.fromkeys(("findings", "warnings", "sections"), ()),
+    }
+    for kind in ("html", "md"):
+        write_whole(folder / f"index.{kind}", render(f"page.{kind}.jinja", context).encode())
+    return folder / "index.html"
 
 
 def provenance_of(manifest: dict[str, Any]) -> pd.DataFrame:

@@ -9,8 +9,7 @@ from deltaswarm_orchestrator.studies.study import Study
 
 def plan(study: Study) -> str:
     """A line about the runs, and one about each family of tests."""
-    variants, runs = len(study.sweep.variants), len(study.sweep.jobs())
-    lines = [f"{study.name}: {variants} variants x {study.repeats} replicates, {runs} runs"]
+    lines = [study.sweep.size]
     for name, family in families(study):
         least = min(1.0, smallest_p(study.repeats) * family)
         lines.append(f"  {name}: {family} tests in a family, smallest corrected p {least:.2g}")

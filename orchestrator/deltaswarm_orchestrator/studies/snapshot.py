@@ -5,18 +5,8 @@ from deltaswarm_orchestrator.report.plots.swarm import Snapshot
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.settings import Scenario
 
-EARLY_S = 600.0
-"""When the paper's "early tree formations" are looked at, by default [s]."""
 
-EARLY_SEED = 6
-"""The seed of `paper-25` to look at: of 1 to 12 the nearest to the medians then, not the one that shows most.
-
-By median over these seeds roots stand 9.6 m from the centre of the density under hierarchical control and
-5.5 m under hybrid control (delta 3), with 14 and 9.5 agents in trees; this seed has 8.7 and 4.6 m, 14 and 9 agents.
-"""
-
-
-def snapshot(scenario: Scenario, time_s: float = EARLY_S) -> Snapshot:
+def snapshot(scenario: Scenario, time_s: float) -> Snapshot:
     """The swarm of a scenario, with the seed in it, at the end of the step at `time_s`; events that are not complete.
 
     Raises:

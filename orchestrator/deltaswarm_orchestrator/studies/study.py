@@ -1,22 +1,20 @@
 """The study file: a sweep, and what is asked of it. TOML, checked as a whole before anything runs."""
 
-from collections.abc import Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from deltaswarm_orchestrator.run.scenario import files_in
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN as METRICS
 from deltaswarm_orchestrator.studies.metrics import Metric, MetricSettings
-from deltaswarm_orchestrator.sweeps.load import FOLDERS, STUDY_TABLES, files_in, load_sweep, read_file
+from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS, STUDY_TABLES, load_sweep, read_file
 from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep
 from deltaswarm_orchestrator.sweeps.table import flattened
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 
-COLLECTIONS = {
-    folder.rpartition("/")[2]: [file.name.removesuffix(".toml") for file in files_in(folder)]
-    for folder in FOLDERS
-    if folder.startswith("studies/")
-}
+COLLECTIONS = {folder.rpartition("/")[2]: list(files_in(folder)) for folder in STUDY_FOLDERS}
 """The studies in each folder of built-in ones, by the folder's name: they are done one after the other."""
 
 HOLDS, REFUTED, UNDECIDED = "holds", "refuted", "undecided"
@@ -219,7 +217,9 @@ def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
     names = list(file.study.factors) or default_factors(sweep)
     if len(names) != len(sweep.factors):
         count = f"{len(names)} names ({', '.join(names)})"
-        raise SettingsError([Problem("study.factors", count, f"this sweep varies {len(sweep.factors)} things")])
+        raise SettingsError(
+            [Problem("study.factors", count, f"must name the {len(sweep.factors)} things that this sweep varies")]
+        )
     own = {metric.name: metric.made() for metric in file.metric}
     built_in = {name: metric.within(name, file.study.from_s, file.study.until_s) for name, metric in METRICS.items()}
     factors = dict(zip(names, sweep.factors, strict=True))
@@ -249,42 +249,43 @@ def numbers_in(levels: Sequence[str]) -> dict[str, float]:
 
 def _problems(study: Study) -> Iterator[Problem]:
     """Names that refer to nothing."""
-    variants = {variant.label for variant in study.sweep.variants}
-    file = study.file
-    used = [(f"study.metrics[{i}]", name) for i, name in enumerate(file.study.metrics)]
+    for where, names, known in _references(study):
+        allowed = ", ".join(map(repr, known)) or "declared, but none is"
+        yield from (Problem(where, repr(name), f"must be one of {allowed}") for name in names if name not in known)
+
+
+def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[str]]]:
+    """Each place that refers to something by name: where it is, the names, and what there is."""
+    file, factors, metrics = study.file, study.factors, study.metrics
+    variants = [variant.label for variant in study.sweep.variants]
+    yield "study.metrics", file.study.metrics, metrics
     for i, contrast in enumerate(file.contrast):
-        where = f"contrast[{i}]"
-        used += [(f"{where}.metrics", name) for name in contrast.metrics]
-        yield from _unknown(f"{where}.factor", [contrast.factor], study.factors)
-        levels = study.factors.get(contrast.factor, ())
-        named = [contrast.reference] if contrast.reference else [one for pair in contrast.pairs for one in pair]
-        yield from _unknown(f"{where}.{'reference' if contrast.reference else 'pairs'}", named or [""], levels)
+        where, levels = f"contrast[{i}]", factors.get(contrast.factor, ())
+        yield f"{where}.metrics", contrast.metrics, metrics
+        yield f"{where}.factor", [contrast.factor], factors
+        if contrast.reference:
+            yield f"{where}.reference", [contrast.reference], levels
+        else:
+            yield f"{where}.pairs", [*itertools.chain(*contrast.pairs)] or [""], levels
         if contrast.across:
-            yield from _unknown(f"{where}.across", [contrast.across], study.factors)
-            across = [one for pair in contrast.across_pairs for one in pair]
-            yield from _unknown(f"{where}.across_pairs", across, study.factors.get(contrast.across, ()))
+            yield f"{where}.across", [contrast.across], factors
+            across = [*itertools.chain(*contrast.across_pairs)]
+            yield f"{where}.across_pairs", across, factors.get(contrast.across, ())
     for i, claim in enumerate(file.claim):
-        used.append((f"claim[{i}].metric", claim.metric))
-        yield from _unknown(f"claim[{i}] ({claim.id})", claim.variants, variants)
+        yield f"claim[{i}].metric", [claim.metric], metrics
+        yield f"claim[{i}] ({claim.id})", claim.variants, variants
     for i, recovery in enumerate(file.recovery):
-        used.append((f"recovery[{i}].metric", recovery.metric))
-        yield from _unknown(f"recovery[{i}].factor", [recovery.factor], study.factors)
-        levels = study.factors.get(recovery.factor, ())
-        yield from _unknown(f"recovery[{i}].level", [recovery.level, recovery.reference], levels)
+        yield f"recovery[{i}].metric", [recovery.metric], metrics
+        yield f"recovery[{i}].factor", [recovery.factor], factors
+        yield f"recovery[{i}].level", [recovery.level, recovery.reference], factors.get(recovery.factor, ())
     for i, figure in enumerate(file.figure):
-        used += [(f"figure[{i}].metric", figure.metric)] if figure.kind != "swarm" else []
-        used += [(f"figure[{i}].x", figure.x)] if figure.kind == "plane" else []
+        yield f"figure[{i}].metric", [figure.metric] if figure.kind != "swarm" else [], metrics
+        yield f"figure[{i}].x", [figure.x] if figure.kind == "plane" else [], metrics
         named = [figure.hue, figure.facet, *([figure.x] if figure.kind in ("boxes", "levels") else [])]
-        yield from _unknown(f"figure[{i}]", [name for name in named if name], study.factors)
-        yield from _unknown(f"figure[{i}].variants", [*figure.variants, *figure.path], variants)
-    yield from (problem for where, name in used for problem in _unknown(where, [name], study.metrics))
+        yield f"figure[{i}]", [name for name in named if name], factors
+        yield f"figure[{i}].variants", [*figure.variants, *figure.path], variants
     known = {"claim": [claim.id for claim in file.claim], "contrast": [contrast.id for contrast in file.contrast]}
     for i, finding in enumerate(file.finding):
         for result in finding.because:
             kind = "claim" if "claim" in result else "contrast"
-            yield from _unknown(f"finding[{i}].because", [str(result.get(kind, ""))], known[kind])
-
-
-def _unknown(where: str, names: Sequence[str], known: Mapping[str, Any] | Sequence[str] | set[str]) -> list[Problem]:
-    allowed = ", ".join(map(repr, known)) or "none is declared"
-    return [Problem(where, repr(name), f"known are {allowed}") for name in names if name not in known]
+            yield f"finding[{i}].because", [str(result.get(kind, ""))], known[kind]

@@ -39,9 +39,7 @@ class SweepResult:
     differing: list[str] = field(default_factory=list)
     """Runs whose digest is another one by real processes than in one process."""
     damaged: list[str] = field(default_factory=list)
-    """Files of runs that were cut off or changed; these runs were done again."""
-    left_out: list[str] = field(default_factory=list)
-    """Such files of runs that were not asked for this time: the tables are without them."""
+    """Files of runs that were cut off or changed, and are not used."""
     interrupted: bool = False
 
     @property
@@ -58,9 +56,8 @@ def conduct(
     *,
     means: str = IN_PROCESS,
     with_series: bool = False,
-    only: Sequence[str] | None = None,
 ) -> SweepResult:
-    """Do what is missing of a sweep, or of the variants `only`, and write tables of all that is finished.
+    """Do what is missing of a sweep, and write tables of all that is finished.
 
     Raises:
         SweepFolderError: the folder is in use, holds something else, or runs of which none is this sweep's.
@@ -69,16 +66,15 @@ def conduct(
     with folder.held(sweep.name):
         began = time.monotonic()
         before = folder.manifest() or {}
-        jobs = [job for job in sweep.jobs() if only is None or job.variant.label in only]
+        jobs = sweep.jobs()
         wanted = [(job, means) for job in jobs]
         wanted += [(job, PROCESSES) for job in sweep.sample(jobs) if means == IN_PROCESS]
         # Variants may be the same under two labels: the run is done once, and stands in both rows.
         files = {folder.file(job, by): (job, by) for job, by in reversed(wanted)}
         wanted = list(files.values())[::-1]
         tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
-        damaged = [str(folder.file(job, by)) for job, by in wanted if folder.is_damaged(job, by)]
-        others = {folder.file(job, by): (job, by) for job in sweep.jobs() for by in (IN_PROCESS, PROCESSES)}
-        left_out = [str(file) for file, run in others.items() if file not in files and folder.is_damaged(*run)]
+        there = {folder.file(job, by): (job, by) for job in jobs for by in (IN_PROCESS, PROCESSES)}
+        damaged = [str(file) for file, run in there.items() if folder.is_damaged(*run)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest)
@@ -117,9 +113,7 @@ def conduct(
             tables.write_table(path / "series", series)
         folder.write_manifest(manifest)
     finished = sum(folder.has(job, means) for job in jobs)
-    return SweepResult(
-        path, len(jobs), finished, manifest, table, series, failed, differing, damaged, left_out, interrupted
-    )
+    return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, damaged, interrupted)
 
 
 def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bool) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
+from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.sweeps.mortal import die_with_parent
 from deltaswarm_orchestrator.sweeps.work import DisturbedError, Result, RunError, Task, work
 
@@ -19,7 +20,7 @@ ATTEMPTS = 2
 """A run whose worker was killed is tried once more: what killed it may have been meant for another."""
 
 
-class EngineError(Exception):
+class EngineError(CommandError):
     """The engine cannot be had."""
 
 

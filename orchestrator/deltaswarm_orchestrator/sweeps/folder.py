@@ -10,6 +10,7 @@ from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.run.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
@@ -19,7 +20,7 @@ CHECKSUM = "checksum"
 """Of all else in a result's file, by which one is known that was cut off, edited or damaged."""
 
 
-class SweepFolderError(Exception):
+class SweepFolderError(CommandError):
     """The folder cannot be used: another sweep's, in use, or no folder."""
 
 

@@ -3,12 +3,9 @@
 import copy
 import itertools
 import math
-import tomllib
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from importlib import resources
-from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -20,16 +17,9 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
-FOLDERS = ("sweeps/built_in", "studies/paper", "studies/limits")
+STUDY_FOLDERS = ("studies/paper", "studies/limits")
 
-
-def files_in(folder: str) -> list[Traversable]:
-    """The TOML files of a folder of this package, by name."""
-    files = resources.files("deltaswarm_orchestrator").joinpath(folder).iterdir()
-    return sorted((file for file in files if file.name.endswith(".toml")), key=lambda file: file.name)
-
-
-BUILT_IN = {file.name.removesuffix(".toml"): file for folder in FOLDERS for file in files_in(folder)}
+BUILT_IN = scenarios.files_in("sweeps/built_in", *STUDY_FOLDERS)
 """The file of each built-in sweep; those of studies hold a sweep too."""
 
 STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "figure", "finding")
@@ -70,8 +60,10 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         SettingsError: every mistake at once.
     """
     file, problems = _file(table)
-    base, found = _base(file, beside, problems)
-    problems += found
+    try:
+        base = scenarios.read_table(file.base, beside, "base")
+    except SettingsError as error:
+        raise SettingsError([*problems, *error.problems]) from None
     shared = _flat(file.scenario, "scenario", problems)
     _make_absolute(shared, beside)
     for dotted, value in shared.items():
@@ -84,9 +76,13 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     rows = [_joined(row) for row in itertools.product(*choices)] if choices else []
     set_here = [(f"scenario.{name}", name) for name in shared]
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
-    problems += [Problem(path, name, "the sweep itself sets it") for path, name in set_here if name in OWN]
+    problems += [
+        Problem(path, name, "must not be set: the sweep sets it for each run") for path, name in set_here if name in OWN
+    ]
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
-    problems += [Problem(path, name, "it varies in this sweep") for path, name in set_here if name in in_all]
+    problems += [
+        Problem(path, name, "must not be set: it varies in this sweep") for path, name in set_here if name in in_all
+    ]
     if ("--set", GRID) in set_here and not problems:  # on the command line, relative to where it was given
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
     variants, found = _variants({**base, "record": "off"}, rows)
@@ -106,19 +102,8 @@ def read_file(name: str) -> tuple[dict[str, Any], Path]:
     Raises:
         SettingsError: there is no such file, or it is no TOML.
     """
-    if name in BUILT_IN:
-        return tomllib.loads(BUILT_IN[name].read_text()), Path()
-    path = Path(name)
-    if not _is_file(path):
-        allowed = f"{checked.did_you_mean(name, BUILT_IN)}a TOML file or one of {', '.join(BUILT_IN)} is allowed"
-        raise SettingsError([Problem("sweep", f"{_shown(name)!r} {scenarios.instead_of_file(path)}", allowed)])
-    try:
-        table = tomllib.loads(path.read_text())
-    except (ValueError, RecursionError, OSError) as error:
-        raise SettingsError([Problem(str(path), str(error), "TOML is expected")]) from None
-    if "schema" not in table:
-        raise SettingsError([Problem("schema", "missing", "schema = 1 is expected")])
-    return {"name": path.stem, **table}, path.parent
+    table, path = scenarios.read_toml("sweep", name, BUILT_IN)
+    return (table, Path()) if path is None else ({"name": path.stem, **table}, path.parent)
 
 
 def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
@@ -139,30 +124,6 @@ def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
     return file, problems
 
 
-def _base(file: SweepFile, beside: Path, problems: list[Problem]) -> tuple[dict[str, Any], list[Problem]]:
-    """The base scenario's table, unchecked.
-
-    Raises:
-        SettingsError: there is no such scenario, or it is no TOML; after the `problems` that are known.
-    """
-    if file.base not in scenarios.BUILT_IN and not _is_file(beside / file.base):
-        known = ", ".join(scenarios.BUILT_IN)
-        allowed = f"{checked.did_you_mean(file.base, scenarios.BUILT_IN)}a TOML file or one of {known} is allowed"
-        found = scenarios.instead_of_file(beside / file.base)
-        raise SettingsError([*problems, Problem("base", f"{_shown(file.base)!r} {found}", allowed)])
-    try:
-        return scenarios.read_table(file.base, beside)
-    except SettingsError as error:
-        raise SettingsError([*problems, *error.problems]) from None
-
-
-def _is_file(path: Path) -> bool:
-    try:
-        return path.is_file()
-    except OSError:  # a name that is too long, a folder that may not be read
-        return False
-
-
 def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
     """Dotted keys: TOML reads `control.delta = 3` as a table within a table, `"control.delta" = 3` as a key."""
     flat: Row = {}
@@ -172,9 +133,9 @@ def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
         if isinstance(value, dict):
             waiting += [(f"{name}.{inner}", one) for inner, one in reversed(list(value.items()))]
             if not value:
-                problems.append(Problem(f"{path}.{name}", "an empty table", "keys are expected in it"))
+                problems.append(Problem(f"{path}.{name}", "an empty table", "must have keys"))
         elif name in flat:
-            problems.append(Problem(f"{path}.{name}", "given twice", "a key may be given once"))
+            problems.append(Problem(f"{path}.{name}", "given twice", "must be given once"))
         else:
             flat[name] = value
     return flat
@@ -210,7 +171,7 @@ def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], li
     lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
     if math.prod(lengths) * settings.repeats > MAX_RUNS:  # before they are spread out
         runs = f"{math.prod(lengths)} variants x {settings.repeats} repeats"
-        return [], [Problem("sweep", runs, f"at most {MAX_RUNS} runs are allowed")]
+        return [], [Problem("sweep", runs, f"must be at most {MAX_RUNS} runs")]
     choices = [
         [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)] for _, table in columns
     ]
@@ -223,15 +184,15 @@ def _problems_of_lists(path: str, table: Row) -> list[Problem]:
     """Lists that are none, are empty, or of different lengths."""
     lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
     problems = [
-        Problem(f"{path}.{name}", _shown(table[name]), "a list of at least one value is expected")
+        Problem(f"{path}.{name}", _shown(table[name]), "must be a list of at least one value")
         for name in table
         if name not in lists
     ]
     if not table:
-        problems.append(Problem(path, "no keys", "lists of values are expected"))
+        problems.append(Problem(path, "no keys", "must have lists of values"))
     if len({len(values) for values in lists.values()}) > 1:
         found = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
-        problems.append(Problem(path, f"lists of different lengths ({found})", "lists of one length are expected"))
+        problems.append(Problem(path, f"lists of different lengths ({found})", "must be of one length"))
     return problems
 
 
@@ -239,14 +200,14 @@ def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row])
     """Labels that are no words, label nothing, or stand where none can."""
     problems = []
     if LABEL in axes:
-        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "[[sweep.paired]] may have labels"))
+        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "must be in [[sweep.paired]]"))
     given = [(f"sweep.variants[{index}].{LABEL}", row[LABEL]) for index, row in enumerate(single) if LABEL in row]
     for index, table in enumerate(paired):
         if list(table) == [LABEL]:
-            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "a key with a list is expected beside"))
+            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "must have a key with a list too"))
         if isinstance(labels := table.get(LABEL), list):
             given += [(f"sweep.paired[{index}].{LABEL}", label) for label in labels]
-    allowed = "a string of one line is expected"
+    allowed = "must be a string of one line"
     return problems + [
         Problem(path, _shown(label), allowed)
         for path, label in given
@@ -262,16 +223,16 @@ def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row
     problems: list[Problem] = []
     for path, name in places:
         if times[name] > 1:
-            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "a key may vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "must vary in one place only"))
         ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
         if part_of := next((name[:end] for end in ends if name[:end] in times), None):
-            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "a key may vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "must vary in one place only"))
         if name in OWN:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "the sweep itself sets it"))
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "must not be set: the sweep sets it for each run"))
         if name in SAME:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "it makes no other run"))
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "must not be swept: it changes no run"))
     if not places:
-        allowed = "[sweep.axes], [[sweep.paired]] or [[sweep.variants]] is expected"
+        allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
         problems.append(Problem("sweep", "nothing varies", allowed))
     return problems
 
@@ -323,7 +284,7 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
             made.append((row[LABEL], scenario))
     for label, times in Counter(row[LABEL] for row in rows).items():
         if times > 1:
-            problems[Problem("sweep", f"{times} variants called {label!r}", "different labels are expected")] = None
+            problems[Problem("sweep", f"{times} variants called {label!r}", "must have different labels")] = None
     if problems:
         return [], list(problems)
     tables = [(label, scenario, checked.plain(scenario)) for label, scenario in made]

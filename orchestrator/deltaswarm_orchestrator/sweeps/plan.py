@@ -47,7 +47,7 @@ class SweepFile:
     def problems(self) -> list[Problem]:
         """A name becomes a folder's."""
         if not NAME.fullmatch(self.name):
-            return [Problem("name", repr(self.name[:64]), "1 to 48 ASCII letters, digits, '-' or '_' are allowed")]
+            return [Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'")]
         return []
 
 
@@ -103,6 +103,12 @@ class Sweep:
     def name(self) -> str:
         """The file's name for it."""
         return self.file.name
+
+    @property
+    def size(self) -> str:
+        """How many runs it has, for people."""
+        repeats = self.file.sweep.repeats
+        return f"{self.name}: {len(self.variants)} variants x {repeats} replicates, {len(self.variants) * repeats} runs"
 
     @property
     def swept(self) -> list[str]:

@@ -36,7 +36,7 @@ def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
 
 
 def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
-    """A row per run: variant, swept keys, replicate, seed, digests, every figure of its summary."""
+    """A row per run: variant, swept keys, replicate, seed, digests, every metric of its summary."""
     rows = []
     for job, result in runs:
         digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
@@ -68,9 +68,9 @@ def _digest(result: Result | None) -> str | None:
     return None if result is None else str(result["summary"]["digest"])
 
 
-def flattened(figures: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Dotted names; lists as JSON."""
-    for name, value in figures.items():
+    for name, value in table.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{name}.")
         elif f"{prefix}{name}" not in ("name", "seed"):  # stand in the row's head

@@ -1,4 +1,4 @@
-"""One run of a sweep, from its scenario to the figures that are kept of it."""
+"""One run of a sweep, from its scenario to what is kept of it."""
 
 import os
 import platform

@@ -1,1 +1,1 @@
-"""The air between the radios: `radio.py` is the whole, `channel/` its models, `trace.py` follows one link."""
+"""Emulated radio: `radio.py` composes the models in `channel/`; `trace.py` follows one link."""

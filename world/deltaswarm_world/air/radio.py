@@ -1,13 +1,12 @@
-"""The air between the radios: who hears whom, when, and if not, why not.
+"""Emulated radio: which frames reach which receivers, when, and why not.
 
-Each frame sent is tried at every other agent, once. On its way it meets, in this order: the sender's queue
-(`bandwidth`); then on the air, all in one step, whether the receiver is there (`dead`), reach (`range`),
-blackouts, walls (`partition`), obstacles (`obstacle`), jammers (`jam`), `asymmetry`, `loss`, bursts (`burst`),
-`contention`; then duplication and delay; on arrival once more whether the receiver is there (`dead`); and the
-receiver's queue (`bandwidth`). What meets a frame first is its one reason. (What of the heard frames does not fit
-into an agent's own frame is `crowded`; the core cuts that.) A duplicate is one reception more, and counted as such:
+Each frame is tried once at every other agent. These effects apply in order: the sender's queue (`bandwidth`); then in
+one step a missing receiver (`dead`), reach (`range`), blackouts, walls (`partition`), obstacles (`obstacle`), jammers
+(`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then duplication and delay; on arrival again a missing
+receiver (`dead`); and the receiver's queue (`bandwidth`). The first effect that drops a frame is the reason. (Frames
+beyond the room in an agent's own frame are `crowded`; the core drops them.) A duplicate counts as one more reception:
 
-    sent x other agents + duplicated = received + dropped, by reason + under way
+    sent x other agents + duplicated = received + dropped, by reason + in flight
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -34,7 +33,7 @@ ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
 
 
 class _Moment(NamedTuple):
-    """The world as the air finds it in a step."""
+    """The state of the world in a step."""
 
     time_s: float
     positions_m: Floats
@@ -42,22 +41,22 @@ class _Moment(NamedTuple):
 
 
 class Carried:
-    """What became of frames in one step."""
+    """The outcome of frames in one step."""
 
     def __init__(self, ends: int) -> None:
         self.heard: list[list[Heard]] = [[] for _ in range(ends)]
-        """Per receiver the frames that reach it, with their senders, by sender, then age."""
+        """Received frames per receiver, with their senders, by sender, then age."""
         self.links: list[tuple[int, int]] = []
-        """(sender, receiver) of each, in order of receiver, then as in `heard`."""
+        """(sender, receiver) of each frame, by receiver, then as in `heard`."""
         self.dropped: dict[str, int] = {}
-        """Receptions that will not be, by reason."""
+        """Dropped receptions by reason."""
         self.duplicated = 0
-        """Receptions that became two."""
+        """Duplicated receptions."""
         self.largest_bytes = 0
-        """No frame heard is longer."""
+        """Upper bound of the length of received frames."""
 
     def hear_all(self, arriving: Sequence[Arrival]) -> None:
-        """Frames arrive, in order of receiver, then sender and age."""
+        """Add received frames, in order of receiver, then sender and age."""
         heard = self.heard
         for receiver, (sender, _, data) in arriving:
             heard[receiver].append((sender, data))
@@ -65,7 +64,7 @@ class Carried:
         self.largest_bytes = max([len(data) for _, (_, _, data) in arriving], default=0)
 
     def drop(self, reason: str, count: int) -> None:
-        """Count receptions that will not be."""
+        """Count dropped receptions."""
         if count:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 
@@ -80,7 +79,7 @@ def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> Del
 
 
 class Air:
-    """The air of one run, with all its models; to be called once a step, in order."""
+    """The radio of one run, with all its models; call it once per step, in order."""
 
     def __init__(self, scenario: Scenario) -> None:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
@@ -97,13 +96,13 @@ class Air:
         self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
         self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
-        """Whose frame comes first into the queues of a step: else those with low numbers would always."""
+        """Random order of senders into the queues of a step, so that low numbers have no priority."""
         self._numbers = 0
         self._moment = _Moment(0.0, np.zeros((count, 2)), [True] * count)
 
     @property
     def under_way(self) -> int:
-        """Receptions that are still to come, or to fail."""
+        """Number of pending receptions."""
         found = 0
         if self._sending is not None:
             found += self._sending.waiting * (len(self._ids) - 1)
@@ -122,7 +121,7 @@ class Air:
         listening: Sequence[bool],
         mute: Collection[int] = (),
     ) -> Carried:
-        """One step: frames by sender, positions (n, 2) [m], who is there to hear, and whose radio sends nothing."""
+        """Run one step: frames by sender, positions (n, 2) [m], present receivers, muted senders."""
         carried = Carried(len(listening))
         senders = sorted(spoken)
         if mute:
@@ -145,7 +144,7 @@ class Air:
         return carried
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
-        """Sender and receiver of each link among some agents that is open for the whole step, chance aside."""
+        """Return sender and receiver of each link among agents that is open for the whole step, ignoring chance."""
         rows, columns, spare_db = self._reach.find(agents, agents)
         others = rows != columns
         links = Links(agents, agents, (), columns[others], rows[others])
@@ -161,7 +160,7 @@ class Air:
     def _send(
         self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried
     ) -> tuple[list[int], list[bytes]]:
-        """Let frames through the senders' queues; those on the air now, by sender, then age."""
+        """Pass frames through the senders' queues; return those on the air now, by sender, then age."""
         new = dict(zip(senders, frames, strict=True))
         narrow = pipes.pass_wide({sender: len(data) for sender, data in new.items()})
         if not narrow:
@@ -183,7 +182,7 @@ class Air:
         return list(map(Packet._make, zip(senders, range(first, self._numbers), frames, strict=True)))
 
     def _hear_at_once(self, senders: list[int], frames: list[bytes], carried: Carried) -> None:
-        """Who is in reach hears: the same as `_cross` where there is nothing to meet, in half the time."""
+        """Receive in reach: equal to `_cross` without models, in half the time."""
         if not frames:
             return
         positions_m, listening = self._moment.positions_m, self._moment.listening
@@ -204,7 +203,7 @@ class Air:
             carried.heard[receiver].append(said[column])
 
     def _cross(self, senders: list[int], frames: list[bytes], carried: Carried) -> Links:
-        """Through the air: all links in reach, with those open that are heard."""
+        """Apply the models to all links in reach; return the links with the open ones marked."""
         time_s, positions_m, listening = self._moment
         speaking = np.array(senders)
         listeners, speakers = Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking])
@@ -232,7 +231,7 @@ class Air:
     def _set_off(
         self, step: int, links: Links, senders: list[int], frames: list[bytes], carried: Carried
     ) -> list[Arrival]:
-        """Double and delay what crossed the air; what arrives at once."""
+        """Duplicate and delay frames; return those that arrive at once."""
         packets = self._packets(senders, frames)
         is_open = links.is_open.nonzero()[0]
         columns, receivers = links.columns[is_open].tolist(), links.receivers[is_open].tolist()
@@ -250,7 +249,7 @@ class Air:
         return arriving
 
     def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
-        """What arrives now, and what arrived before and waits, into the receivers' ears."""
+        """Pass arriving and waiting frames to the receivers."""
         if self._delays is not None:
             due = self._delays.take(step)
             there = [arrival for arrival in due if listening[arrival[0]]]
@@ -264,7 +263,7 @@ class Air:
     def _take_in(
         self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried
     ) -> list[Arrival]:
-        """Through the receivers' queues; what passes, in any order."""
+        """Pass frames through the receivers' queues; return the passed ones in any order."""
         luck = self._order_rng.random(len(listening)).tolist()
         loads: dict[int, int] = {}
         for receiver, (_, _, data) in arriving:
@@ -288,7 +287,7 @@ class Air:
 
 
 def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], carried: Carried) -> None:
-    """All open links at once; the same as `Carried.hear_all`, for frames that are none the later."""
+    """Receive on all open links at once; equal to `Carried.hear_all` for frames without delay."""
     is_open = links.is_open
     receivers = links.receivers[is_open].tolist()
     carried.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))

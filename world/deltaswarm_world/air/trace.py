@@ -1,4 +1,4 @@
-"""Follow the frames of one link through the air, for `deltaswarm why`; an air that nobody traces pays nothing."""
+"""Follow the frames of one link for `deltaswarm why`, without a cost for untraced runs."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -12,12 +12,12 @@ from deltaswarm_world.density import Floats
 
 
 class TracedAir(Air):
-    """An air that notes what becomes of the frames of one agent at another; it takes over a running one.
+    """Radio that traces the frames of one agent at another; it takes over a running `Air`.
 
     Args:
-        air: as it stands; not to be used any more.
-        sender: whose frames are followed.
-        receiver: to whom.
+        air: the running radio, which must not be used any more.
+        sender: the traced sender.
+        receiver: the traced receiver.
     """
 
     def __init__(self, air: Air, sender: int, receiver: int) -> None:
@@ -61,17 +61,17 @@ class TracedAir(Air):
         return carried
 
     def outcomes_of(self, links: Sequence[tuple[int, int]]) -> list[str]:
-        """What became of the link's frames in the last step, given which were heard in the end."""
+        """Return the outcomes of the link's frames in the last step, given the received links."""
         outcomes = list(self._outcomes)
         for _ in range(outcomes.count("delivered") - list(links).count((self.sender, self.receiver))):
             outcomes[outcomes.index("delivered")] = "dropped: crowded"
         return outcomes
 
     def explain(self, speaking: Sequence[bool]) -> list[Finding]:
-        """What each model says of the link in the last step, in the order in which a frame meets them.
+        """Return each model's finding about the link in the last step, in order.
 
         Args:
-            speaking: per agent whether its radio worked when the frames of this step were sent.
+            speaking: whether each agent's radio worked when this step's frames were sent.
         """
         time_s, positions_m, listening = self._moment
         sender, receiver = (Ends(np.array([agent]), positions_m[[agent]]) for agent in (self.sender, self.receiver))
@@ -96,7 +96,7 @@ class TracedAir(Air):
         self._outcomes += [outcome] * count
 
     def _own(self, arrivals: Sequence[Arrival]) -> int:
-        """How many of them are the link's."""
+        """Return the number of the link's frames."""
         return sum(packet.sender == self.sender and end == self.receiver for end, packet in arrivals)
 
     # On the air
@@ -145,7 +145,7 @@ class TracedAir(Air):
 
 
 class _TracedPiece:
-    """A model of the air that shows what it cuts; the relay, which asks the same models, is not shown."""
+    """A model that traces its cuts, except for the relay, which uses the same models."""
 
     def __init__(self, piece: Piece, see: Callable[[str, Mask, Links], None]) -> None:
         self.reason, self.holds_for_step = piece.reason, piece.holds_for_step
@@ -161,7 +161,7 @@ class _TracedPiece:
 
 
 def spy(part: object, name: str, see: Callable[..., None]) -> None:
-    """Show each result of a method of a part, and the arguments that it was for, to `see`."""
+    """Pass each result of a part's method, with its arguments, to `see`."""
     method = getattr(part, name)
 
     def spied(*arguments: Any) -> Any:

@@ -1,1 +1,1 @@
-"""What fails in a run: `timeline.py` says when and for whom, the other files what each kind does."""
+"""Faults of a run: `timeline.py` has times and targets, the other files the kinds."""

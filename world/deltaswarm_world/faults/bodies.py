@@ -12,7 +12,7 @@ STANDING = (0.0, 0.0)
 
 
 class Slow(Kind):
-    """The body does a share of the commanded speed; shares multiply."""
+    """The body moves at a share of the commanded speed; shares multiply."""
 
     name = settings_fault.SLOW
 
@@ -32,7 +32,7 @@ class Slow(Kind):
 
 
 class Stuck(Kind):
-    """The body keeps the velocity that it had when the fault began, whatever is commanded."""
+    """The body keeps its velocity from the start of the fault and ignores commands."""
 
     name = settings_fault.STUCK
 
@@ -41,7 +41,7 @@ class Stuck(Kind):
         self._kept_mps: dict[int, tuple[float, float]] = {}
 
     def look(self, spells: Sequence[Spell]) -> None:
-        """See `Kind`. A body that is stuck from the first step on never moves."""
+        """See `Kind`. A body stuck from the first step on never moves."""
         super().look(spells)
         self._kept_mps = {agent: kept for agent, kept in self._kept_mps.items() if agent in self.agents}
         for spell in spells:

@@ -1,4 +1,4 @@
-"""What a kind of fault is: the hooks through which it acts on processes and bodies."""
+"""The interface of a kind of fault: hooks that act on processes and bodies."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from deltaswarm_world.density import Floats
 
 @dataclass
 class Spell:
-    """A fault that has begun; `index` is its place in the scenario, `end` the first step that it spares."""
+    """A started fault; `index` is its index in the scenario, `end` the first step after it."""
 
     index: int
     fault: FaultSettings
@@ -39,7 +39,7 @@ class Orders:
         self._step = step
 
     def give(self, action: str, agents: Collection[int], why: str) -> None:
-        """Order something for some agents' processes; for no agents only a note is kept."""
+        """Add an order for some agents' processes; without agents, a note."""
         if agents or action == NOTE:
             time_s = self._step * self._step_s
             self.given.append(ProcessOrder(self._numbered, self._step, time_s, action, tuple(sorted(agents)), why))
@@ -47,59 +47,59 @@ class Orders:
 
 
 class Kind:
-    """One kind of fault in one run. What a kind does not override leaves processes and bodies as they are.
+    """One kind of fault in one run. Hooks that a kind does not override have no effect.
 
     Args:
-        scenario: of the run.
-        orders: what is to be done to processes.
+        scenario: the run's scenario.
+        orders: collects the orders for processes.
     """
 
     name: ClassVar[str]
-    """As in `[[fault]]`, from `deltaswarm_wire.settings_fault`."""
+    """The name in `[[fault]]`, from `deltaswarm_wire.settings_fault`."""
     hits_dead: ClassVar[bool] = True
-    """Whether it hits agents that are named but dead: the body fails whether or not a process drives it."""
+    """Whether it affects named agents without a process: a body can fail without one."""
 
     kills: ClassVar[bool] = False
-    """Whether it ends its victims' processes."""
+    """Whether it ends its targets' processes."""
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         self.agents: frozenset[int] = frozenset()
-        """Who suffers from it in this step."""
+        """Return the agents under this fault in this step."""
         self._scenario = scenario
         self._orders = orders
 
     # When something begins or ends
 
     def begin(self, spell: Spell, living: set[int], why: str) -> bool:
-        """Begin a fault, keeping `living` up to date; whether it lasts."""
+        """Begin a fault and update `living`; return whether the fault lasts."""
         self._orders.give(NOTE, spell.agents, why)
         return True
 
     def end(self, spell: Spell, living: set[int]) -> None:
-        """End a fault, keeping `living` up to date."""
+        """End a fault and update `living`."""
         self._orders.give(NOTE, spell.agents, f"{self.name} ends")
 
     def see_killed(self, victims: Collection[int], spells: Sequence[Spell]) -> None:
-        """Take note of agents killed by a fault of any kind, while these spells of this kind are under way."""
+        """Note agents killed by a fault of any kind during these active faults of this kind."""
 
     def look(self, spells: Sequence[Spell]) -> None:
-        """Take note of the spells of this kind that are under way from this step on, by their beginning."""
+        """Note the active faults of this kind from this step on, by start."""
         self.agents = frozenset(agent for spell in spells for agent in spell.agents)
 
     # In each step, while a spell is under way
 
     @property
     def blind(self) -> frozenset[int]:
-        """Who senses nothing."""
+        """Return the agents that sense nothing."""
         return frozenset()
 
     @property
     def deaf(self) -> frozenset[int]:
-        """Whose radio neither sends nor receives."""
+        """Return the agents whose radio neither sends nor receives."""
         return frozenset()
 
     def misses(self, agent: int) -> bool:
-        """Whether an agent misses one event within its sensing range; asked once per agent, event and step."""
+        """Whether an agent misses one event within its sensing range; called once per agent, event and step."""
         return False
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:

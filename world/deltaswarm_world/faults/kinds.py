@@ -16,4 +16,4 @@ KINDS: tuple[type[Kind], ...] = (
     RadioDead,
     Lying,
 )
-"""A new kind is one line here. Lying comes after noisy: what a sensor makes up has no error."""
+"""A new kind is one line here. Lying comes after noisy, since invented events have no error."""

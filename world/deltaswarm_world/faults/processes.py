@@ -1,4 +1,4 @@
-"""Faults of an agent's process: kill, freeze, restart. What they do goes out as orders."""
+"""Faults of an agent's process: kill, freeze, restart. They act through orders."""
 
 from collections.abc import Collection, Sequence
 
@@ -29,7 +29,7 @@ class Restart(Kind):
     kills = True
 
     def begin(self, spell: Spell, living: set[int], why: str) -> bool:
-        """See `Kind`. The dead are started, too."""
+        """See `Kind`. Also starts agents without a process."""
         self._orders.give(KILL, spell.agents & living, why)
         living -= spell.agents
         if spell.end is None:
@@ -46,7 +46,7 @@ class Restart(Kind):
 
 
 class Freeze(Kind):
-    """The process stops and goes on; freezes that overlap are one."""
+    """The process stops and continues; overlapping freezes merge."""
 
     name = settings_fault.FREEZE
     hits_dead = False

@@ -29,7 +29,7 @@ class Blind(Kind):
 
 
 class Noisy(Kind):
-    """Each event is sensed with an error in its place, or missed in some steps."""
+    """Each event is sensed with a position error, or missed in some steps."""
 
     name = settings_fault.NOISY
 
@@ -62,7 +62,7 @@ class Noisy(Kind):
                 sensed[agent][:] = [self._displaced(event, agent, spell) for event in sensed[agent]]
 
     def _displaced(self, event: Event, agent: int, spell: Spell) -> Event:
-        """An error that stays: one drawn anew each step would keep agents from ever arriving anywhere."""
+        """Return a constant error: with a new error each step agents would never arrive."""
         key = (spell.index, agent, event.event)
         if key not in self._errors_m:
             dx_m, dy_m = (spell.rng.standard_normal(2) * (spell.fault.noise_m or 0.0)).tolist()
@@ -72,7 +72,7 @@ class Noisy(Kind):
 
 
 class Lying(Kind):
-    """The sensor shows events that do not exist. Of two lies the later one in the scenario holds."""
+    """The sensor shows nonexistent events. Of two lies the later one in the scenario applies."""
 
     name = settings_fault.LYING
 
@@ -91,7 +91,7 @@ class Lying(Kind):
         self._phantoms = {agent: self._phantoms.get(agent, []) for agent in sorted(self._liars)}
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
-        """See `Kind`. A phantom that the agent has left behind is replaced."""
+        """See `Kind`. A phantom out of range is replaced."""
         for agent, spell in self._liars.items():
             x_m, y_m = positions_m[agent].tolist()
             phantoms = [event for event in self._phantoms[agent] if self._is_near(event, x_m, y_m)]

@@ -1,7 +1,7 @@
-"""Faults on a timeline: when they begin and end, and whom they hit. What they do is each kind's own.
+"""The timeline of faults: starts, ends and targets. Each kind defines its effect.
 
-Pure. The world asks before each step; what befalls a process goes out as orders, what befalls a body is
-kept here and asked for. Each fault has generators of its own, so that adding one changes no other.
+Pure. The world calls it before each step. Faults of processes become orders; faults of bodies are queried. Each fault
+has its own generators, so adding a fault does not change others.
 """
 
 from collections.abc import Collection, Sequence
@@ -17,7 +17,7 @@ from deltaswarm_world.faults.kind import Kind, Orders, Spell
 from deltaswarm_world.faults.kinds import KINDS
 
 FAULT_STREAM = 11
-"""Of the run's streams of chance; below it each fault has two: for its victims, and for what it does."""
+"""The faults' stream of the run; each fault has two generators: for its targets and for its effect."""
 
 
 class Faults:
@@ -25,11 +25,11 @@ class Faults:
 
     def __init__(self, scenario: Scenario) -> None:
         self.log: list[dict[str, Any]] = []
-        """Each fault that has begun: its index, kind, step, times [s] and whom it hit."""
+        """Each started fault: index, kind, step, times [s] and targets."""
         self.deaf: frozenset[int] = frozenset()
-        """Whose radio is dead in this step."""
+        """Agents with a dead radio in this step."""
         self.mute: frozenset[int] = frozenset()
-        """Whose radio was dead in the step before: what they said then went nowhere."""
+        """Agents with a dead radio in the previous step, whose frames were lost."""
         self._seed = scenario.seed
         self._step_s = scenario.run.step_s
         self._count = scenario.agents.count
@@ -37,19 +37,19 @@ class Faults:
         self._orders = Orders(self._step_s)
         self._kinds: dict[str, Kind] = {kind.name: kind(scenario, self._orders) for kind in KINDS}
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
-        """Step and index of those to come, the next one last."""
+        """Step and index of pending faults, the next one last."""
         self._spells: list[Spell] = []
         self._active: list[Kind] = []
-        """Kinds of which a spell is under way, in the order of the table."""
+        """Kinds with active faults, in the order of the table."""
         self._blind: frozenset[int] = frozenset()
 
     @property
     def frozen(self) -> frozenset[int]:
-        """Whose process is stopped."""
+        """Agents with a stopped process."""
         return self._kinds[FREEZE].agents
 
     def inject(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
-        """What ends and what begins before this step; the orders that follow, to be carried out one by one."""
+        """End and begin faults before this step; return the resulting orders, to be executed in order."""
         self.mute = self.deaf
         over = [spell for spell in self._spells if spell.end is not None and spell.end <= step]
         if not over and not (self._due and self._due[-1][0] <= step):
@@ -84,21 +84,21 @@ class Faults:
                 other.see_killed(victims, self._of(name))
 
     def _victims(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
-        """Whom a fault hits."""
+        """Return the targets of a fault."""
         fault = self._faults[index]
         if fault.agents:
             named = set(fault.agents)
             return named if self._kinds[fault.kind].hits_dead else named & living
         if fault.roots:
             return set(roots) & living
-        # Of all agents, so that chance hits the same ones however many others have died before.
+        # Draw over all agents, so that the targets do not depend on earlier deaths.
         shuffled = generator(self._seed, FAULT_STREAM, index, 0).permutation(self._count).tolist()
         wanted = int((fault.fraction or 0.0) * len(living) + 0.5)
         return set([agent for agent in shuffled if agent in living][:wanted])
 
     @property
     def afflicted(self) -> frozenset[int]:
-        """All upon whom a fault is in this step."""
+        """Return all agents under a fault in this step."""
         return frozenset(agent for spell in self._spells for agent in spell.agents)
 
     def _of(self, name: str) -> list[Spell]:
@@ -107,13 +107,13 @@ class Faults:
     # What bodies do and sense in each step
 
     def seeing(self, present: list[bool]) -> list[bool]:
-        """Per agent whether it is there and senses anything."""
+        """Return whether each agent is present and senses anything."""
         if not self._blind:
             return present
         return [there and agent not in self._blind for agent, there in enumerate(present)]
 
     def misses(self, agent: int) -> bool:
-        """Whether an agent misses one of the events before it."""
+        """Whether an agent misses one of its events."""
         return any(kind.misses(agent) for kind in self._active)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:

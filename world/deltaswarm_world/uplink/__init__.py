@@ -1,1 +1,1 @@
-"""The way of reports to the operator: `uplink.py` is the whole, `relay.py` carries reports through a tree."""
+"""The uplink of reports to the operator: `uplink.py` composes it, `relay.py` relays reports through a tree."""

@@ -1,9 +1,9 @@
-"""The relay: members of a tree carry to the base what its sender cannot reach it with.
+"""The relay: members of a tree forward reports from senders out of the base's range.
 
-A model in the world, no protocol of the agents: which tree an agent is in the world reads off its last act, and who
-is near whom off their places. A report goes one hop a step, over links that are open on the air
-then (reach, blackouts, walls, jammers, asymmetry; no chance), towards the member with the fewest hops to one
-within the base's range. Where there is no way it waits. Each hop loses by the uplink's own share.
+It is a model in the world, not a protocol of agents: it takes trees from the agents' last acts and links from their
+positions. A report moves one hop per step over links open at the time (reach, blackouts, walls, jammers, asymmetry; no
+chance), towards the member with the fewest hops to a member within the base's range. Without a path it waits. Each hop
+has the uplink's loss.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,62 +20,62 @@ from deltaswarm_world.environment import generator
 RELAY_STREAM = 45
 
 TIME_TO_LIVE_S = 60.0
-"""A report that its tree has carried for so long is dropped: it tells of what is past."""
+"""Maximum time of a relayed report; older reports are dropped as outdated."""
 
 SteadyLinks = Callable[[float, Ends], list[tuple[int, int]]]
-"""Given a time [s] and agents, sender and receiver of each link among them that is open for a whole step."""
+"""Maps a time [s] and agents to sender and receiver of each link among them that is open for a whole step."""
 
 
 class Moment(NamedTuple):
-    """The world as the uplink finds it at the end of a step; all by agent."""
+    """The state of the world at the end of a step, by agent."""
 
     step: int
     time_s: float
     positions_m: Floats
     there: Sequence[bool]
-    """Whether an agent can send and carry: its process is there and its radio works."""
+    """Whether an agent can send and relay: its process is present and its radio works."""
     roots: Mapping[int, int]
-    """The root of each agent that is in a tree."""
+    """The root of each agent in a tree."""
     within: Sequence[bool]
     """Whether an agent is within the base's range."""
 
 
 class Trip(NamedTuple):
-    """A report on its way through a tree."""
+    """A report in relay."""
 
     root: int
     last_step: int
 
 
 class Way(NamedTuple):
-    """How an agent's reports go on: to whom, and over how many hops to one within the base's range."""
+    """Next hop of an agent's reports, and the hops to a member within the base's range."""
 
     to: int
     hops: int
 
 
 class Relay:
-    """What is carried in one run. Called once a step: `check`, then `hand_on` with those that are still there."""
+    """The relayed reports of one run. Once per step, call `check`, then `hand_on` with the remaining reports."""
 
     def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         self.handed: list[Arrival] = []
-        """Carriers and what was handed to them in this step; they send it in the next."""
+        """Relays with reports received in this step, which they send in the next."""
         self.waiting: list[Arrival] = []
-        """Carriers and what found no way in this step."""
+        """Relays with reports without a path in this step."""
         self._life = max(1, round(TIME_TO_LIVE_S / scenario.run.step_s))
         self._loss = scenario.uplink.loss
         self._rng = generator(scenario.seed, RELAY_STREAM)
         self._steady_links = steady_links
         self._trips: dict[int, Trip] = {}
-        """By the report's number, of those that did not reach the base from their sender."""
+        """By number, reports that did not reach the base directly."""
 
     @property
     def under_way(self) -> int:
-        """Reports that are carried."""
+        """Number of relayed reports."""
         return len(self.handed) + len(self.waiting)
 
     def check(self, moment: Moment, arrival: Arrival) -> str | None:
-        """Why a carrier gives up what it carries; None if it does not, or if the report is its own."""
+        """Return why a relay drops a report; None if it keeps it or the report is its own."""
         carrier, packet = arrival
         trip = self._trips.get(packet.number)
         if trip is None:
@@ -87,11 +87,11 @@ class Relay:
         return "expired" if moment.step > trip.last_step else None
 
     def forget(self, number: int) -> None:
-        """The trip of a report is over."""
+        """End the relay of a report."""
         self._trips.pop(number, None)
 
     def hand_on(self, moment: Moment, arrivals: Iterable[Arrival]) -> list[tuple[Arrival, str]]:
-        """One hop for all that is beyond the base's range; what is dropped, with the reason."""
+        """Move all reports beyond the base's range by one hop; return the dropped ones with reasons."""
         self.handed, self.waiting = [], []
         dropped = []
         ways: dict[int, Way] | None = None
@@ -113,7 +113,7 @@ class Relay:
         return dropped
 
     def ways(self, moment: Moment) -> dict[int, Way]:
-        """From whom to whom, in this step, for all who are beyond the base's range and have a way to it."""
+        """Return the next hops in this step for all agents beyond the base's range with a path to it."""
         members = [agent for agent in sorted(moment.roots) if moment.there[agent]]
         heard_from: dict[int, list[int]] = {}
         ids = np.array(members, dtype=np.int64)

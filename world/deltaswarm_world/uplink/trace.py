@@ -10,18 +10,18 @@ from deltaswarm_world.uplink.uplink import BASE, Uplink
 
 
 class TracedUplink(Uplink):
-    """An uplink that notes what becomes of one agent's reports; it takes over a running one.
+    """An uplink that traces one agent's reports; it takes over a running one.
 
     Args:
-        uplink: as it stands; not to be used any more.
-        sender: whose reports are followed.
+        uplink: the running uplink, which must not be used any more.
+        sender: the traced agent.
     """
 
     def __init__(self, uplink: Uplink, sender: int) -> None:
         vars(self).update(vars(uplink))
         self.sender = sender
         self.outcomes: list[str] = []
-        """What became of the agent's reports in the last step."""
+        """Return the outcomes of the agent's reports in the last step."""
         self._arrived = 0
 
     def carry(
@@ -64,7 +64,7 @@ class TracedUplink(Uplink):
         return passed
 
     def explain(self) -> list[Finding]:
-        """What each model says of the agent's way to the operator in the last step, in a report's order."""
+        """Return each model's finding about the agent's link to the operator in the last step, in order."""
         moment, sender = self._moment, self.sender
         there = moment.there[sender]
         says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
@@ -82,7 +82,7 @@ class TracedUplink(Uplink):
         return found
 
     def _explain_range(self, range_m: float, links: Links) -> Finding:
-        """Distance and range, and who carries the reports of an agent beyond it."""
+        """Explain with distance and range, and with the relays of an agent out of range."""
         moment, sender = self._moment, self.sender
         direct = RangeDisc(range_m).explain(links, moment.time_s)
         says = f"{direct.says} from the operator's base"

@@ -1,11 +1,11 @@
-"""The operator's uplink: which reports come to the operator, when, and if not, why not.
+"""The operator's uplink: which reports reach the operator, when, and why not.
 
-A report is one try. On its way it meets, in this order: whether its sender is there (`dead`); its sender's queue
-(`bandwidth`); the base's range (`range`, or the relay: `relay.py`, where each carrier's queue is met again, and
-`loss` at each hop); then outages (`outage`), `loss` and bursts (`burst`) on the link to the base; then delay; and
-the queue of the operator's radio (`crowded`). What meets it first is its one reason:
+Each report is tried once. These effects apply in order: a missing sender (`dead`); the sender's queue (`bandwidth`);
+the base's range (`range`, or the relay, `relay.py`, with each relay's queue and `loss` at each hop); then outages
+(`outage`), `loss` and bursts (`burst`) on the link to the base; then delay; and the queue of the operator's radio
+(`crowded`). The first effect that drops a report is the reason:
 
-    sent = arrived + dropped, by reason + under way
+    sent = arrived + dropped, by reason + in flight
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,19 @@ from deltaswarm_world.environment import generator
 from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
-"""Each model has its own chance, as on the air; the relay's is 45."""
+"""Each model has its own stream, as for radio; the relay's is 45."""
 
 BASE = 0
-"""The operator's one radio, as the only end of its queue."""
+"""The operator's radio as the only end of its queue."""
 
 
 class Uplink:
-    """The uplink of one run, with all its models; `carry` is called once a step, in order, at the step's end."""
+    """The uplink of one run, with all its models; call `carry` at the end of every step, in order."""
 
     def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
         uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
         self.dropped: dict[str, int] = {}
-        """Reports that will not arrive, by reason, of the last step."""
+        """Dropped reports of the last step by reason."""
         self._count = count
         self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
         self._range_m = uplink.range_m
@@ -57,13 +57,13 @@ class Uplink:
             for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
         )
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
-        """Whose report comes first into the operator's queue: else those with low numbers would always."""
+        """Random order into the operator's queue, so that low numbers have no priority."""
         self._numbers = 0
         self._moment = Moment(-1, 0.0, np.zeros((count, 2)), [True] * count, {}, [True] * count)
 
     @property
     def under_way(self) -> int:
-        """Reports that are still to arrive, or to fail."""
+        """Number of pending reports."""
         parts = (self._sending, self._delays, self._taking_in)
         return sum(part.waiting for part in parts if part is not None) + (self._relay.under_way if self._relay else 0)
 
@@ -76,7 +76,7 @@ class Uplink:
         roots: Mapping[int, int],
         sent: Mapping[int, bytes],
     ) -> list[bytes]:
-        """One step: places [m], presence and tree's root by agent, reports by sender; what arrives, by sender."""
+        """Run one step with positions [m], presence and root by agent, and reports; return arrived reports."""
         self.dropped = {}
         self._moment = moment = Moment(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
@@ -95,7 +95,7 @@ class Uplink:
         return [packet.data for packet in sorted(self._take_in([packet for _, packet in arriving]))]
 
     def _within(self, positions_m: Floats) -> Sequence[bool]:
-        """Who is within the base's range, the range itself included."""
+        """Return the agents within and at the base's range."""
         if self._range_m is None:
             return [True] * self._count
         offsets = positions_m - self._base_m
@@ -103,13 +103,13 @@ class Uplink:
         return within
 
     def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
-        """Count a report that will not arrive; `where` is for `TracedUplink`."""
+        """Count a dropped report; `where` is for `TracedUplink`."""
         self.dropped[reason] = self.dropped.get(reason, 0) + 1
         if self._relay:
             self._relay.forget(packet.number)
 
     def _near(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
-        """Through the senders' queues and, where there is one, the relay; whose report is on its way to the base."""
+        """Pass reports through the senders' queues and the relay; return those on the link to the base."""
         relay, within = self._relay, moment.within
         if relay is None:
             on_air = self._send(moment, entering)
@@ -131,7 +131,7 @@ class Uplink:
         return near
 
     def _send(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
-        """Through the queues of those who send or carry; what is on the air now, by carrier, then age."""
+        """Pass reports through the queues of senders and relays; return those on the air, by relay, then age."""
         entering.sort(key=_by_carrier)
         pipes = self._sending
         if pipes is None or pipes.pass_all(entering):
@@ -150,7 +150,7 @@ class Uplink:
         return on_air
 
     def _cross(self, moment: Moment, near: list[Arrival]) -> list[Packet]:
-        """To the base: what gets there."""
+        """Apply the models of the link to the base; return the received reports."""
         if not near:
             return []
         links = self._links(moment, [end for end, _ in near])
@@ -165,13 +165,13 @@ class Uplink:
         return [near[row][1] for row in np.flatnonzero(links.is_open).tolist()]
 
     def _links(self, moment: Moment, senders: Sequence[int]) -> Links:
-        """From agents, ascending, to the base, which is the end after the last of them."""
+        """Make links from agents, ascending, to the base, the end after the last agent."""
         ids = np.array(senders)
         base = Ends(np.full(len(ids), self._count), np.tile(self._base_m, (len(ids), 1)))
         return Links.of_pairs(Ends(ids, moment.positions_m[ids]), base)
 
     def _take_in(self, packets: list[Packet]) -> list[Packet]:
-        """Through the queue of the operator's radio."""
+        """Pass reports through the queue of the operator's radio."""
         pipes = self._taking_in
         if pipes is None:
             return packets

@@ -2,7 +2,7 @@
 
 `baseline` is the paper's Baseline coordination algorithm, `root_formation` Root Formation, `growth` Tree Growth,
 `recruitment` Active Recruitment, `dissolution` Dissolution, `hybrid` Hybrid coordination. The others are what real
-messages need besides: `membership` and `orphans` (a place in a tree, kept and regained), `root_contest` (two roots that
-meet), `beliefs` (what a member knows of events), `frames` (the bytes on the air), `states` (the states and every way
-between them).
+messages require: `membership` and `orphans` (keeping and regaining a place in a tree), `root_contest` (two roots that
+meet), `beliefs` (a member's knowledge of events), `frames` (payloads of radio frames), `states` (states and
+transitions).
 """

@@ -1,4 +1,4 @@
-"""What one agent knows and is doing; each of the paper's rules reads it and changes it."""
+"""The state of one agent; each of the paper's rules reads and changes it."""
 
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.beliefs import Beliefs
@@ -41,13 +41,13 @@ class Agent:
         self.followed_order: int | None = None
         """The number of the last order that this agent carried out in its tree."""
         self.post: Pose = (0.0, 0.0)
-        """Where it was ordered to go."""
+        """Target of a recruitment order."""
         self.movers: dict[int, tuple[Pose, int]] = {}
-        """A root's recruited agents under way: their places, and until when these are blocked."""
+        """A root's travelling recruited agents: their targets, and until when these are blocked."""
         self.since = 0
-        """Since when an orphan, or a recruited agent at its place, has looked for a parent."""
+        """Since when an orphan, or a recruited agent at its target, has looked for a parent."""
         self.farewells = 0
-        """How often it still says that it has left."""
+        """Remaining frames that announce its leaving."""
         self.former: Former | None = None
         self.founds_from = 0
         """The step from which it may found a tree: later, once the operator has recalled its tree."""
@@ -65,7 +65,7 @@ class Agent:
         return round(float(seconds) / self.shared.step_s)
 
     def change(self, cause: Cause) -> None:
-        """The one place where the state changes: along the table."""
+        """Change the state along the table; the only place where it changes."""
         self.state = TRANSITIONS[self.state, cause]
         if self.state is WALKING:
             self.target = None
@@ -83,7 +83,7 @@ class Agent:
         return self.membership
 
     def leave_tree(self, cause: Cause) -> None:
-        """Become free, and the whole subtree with it: children hear of it and leave too."""
+        """Become free; the whole subtree follows, since children hear it and leave, too."""
         assert self.membership is not None
         self.former = Former(self.membership, self.now, self.timers)
         self.membership = None
@@ -91,9 +91,9 @@ class Agent:
         self.change(cause)
 
     def sender_distance(self, frame: PaperFrame) -> tuple[float, int]:
-        """By which the nearest sender is found; of equally near ones that with the lowest id."""
+        """Sort key for the nearest sender, ties by lowest id."""
         return self.here.sender_m2(frame), frame.sender
 
     def event_distance(self, event: Event) -> tuple[float, int]:
-        """By which the nearest event is found."""
+        """Sort key for the nearest event."""
         return self.here.distance_m2(event.x_m, event.y_m), event.event

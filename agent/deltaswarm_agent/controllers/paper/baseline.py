@@ -36,7 +36,7 @@ def seek_event(agent: Agent, sensed: Sequence[Event], heard: Sequence[PaperFrame
 
 
 def _join_attending(agent: Agent, heard: Sequence[PaperFrame]) -> None:
-    """A walking agent that comes newly into range of an attending one goes to its event too."""
+    """Let a walking agent newly in range of an attending agent go to its event."""
     attending = [
         frame
         for frame in heard

@@ -1,4 +1,4 @@
-"""What a tree member believes about events: the paper's E_i, from its sensor and its tree's frames."""
+"""A tree member's knowledge of events: the paper's E_i, from its sensor and its tree's frames."""
 
 from collections.abc import Sequence
 
@@ -7,27 +7,27 @@ from deltaswarm_agent.controllers.paper.timers import Timers
 from deltaswarm_wire.messages import Event
 
 GONE_MARGIN_M = 0.05
-"""An event this far within sensing range, and not sensed, is gone: places are rounded to centimetres."""
+"""An event this far within sensing range, and not sensed, is gone: positions are rounded to centimetres."""
 
 
 def to_cm(metres: float) -> int:
-    """Metres as whole centimetres, as they go on the air."""
+    """Round metres to whole centimetres, as in frames."""
     return round(metres * 100.0)
 
 
 class Beliefs:
-    """Events by the freshest word about each: seen at a place in some step, or found missing in it."""
+    """Events by the freshest information about each: seen at a position in some step, or found missing."""
 
     def __init__(self, sensing_range_m: float, timers: Timers) -> None:
         self._memory, self._gone = timers.memory, timers.gone
         self._near_cm2 = (100.0 * max(0.0, sensing_range_m - GONE_MARGIN_M)) ** 2
         self._word: dict[int, int] = {}
-        """The step of the freshest word about an event, that it is there or that it is gone."""
+        """Step of the freshest information about each event, present or gone."""
         self._places: dict[int, tuple[int, int]] = {}
-        """Places of the events that are believed to be there [cm]."""
+        """Positions of the events believed present [cm]."""
 
     def sense(self, events: Sequence[Event], x_m: float, y_m: float, now: int) -> None:
-        """Take in what the own sensor shows at a place, and what it fails to show."""
+        """Take the own sensor's events at a position, and the missing ones."""
         word, places = self._word, self._places
         for event, ex_m, ey_m in events:
             word[event] = now
@@ -43,7 +43,7 @@ class Beliefs:
             del places[event]
 
     def hear(self, events: Sequence[Sighting], gone: Sequence[Gone], now: int) -> None:
-        """Take in what a member of the same tree said one step ago; the fresher word wins."""
+        """Take the frame of a tree member from one step ago; fresher information wins."""
         sent = now - 1
         word, known = self._word, self._word.get
         for event, x_cm, y_cm, age in events:
@@ -56,13 +56,13 @@ class Beliefs:
                 self._places.pop(event, None)
 
     def hear_tree(self, heard: Sequence[PaperFrame], root: int, now: int) -> None:
-        """Take in what members of the tree with this root say."""
+        """Take the frames of members of the tree with this root."""
         for frame in heard:
             if type(frame) is Member and frame.path[0] == root:
                 self.hear(frame.events, frame.gone, now)
 
     def forget(self, now: int) -> None:
-        """Drop what is too old to be believed, or to be told."""
+        """Drop information that is too old to use or to send."""
         word, places = self._word, self._places
         old = [event for event, step in word.items() if now - step > self._memory]
         for event in old:
@@ -71,14 +71,14 @@ class Beliefs:
                 places.pop(event, None)
 
     def active(self) -> list[Event]:
-        """The events believed to be there, by id."""
+        """The events believed present, by id."""
         return [Event(event, x_cm / 100, y_cm / 100) for event, (x_cm, y_cm) in sorted(self._places.items())]
 
     def __bool__(self) -> bool:
         return bool(self._places)
 
     def sightings(self, now: int) -> tuple[Sighting, ...]:
-        """The freshest events believed to be there, as they go on the air."""
+        """The freshest events believed present, as in frames."""
         word = self._word
         rows = [sighting((event, x_cm, y_cm, now - word[event])) for event, (x_cm, y_cm) in self._places.items()]
         if len(rows) > MAX_EVENTS:
@@ -87,7 +87,7 @@ class Beliefs:
         return tuple(rows)
 
     def departures(self, now: int) -> tuple[Gone, ...]:
-        """The events most freshly found missing, as they go on the air."""
+        """The events most recently found missing, as in frames."""
         places = self._places
         if len(places) == len(self._word):
             return ()

@@ -1,4 +1,4 @@
-"""One step of an agent under the paper's control structures: the order in which the rules are asked."""
+"""One step of an agent under the paper's control structures: the order in which the rules apply."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -38,7 +38,7 @@ _SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("lea
 
 
 class PaperController:
-    """One agent of a decentralised, hierarchical or hybrid swarm. `step` is its one mutating method."""
+    """One agent of a decentralised, hierarchical or hybrid swarm. `step` is its only mutating method."""
 
     Settings: ClassVar[type[PaperSettings]] = PaperSettings
     Commands: ClassVar[tuple[CommandForm, ...]] = commands.FORMS
@@ -46,11 +46,11 @@ class PaperController:
     def __init__(self, context: ControllerContext) -> None:
         self.agent = Agent(context)
         self.counts = {"rejected_frames": 0, "rows_cut": 0}
-        """Frames heard that broke the protocol; descendants that did not fit into a frame's table."""
+        """Received invalid frames; descendants beyond a frame's table."""
 
     @property
     def state(self) -> State:
-        """What the agent is doing."""
+        """The agent's state."""
         return self.agent.state
 
     @property
@@ -145,7 +145,7 @@ class PaperController:
         return decision
 
     def _motion(self) -> tuple[Velocity, int]:
-        """The velocity, and the step up to which it holds whatever the agent would decide until then."""
+        """Return the velocity, and the step until which it holds in any case."""
         agent, here = self.agent, self.agent.here
         if agent.now < agent.holds_until:
             return STAND, agent.holds_until
@@ -162,7 +162,7 @@ class PaperController:
         return velocity, agent.now + 1
 
     def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
-        """The events that this agent works on in this step."""
+        """Return the events that this agent works on in this step."""
         agent = self.agent
         if agent.state in (WALKING, GOING, RELOCATING):
             return ()
@@ -174,7 +174,7 @@ class PaperController:
         return (min(sensed, key=agent.event_distance).event,)
 
     def _frame(self, score: int) -> PaperFrame | None:
-        """What the neighbours are told; an agent that has nothing to say is silent."""
+        """Return the frame for the neighbours, or None."""
         agent, membership = self.agent, self.agent.membership
         attends = agent.state is ATTENDING
         if membership is None and not attends and agent.farewells == 0:
@@ -204,7 +204,7 @@ class PaperController:
         return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
 
     def _standing(self, frame: PaperFrame | None) -> Standing:
-        """What it says it is: silent agents are free."""
+        """Return the agent's role; silent agents are free."""
         if type(frame) is Member:
             level = len(frame.path) - 1
             role = "orphan" if frame.orphan else "member" if level else "root"
@@ -215,7 +215,7 @@ class PaperController:
         return _SILENT if frame is None else _ATTENDING if type(frame) is Attending else _LEAVING
 
     def _report(self, frame: PaperFrame | None) -> OperatorReport | None:
-        """What the operator is told: by an attending agent its event, by a root what its tree knows."""
+        """Return the report: an attending agent's event, or the events known to a root's tree."""
         agent = self.agent
         if agent.state is ATTENDING and agent.target is not None:
             return OperatorReport((agent.target,))

@@ -12,11 +12,11 @@ from deltaswarm_agent.controllers.paper.states import Cause
 from deltaswarm_wire.messages import Event
 
 EXHAUSTED = 1e-9
-"""As good as 0, however the seconds of short steps add up."""
+"""Counts as 0, despite rounding of short steps."""
 
 
 def dissolve(agent: Agent, membership: Membership, sensed: Sequence[Event]) -> None:
-    """Renew or lower a member's gamma; without any left it becomes free."""
+    """Renew or lower a member's gamma; at 0 the member becomes free."""
     if sensed or not agent.settings.dissolution:
         agent.gamma = agent.settings.gamma_max
         return

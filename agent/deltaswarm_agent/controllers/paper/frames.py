@@ -1,8 +1,8 @@
-"""The payload of the paper's radio frames: all that an agent ever tells another agent (`FRAMES.md` has every byte).
+"""The payload of the paper's radio frames, the only messages between agents (`FRAMES.md` has every byte).
 
-They are MessagePack arrays, since their bytes count on the air; rows stand one after the other in flat arrays.
-Positions are whole centimetres in the world frame. An agent that has nothing to say is silent. The sender is known
-from the key on which the frame came, and is not in the payload.
+Payloads are MessagePack arrays, to save bytes; rows are in flat arrays. Positions are whole centimetres in the world
+frame. An agent without information sends nothing. The key of the frame identifies the sender, which is not in the
+payload.
 """
 
 import struct
@@ -22,6 +22,7 @@ from deltaswarm_wire.codec import (
     boolean,
     integer,
     pack,
+    shown,
     unpack,
 )
 
@@ -103,7 +104,7 @@ class Member(NamedTuple):
 
 
 class Relocating(NamedTuple):
-    """A recruited leaf on its way."""
+    """A travelling recruited leaf."""
 
     sender: int
     x_cm: int
@@ -141,7 +142,7 @@ _KEPT = 8
 """Frames kept of each sender that this process encodes for."""
 
 _encoded: dict[int, dict[bytes, PaperFrame]] = {}
-"""By sender and payload: where many agents share a process, the receivers need not decode again."""
+"""By sender and payload: receivers in the same process need not decode again."""
 
 
 def encode(frame: PaperFrame) -> bytes:
@@ -171,7 +172,7 @@ def decode(sender: int, payload: bytes) -> PaperFrame:
         return kept[payload]
     raw = unpack(payload, MAX_RADIO_BYTES)
     if type(raw) is not list or len(raw) < 3:
-        raise WireError("frame", "an array of at least 3 items is expected")
+        raise WireError("frame", "be an array of at least 3 items", shown(raw))
     kind = integer(raw[0], ATTENDING, LEAVING, "frame.kind")
     if kind == MEMBER:
         return _decode_member(sender, array(raw, 11, "frame"))
@@ -189,7 +190,7 @@ def _decode_member(sender: int, raw: list[Any]) -> Member:
     _check_integers(above, "H" * len(arrays(above, MAX_PATH - 1, "frame.path")), "frame.path")
     path = (*above, sender)
     if len(set(path)) != len(path):
-        raise WireError("frame.path", "names an agent twice")
+        raise WireError("frame.path", "name each agent once", list(path))
     return Member(
         sender,
         x_cm,
@@ -206,13 +207,13 @@ def _decode_member(sender: int, raw: list[Any]) -> Member:
 
 
 def _rows(raw: Any, row: Callable[[Any], Any], codes: str, limit: int, field: str) -> tuple[Any, ...]:
-    """Rows of integers, one after the other in a flat array."""
+    """Decode rows of integers from a flat array."""
     flat = arrays(raw, limit * len(codes), field)
     if not flat:
         return ()
     count, left = divmod(len(flat), len(codes))
     if left:
-        raise WireError(field, f"{len(flat)} items, a multiple of {len(codes)} is expected")
+        raise WireError(field, f"have a multiple of {len(codes)} items", len(flat))
     _check_integers(flat, codes * count, field)
     return tuple(map(row, zip(*[iter(flat)] * len(codes), strict=True)))
 
@@ -225,7 +226,7 @@ def _order(raw: Any) -> RecruitmentOrder:
 def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
     """Raise for the first value that is no integer of its C type; `fields` names each, or all of them."""
     if len(values) != len(codes):
-        raise WireError("frame", f"{len(codes)} integers are expected, not {len(values)}")
+        raise WireError("frame", f"have {len(codes)} integers", len(values))
     if values and set(map(type, values)) == _ONLY_INT:
         try:
             _layout(codes).pack(*values)
@@ -239,5 +240,5 @@ def _check_integers(values: list[Any], codes: str, *fields: str) -> None:
 
 @lru_cache(512)
 def _layout(codes: str) -> struct.Struct:
-    """Packing with it is the quickest check of many integers at once."""
+    """Packing is the fastest check of many integers."""
     return struct.Struct("<" + codes)

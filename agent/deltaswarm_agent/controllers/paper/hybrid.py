@@ -12,7 +12,7 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 
 @dataclass(frozen=True)
 class Strategy:
-    """What sets the modes apart; trees work the same in all of them.
+    """The difference between the modes; trees are equal in all of them.
 
     `founds_at` is the number of events sensed at once that makes a free agent a root (None: never).
     `attends` says whether free agents go to events, observe them and report. `has_delta`: the operator may change
@@ -25,7 +25,7 @@ class Strategy:
 
 
 def strategy_of(mode: str, control: PaperSettings) -> Strategy:
-    """The strategy of a mode.
+    """Return the strategy of a mode.
 
     decentralised: the baseline, free agents attend, no trees. hierarchical: trees from rho events on, and
     free agents only walk. hybrid, and any other name: below delta as decentralised, at delta an agent founds a tree.

@@ -1,6 +1,6 @@
-"""An agent's place in a tree: the path above it, and its descendants as its children tell (the paper's F_i and S_i).
+"""An agent's place in a tree: the path above it, and its descendants by its children's frames (F_i and S_i).
 
-Kept by messages alone: the path is the parent's and the agent itself, the table the children's and theirs. Steps and
+Kept only through messages: the path is the parent's plus the agent, the table the children plus their tables. Steps and
 rules: "Trees by message" in `TREES.md`.
 """
 
@@ -54,11 +54,11 @@ class Membership:
         self.parent_heard = now
         self.children: dict[int, Branch] = {}
         self.rows_cut = 0
-        """Descendants for whom the last table had no room."""
+        """Descendants that did not fit into the last table."""
 
     @property
     def root(self) -> int:
-        """The root that this agent believes in."""
+        """The root of this agent."""
         return self.path[0]
 
     @property
@@ -134,12 +134,12 @@ class Membership:
         return tuple(rows.values())[:MAX_TABLE]
 
     def has_below(self, agent: int) -> bool:
-        """Whether an agent is among the descendants."""
+        """Whether an agent is a descendant."""
         return any(row.agent == agent for row in self.table())
 
 
 def fits_below(agent: int, parent: Member) -> bool:
-    """Whether an agent's path by this parent would be one: without a cycle, and not too long to be said."""
+    """Whether an agent's path through this parent would be valid: no cycle, and not too long for a frame."""
     return agent not in parent.path and len(parent.path) < MAX_PATH
 
 

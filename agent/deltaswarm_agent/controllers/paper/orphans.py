@@ -41,7 +41,7 @@ def become_orphan(agent: Agent, cause: Cause) -> None:
 def find_parent(
     agent: Agent, membership: Membership, heard: Sequence[PaperFrame], strict_steps: int, steps: int
 ) -> bool:
-    """Let an orphan, or a recruited agent at its place, find a parent in its own tree; True if it has one.
+    """Let an orphan, or a recruited agent at its target, find a parent in its own tree; return whether it has one.
 
     For `strict_steps` it takes members at legal distance only, then any in range; after `steps` it gives up.
     """

@@ -2,7 +2,7 @@
 
 Once a minute a root picks the leaf of its tree that senses the fewest events, and sends it where most known events are:
 to a place within range of at least one other member and at least d_min from all. Only leaves are moved, so no branch
-breaks. The order travels down the tree; the leaf works for nobody on its way and takes a parent where it arrives.
+breaks. The order travels down the tree; the leaf does no work on its way and takes a parent on arrival.
 """
 
 import math
@@ -21,7 +21,7 @@ from deltaswarm_wire.messages import Event, Pose
 
 
 def recruit(agent: Agent, membership: Membership, carried: RecruitmentOrder | None) -> None:
-    """Let a root give an order when it is time for one, and repeat the last one (`carried`) until it has run out."""
+    """Let a root give an order when due, and repeat the last one (`carried`) until it expires."""
     every = steps_of(agent.settings.recruitment_interval_s, agent.shared.step_s)
     if agent.settings.recruitment and membership.pulse and membership.pulse % every == 0:
         agent.order = new_order(agent, membership.table())
@@ -30,14 +30,14 @@ def recruit(agent: Agent, membership: Membership, carried: RecruitmentOrder | No
 
 
 def passed_on(order: RecruitmentOrder | None) -> RecruitmentOrder | None:
-    """An order after one more hop, or nothing once it has run out."""
+    """Return an order after one more hop; None once it has expired."""
     return order._replace(ttl=order.ttl - 1) if order is not None and order.ttl > 1 else None
 
 
 def new_order(agent: Agent, table: Sequence[Descendant]) -> RecruitmentOrder | None:
     """Send the weakest leaf where most known events are; None without a leaf or such a place.
 
-    The order's number is the step, which does not begin anew when a root does.
+    The order's number is the step, which does not restart with a root.
     """
     leaf = weakest_leaf(table, agent.rng)
     if leaf is None:
@@ -145,7 +145,7 @@ def best_place(
 def _is_legal(
     cell: tuple[int, int], members: Sequence[Pose], taken: Sequence[Pose], near_m2: float, far_m2: float
 ) -> bool:
-    """Within range of a member, and too close to none, nor to a place that is taken."""
+    """Within range of a member, and not too close to any member or occupied target."""
     within = False
     for x_m, y_m in members:
         distance_m2 = (cell[0] - x_m) ** 2 + (cell[1] - y_m) ** 2

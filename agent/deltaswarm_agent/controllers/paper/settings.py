@@ -38,4 +38,4 @@ class PaperSettings:
         """Members of a tree must be able to hear each other."""
         if self.d_min_m < shared.range_m:
             return []
-        return [Problem("d_min_m", f"{self.d_min_m:g}", f"below the radio's range ({shared.range_m:g} m) is allowed")]
+        return [Problem("d_min_m", f"{self.d_min_m:g}", f"must be below the radio's range, {shared.range_m:g} m")]

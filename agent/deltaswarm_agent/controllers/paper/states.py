@@ -1,4 +1,4 @@
-"""The states of an agent and every way from one to the next.
+"""The states of an agent and every transition.
 
 An agent changes its state only through this table, and the diagram in `STATES.md` is drawn from it.
 """
@@ -19,7 +19,7 @@ class State(Enum):
 
 
 WALKING, GOING, ATTENDING, ROOT, MEMBER, ORPHAN, RELOCATING = State
-"""By their own names, for what each step asks: up to Python 3.11 the way through the class takes ten times as long."""
+"""Module-level names for use in every step: up to Python 3.11, access through the class takes ten times as long."""
 
 FREE = frozenset({State.WALKING, State.GOING, State.ATTENDING})
 
@@ -61,7 +61,7 @@ PAPER_SECTION = {
     Cause.ORDERED: "Active Recruitment",
     Cause.ADOPTED: "Active Recruitment",
 }
-"""Causes that the paper has; the others are what real messages need besides."""
+"""The paper's causes; the others are additions that real messages require."""
 
 TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.WALKING, Cause.EVENT_SENSED): State.GOING,

@@ -1,4 +1,4 @@
-"""The protocol's timers in steps. They are seconds, so that a tree lives as long whatever the length of a step."""
+"""The protocol's timers in steps. They are seconds, so that a tree's lifetime does not depend on the step."""
 
 from dataclasses import dataclass
 
@@ -15,13 +15,13 @@ FORMER_S = 20.0
 """For this long a freed agent is as careful with its former tree as an orphan."""
 
 LEAVING_S = 4.0
-"""For this long an agent says that it has left."""
+"""For this long an agent announces that it has left."""
 
 ORPHAN_STRICT_S, ORPHAN_S = 2.0, 5.0
 """An orphan takes parents at legal distance only, then any in range, then gives up."""
 
 ARRIVAL_STRICT_S, ARRIVAL_S = 3.0, 8.0
-"""The same for a recruited agent at its place."""
+"""The same for a recruited agent at its target."""
 
 CONTESTED_S = 12.0
 """After this long near an equal root, neither of which has yielded, the lower id decides."""
@@ -30,19 +30,19 @@ ORDER_S = 12.0
 """An order is sent, and relayed, for this long."""
 
 BLOCKED_S = 60.0
-"""For this long the place of a recruited agent under way counts as taken."""
+"""For this long the target of a travelling recruited agent counts as occupied."""
 
 MEMORY_S = 12.0
-"""An event is forgotten when nobody of the tree has sensed it for this long; longer memory breeds ghosts."""
+"""An event is forgotten when no agent of the tree has sensed it for this long; a longer memory would keep ghosts."""
 
 GONE_S = 30.0
-"""For this long members tell each other that an event is gone."""
+"""For this long members announce that an event is gone."""
 
 TRAIL_S = 4.0
 """An agent comes *newly* into range if it was out of range at some time this long ago, plus the radio's latency."""
 
 MAX_HOPS = 255
-"""What the frame's field for an order's remaining hops holds."""
+"""Maximum of the frame's field for an order's remaining hops."""
 
 
 def steps_of(time_s: float, step_s: float, least: int = 1) -> int:
@@ -54,7 +54,7 @@ def steps_of(time_s: float, step_s: float, least: int = 1) -> int:
 class Timers:
     """All timers, in steps.
 
-    A word travels one hop a step, so what waits for words from others has a least number of steps.
+    A message travels one hop per step, so timers that wait for messages have a minimum number of steps.
     """
 
     silence: int

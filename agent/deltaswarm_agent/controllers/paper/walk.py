@@ -1,4 +1,4 @@
-"""The random walk and the way to a place (Tree Growth). Velocities in m/s, places in m, world frame.
+"""The random walk, and travel to a target (Tree Growth). Velocities in m/s, positions in m, world frame.
 
 "A custom random walk where agents move in a straight line for a uniformly distributed amount of time before turning
 onto a new randomly chosen heading."
@@ -77,7 +77,7 @@ def _reflect(at_m: float, v_mps: float, step_s: float, wall_m: float) -> tuple[f
 
 
 def towards(x_m: float, y_m: float, to_x_m: float, to_y_m: float, shared: AgentSettings) -> Velocity:
-    """Straight to a place, stopping on it."""
+    """Move straight to a target and stop there."""
     dx, dy = to_x_m - x_m, to_y_m - y_m
     time_s = max(math.sqrt(dx * dx + dy * dy) / shared.speed_mps, shared.step_s)
     return dx / time_s, dy / time_s

@@ -1,4 +1,4 @@
-"""Where an agent is and was, and how far others are from it."""
+"""An agent's present and recent positions, and distances to others."""
 
 from collections import deque
 
@@ -8,10 +8,10 @@ from deltaswarm_wire.messages import Pose
 from deltaswarm_wire.settings import AgentSettings
 
 RANGE_MARGIN_M = 0.02
-"""Members of a tree keep this far within range: places on the air are rounded to centimetres."""
+"""Members of a tree keep this margin to the range: positions in frames are rounded to centimetres."""
 
 AT_PLACE_M = 0.01
-"""This close to a place is on it."""
+"""Tolerance of a target position."""
 
 
 class Whereabouts:
@@ -42,7 +42,7 @@ class Whereabouts:
         return (x_m - self.x_m) ** 2 + (y_m - self.y_m) ** 2
 
     def is_at(self, x_m: float, y_m: float) -> bool:
-        """Whether the agent has arrived at a place."""
+        """Whether the agent has arrived at a position."""
         return self.distance_m2(x_m, y_m) <= AT_PLACE_M**2
 
     def sender_m2(self, frame: PaperFrame) -> float:
@@ -66,7 +66,7 @@ class Whereabouts:
         return self.sender_m2(frame) <= self._reach_m2
 
     def is_legal(self, frame: PaperFrame) -> bool:
-        """At a distance at which the sender may be this agent's parent."""
+        """Whether the sender is at a legal distance for a parent."""
         return self._d_min_m2 <= self.sender_m2(frame) <= self._reach_m2
 
     def is_in_arena(self, x_m: float, y_m: float) -> bool:

@@ -4,6 +4,7 @@ No figure touches matplotlib's global state: `drawing()` sets what it needs and 
 and figures are made without pyplot.
 """
 
+import io
 import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,7 +13,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-import matplotlib
 import matplotlib.style
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
@@ -20,44 +20,7 @@ from matplotlib.figure import Figure
 TEXT_IN = 4.8
 """Width of the paper's text [in]; its figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
 
-COLUMN_IN = 3.5
-"""Width of a column in a two-column journal [in]."""
-
-DPI = 300
-FONT_PT = 8.0
-
-_RC: dict[str, Any] = {
-    "font.family": "STIXGeneral",
-    "mathtext.fontset": "stix",
-    "font.size": FONT_PT,
-    "axes.titlesize": FONT_PT,
-    "axes.labelsize": FONT_PT,
-    "xtick.labelsize": FONT_PT,
-    "ytick.labelsize": FONT_PT,
-    "legend.fontsize": FONT_PT,
-    "axes.linewidth": 0.6,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "xtick.minor.width": 0.4,
-    "ytick.minor.width": 0.4,
-    "xtick.direction": "in",
-    "ytick.direction": "in",
-    "lines.linewidth": 1.2,
-    "hatch.linewidth": 0.5,
-    "patch.linewidth": 0.8,
-    "legend.frameon": False,
-    "legend.handlelength": 2.2,
-    "axes.formatter.use_mathtext": True,
-    "savefig.dpi": DPI,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "deltaswarm",
-}
-
-MIN_LIGHTNESS_STEP = 20.0
-"""Least difference in lightness L* (0 black to 100 white) between two control modes, or two looks in a row."""
-
-MIN_LEVEL_LIGHTNESS_STEP = 10.0
-"""The same between a level of a tree and the next: order helps, so less will do."""
+STYLE = Path(__file__).with_name("deltaswarm.mplstyle")
 
 BLACK, GREY, PALE = "#000000", "#666666", "#d0d0d0"
 
@@ -156,17 +119,10 @@ def mix(one: str, other: str, share: float) -> str:
     return to_hex((red, green, blue))
 
 
-def lightness(colour: str) -> float:
-    """CIE lightness L* of a colour, 0 (black) to 100 (white): what is left of it on a grey printer."""
-    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(colour)]
-    luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-    return 116 * luminance ** (1 / 3) - 16 if luminance > 216 / 24389 else luminance * 24389 / 27
-
-
 @contextmanager
 def drawing() -> Iterator[None]:
     """Draw with this style on matplotlib's own defaults, whatever the user's are; then put all back."""
-    with matplotlib.style.context(_RC, after_reset=True):
+    with matplotlib.style.context(STYLE, after_reset=True):
         yield
 
 
@@ -175,21 +131,28 @@ def new_figure(width_in: float, height_in: float) -> Figure:
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
+METADATA: Mapping[str, dict[str, Any]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None, "Creator": "deltaswarm"},
+    "pdf": {"CreationDate": None, "Creator": "deltaswarm"},
+}
+
+
+def rendered(figure: Figure, kind: str) -> bytes:
+    """A figure as PNG, SVG or PDF: the same figure gives the same bytes."""
+    stream = io.BytesIO()
+    with drawing():
+        figure.savefig(stream, format=kind, metadata=METADATA[kind])
+    return stream.getvalue()
+
+
 def save(figure: Figure, path: Path) -> list[Path]:
-    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`: the same figure gives the same bytes.
+    """Write `<path>.png`, `<path>.svg` and `<path>.pdf`.
 
     Raises:
         OSError: a file cannot be written.
     """
-    metadata: Mapping[str, dict[str, Any]] = {
-        "png": {"Software": None},
-        "svg": {"Date": None, "Creator": "deltaswarm"},
-        "pdf": {"CreationDate": None, "Creator": "deltaswarm"},
-    }
-    files = []
-    with drawing():
-        for kind, known in metadata.items():
-            file = path.with_name(f"{path.name}.{kind}")  # not with_suffix: a name may hold a dot
-            figure.savefig(file, format=kind, metadata=known)
-            files.append(file)
+    files = [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
+    for file, kind in zip(files, METADATA, strict=True):
+        file.write_bytes(rendered(figure, kind))
     return files

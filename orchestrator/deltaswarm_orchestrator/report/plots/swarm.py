@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -44,7 +45,19 @@ class _Kind:
     marker: str
     face: str
     size_pt: float
-    edge: str = style.BLACK
+
+    @property
+    def look(self) -> dict[str, Any]:
+        """As the artists of matplotlib take it, in a panel and in the legend."""
+        return {
+            "linestyle": "none",
+            "marker": self.marker,
+            "markersize": self.size_pt,
+            "markerfacecolor": self.face,
+            "markeredgecolor": style.BLACK,
+            "markeredgewidth": 0.5,
+            "label": self.name,
+        }
 
 
 _LAST = len(style.LEVELS) - 1
@@ -126,14 +139,16 @@ def _panel(axes: Axes, shot: Snapshot) -> None:
         axes.contour(shot.phi, [level], extent=extent, colors=style.GREY, linewidths=0.7, linestyles=":", zorder=1)
     for body in shot.bodies:
         if body.role in ("root", "member"):
-            axes.add_patch(_reach(body.x_m, body.y_m, shot.sensing_range_m))
+            reach: dict[str, Any] = {"facecolor": (style.LEVELS[0], 0.10), "edgecolor": "none", "zorder": 1.5}
+            axes.add_patch(Circle((body.x_m, body.y_m), shot.sensing_range_m, **reach))
     axes.add_collection(
         LineCollection(list(edges(shot.bodies)), colors=style.BLACK, linewidths=0.7, zorder=2, label="edges")
     )
     for kind in KINDS:
         places = [(body.x_m, body.y_m) for body in shot.bodies if kind_of(body) == kind]
         if places:
-            _scatter(axes, places, kind)
+            # A root's is a larger square: a member that stands close leaves it visible.
+            axes.plot(*np.array(places).T, zorder=2.9 if kind == _ROOT else 3, clip_on=False, **kind.look)
     events = [(event.x_m, event.y_m) for event in shot.events]
     axes.plot(
         *np.array(events, dtype=np.float64).reshape(-1, 2).T,
@@ -154,44 +169,11 @@ def _panel(axes: Axes, shot: Snapshot) -> None:
     axes.set_yticks(quarters * shot.height_m)
 
 
-def _reach(x_m: float, y_m: float, range_m: float) -> Circle:
-    return Circle((x_m, y_m), range_m, facecolor=(style.LEVELS[0], 0.10), edgecolor="none", zorder=1.5)
-
-
-def _scatter(axes: Axes, places: list[tuple[float, float]], kind: _Kind) -> None:
-    axes.plot(
-        *np.array(places).T,
-        linestyle="none",
-        marker=kind.marker,
-        markersize=kind.size_pt,
-        markerfacecolor=kind.face,
-        markeredgecolor=kind.edge,
-        markeredgewidth=0.5,
-        zorder=2.9 if kind == _ROOT else 3,  # a larger square: a member that stands close leaves it visible
-        clip_on=False,
-        label=kind.name,
-    )
-
-
 def _legend(kinds: Sequence[_Kind]) -> list[Artist]:
+    held = f"{HELD:.0%} of events".replace("%", " %")
     return [
-        *(
-            Line2D(
-                [],
-                [],
-                linestyle="none",
-                marker=kind.marker,
-                markersize=kind.size_pt + 0.6,
-                markerfacecolor=kind.face,
-                markeredgecolor=kind.edge,
-                markeredgewidth=0.5,
-                label=kind.name,
-            )
-            for kind in kinds
-        ),
+        *(Line2D([], [], **kind.look) for kind in kinds),
         Line2D([], [], linestyle="none", marker="o", markersize=2.4, color=style.BLACK, label="event"),
         Patch(facecolor=(style.LEVELS[0], 0.15), label="sensing range"),
-        Line2D(
-            [], [], color=style.GREY, linewidth=0.8, linestyle=":", label=f"{HELD:.0%} of events".replace("%", " %")
-        ),
+        Line2D([], [], color=style.GREY, linewidth=0.8, linestyle=":", label=held),
     ]

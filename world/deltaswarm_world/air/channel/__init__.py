@@ -1,1 +1,1 @@
-"""The pieces that the air is made of, each one model, pure and seeded; `radio.py` composes them."""
+"""The models of the emulated radio, pure and seeded; `radio.py` composes them."""

@@ -12,11 +12,11 @@ from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices
 
 MOST_IN_TABLE = 1000
-"""Up to so many ends, what is drawn once for each link is kept (8 MB); beyond, it is drawn when needed."""
+"""Up to this number of ends, a link's draw is cached (8 MB); beyond, it is repeated when needed."""
 
 
 class Asymmetry:
-    """Some directed links carry nothing, others less far than the range; the same for a whole run."""
+    """Some directed links carry nothing, others have a reduced range, constant for a whole run."""
 
     reason = "asymmetry"
     holds_for_step = True
@@ -40,7 +40,7 @@ class Asymmetry:
         return cls(settings, context.reach, context.ends, context.rng(cls.stream))
 
     def factors(self, links: Links) -> Floats:
-        """By what each link's range is multiplied; below 0 for one that carries nothing."""
+        """Factor of each link's range; negative for a dead link."""
         if self._table is None:
             return self._drawn(links.senders, links.receivers)
         factors: Floats = self._table[links.senders, links.receivers]

@@ -1,4 +1,4 @@
-"""Frames lost by chance: independently, in bursts, and where too many are on the air."""
+"""Random loss of frames: independent, in bursts, and by contention."""
 
 from typing import Self
 
@@ -12,7 +12,7 @@ from deltaswarm_world.near import Indices
 
 
 class Loss:
-    """Each frame is lost with the same chance, for each receiver anew."""
+    """Each frame is lost with the same probability, independently per receiver."""
 
     reason = "loss"
     holds_for_step = False
@@ -39,17 +39,17 @@ class Loss:
 
 
 class Bursts:
-    """Gilbert and Elliott: each directed link is good or bad, and begins as it would be found after a long time.
+    """Gilbert-Elliott loss: each directed link is good or bad, and starts in the stationary distribution.
 
-    A link's state is looked at only when a frame passes; the steps in between are made up for in one draw,
-    by the chain's own law for so many steps. Frames of one link in one step find it in one state.
+    A link's state is drawn only when a frame passes, in one draw by the chain's law for the steps since the last
+    draw. All frames of one link in one step meet the same state.
 
     Args:
         settings: chances and losses.
         ends: number of ends that send or receive.
         step_s: length of a step [s].
         rng: the model's own generator.
-        to_one: whether all links lead to the same end, as reports do; then a state is kept per sender.
+        to_one: whether all links lead to the same end, as for reports; then states are per sender.
     """
 
     reason = "burst"
@@ -69,9 +69,9 @@ class Bursts:
         self._to_one = to_one
         links = ends if to_one else ends * ends
         self._badness = np.full(links, self._stationary)
-        """1 where a link was bad when it was looked at last, 0 where good; between them where it never was."""
+        """1 if a link was bad at its last draw, 0 if good; in between before the first draw."""
         self._seen = np.zeros(links, dtype=np.int32)
-        """In which step, counted from 1, that was; 0 is never."""
+        """Step of the last draw, counted from 1; 0: never."""
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
@@ -93,7 +93,7 @@ class Bursts:
         return lost
 
     def chances(self, links: Links, time_s: float) -> Floats:
-        """Of being bad now, given what was seen last."""
+        """Return the probability of being bad now, given the last draw."""
         return self._chances(self._places(links), self._now(time_s))
 
     def _chances(self, places: Indices, now: int) -> Floats:
@@ -109,7 +109,7 @@ class Bursts:
         return round(time_s / self._step_s) + 1
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """The link's state, if it was looked at in this step."""
+        """Return the link's state, if drawn in this step."""
         place = self._places(links)[0]
         chance = float(self.chances(links, time_s)[0])
         if self._seen[place] == self._now(time_s):
@@ -121,7 +121,7 @@ class Bursts:
 
 
 def _first_of_each(places: Indices) -> Indices:
-    """For each row the first one of the same link; rows of a link stand together."""
+    """Return for each row the first row of the same link; rows of a link are adjacent."""
     is_new = np.ones(len(places), dtype=np.bool_)
     is_new[1:] = places[1:] != places[:-1]
     firsts: Indices = np.flatnonzero(is_new)[np.cumsum(is_new) - 1]
@@ -129,9 +129,9 @@ def _first_of_each(places: Indices) -> Indices:
 
 
 class Contention:
-    """A receiver in reach of more bytes in a step than the medium carries hears some of them, which ones is random.
+    """A receiver in reach of more bytes per step than the medium carries receives a random part of the frames.
 
-    Frames are taken in random order as long as they fit; the first that does not, and all after it, are lost.
+    Frames are taken in random order; the first that does not fit, and all after it, are lost.
     """
 
     reason = "contention"
@@ -149,7 +149,7 @@ class Contention:
         return cls(bytes_per_step, context.rng(cls.stream)) if bytes_per_step > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`. What other pieces have cut takes no room."""
+        """See `Piece`. Frames cut by other models take no capacity."""
         luck = self._rng.random(len(links))
         if not len(links):
             return None
@@ -167,7 +167,7 @@ class Contention:
         return cut
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """How much a receiver can hear."""
+        """Return the capacity of a receiver."""
         most = self._bytes_per_step
         says = f"a receiver hears at most {most:g} bytes in a step"
         return Finding(self.reason, False, says, {"bytes_per_step": most})

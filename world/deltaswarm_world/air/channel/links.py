@@ -1,4 +1,4 @@
-"""What the pieces work on: frames on the air and those who are in reach of them."""
+"""The input of the models: frames on the air and the receivers in reach."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -15,21 +15,21 @@ Hashes = npt.NDArray[np.uint64]
 
 
 class Ends(NamedTuple):
-    """One side of the links: who they are, and where (n, 2) [m; world frame]. Any that have ids, also a base."""
+    """One side of the links: ids and positions (n, 2) [m; world frame] of agents or a base."""
 
     ids: Indices
     places_m: Floats
 
 
 class Links:
-    """Frames on the air, each with those in reach of it; one row per pair, in order of receiver, then frame.
+    """Frames on the air with the receivers in reach: one row per pair, in order of receiver, then frame.
 
-    Every piece sees all rows, so that its draws do not depend on what the others do.
+    Every model sees all rows, so that its draws do not depend on other models.
 
     Args:
-        speakers: who made each frame, one row per frame; by sender, then age.
-        listeners: who might hear.
-        frames: the frames as encoded; may be left out where nobody asks for sizes.
+        speakers: the sender of each frame, one row per frame, by sender, then age.
+        listeners: possible receivers.
+        frames: the encoded frames; optional if no model needs sizes.
         columns: the frame of each link, as a row of `speakers`.
         rows: the receiver of each link, as a row of `listeners`.
     """
@@ -41,15 +41,15 @@ class Links:
         self.senders: Indices = speakers.ids[columns]
         self.receivers: Indices = listeners.ids[rows]
         self.is_open: Mask = np.ones(len(columns), dtype=np.bool_)
-        """Whether the frame is still heard, after the pieces before."""
+        """Whether the frame is still received after the previous models."""
         self.spare_db: Floats | None = None
-        """By how much more power arrives than is needed, if reach is by power."""
+        """Received power above the sensitivity, if reach is by power."""
         self.rows = rows
         self._speakers, self._listeners, self._frames = speakers, listeners, frames
 
     @classmethod
     def of_pairs(cls, senders: Ends, receivers: Ends, frames: Sequence[bytes] = ()) -> Self:
-        """Each sender with the receiver in the same row."""
+        """The sender of each row."""
         each = np.arange(len(senders.ids))
         return cls(senders, receivers, frames, each, each)
 
@@ -64,35 +64,35 @@ class Links:
 
     @cached_property
     def from_m(self) -> Floats:
-        """Where each sender is (n, 2) [m]."""
+        """Positions of senders (n, 2) [m]."""
         places_m: Floats = self._speakers.places_m[self.columns]
         return places_m
 
     @cached_property
     def to_m(self) -> Floats:
-        """Where each receiver is (n, 2) [m]."""
+        """Positions of receivers (n, 2) [m]."""
         places_m: Floats = self._listeners.places_m[self.rows]
         return places_m
 
     @property
     def speakers_m(self) -> Floats:
-        """Where each row of `speakers` is (n, 2) [m]."""
+        """Position of each row of `speakers` (n, 2) [m]."""
         return self._speakers.places_m
 
     @property
     def listeners_m(self) -> Floats:
-        """Where each row of `listeners` is (n, 2) [m]."""
+        """Position of each row of `listeners` (n, 2) [m]."""
         return self._listeners.places_m
 
     @cached_property
     def sizes(self) -> Floats:
-        """Length of each frame as encoded [bytes]."""
+        """Length of each encoded frame [bytes]."""
         sizes: Floats = np.array([len(frame) for frame in self._frames], dtype=np.float64)[self.columns]
         return sizes
 
     @cached_property
     def distances_m(self) -> Floats:
-        """From sender to receiver [m]."""
+        """Distance from sender to receiver [m]."""
         offsets = self.to_m - self.from_m
         dx, dy = offsets[:, 0], offsets[:, 1]
         distances_m: Floats = np.sqrt(dx * dx + dy * dy)  # rounded as by `near`, which `np.hypot` is not
@@ -100,7 +100,7 @@ class Links:
 
 
 class Finding(NamedTuple):
-    """What one piece says of one link: whether it cuts it, in words, and with its numbers."""
+    """One model's finding about one link: whether it cuts the link, a text, and numbers."""
 
     reason: str
     cuts: bool
@@ -109,42 +109,42 @@ class Finding(NamedTuple):
 
 
 class Piece(Protocol):
-    """One model: which links it cuts."""
+    """One model, which cuts links."""
 
     @property
     def reason(self) -> str:
-        """Under which its cuts are counted."""
+        """The reason under which its cuts are counted."""
 
     @property
     def holds_for_step(self) -> bool:
-        """Whether it closes links for a whole step; the relay asks it, too, so it neither draws nor keeps a state."""
+        """Whether it cuts links for whole steps, without draws and state; the relay uses it, too."""
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """Called once a step, with all links; None is none. This, and nothing else, may draw."""
+        """Return the links cut in this step (None: none), called once per step. Only this method may draw."""
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """What it has to say of a single link (the only row), without a draw."""
+        """Explain a single link (the only row), without a draw."""
 
 
 class LinkDice:
-    """Chance that belongs to a link for ever: the same link and words, the same draw, in whatever company.
+    """Constant random draws of links: equal link and words give an equal draw, whatever the other links.
 
-    Each end gets a number from its id and further words; a link's draw follows from its ends' numbers.
+    Each end has a number from its id and further words; a link's draw follows from both numbers.
     """
 
     def __init__(self, rng: np.random.Generator) -> None:
         self._key, self._turn = rng.integers(0, 2**64, 2, dtype=np.uint64) | np.uint64(1)
         self._rng = rng
         self._of_ids: Hashes = np.zeros(0, dtype=np.uint64)
-        """What the number of each end begins with, by its id; grows as needed."""
+        """Seed of each end's number, by id; grows as needed."""
 
     @cached_property
     def normals(self) -> Floats:
-        """The standard normal draws that there are: 65,536."""
+        """The 65,536 possible standard normal draws."""
         return self._rng.standard_normal(1 << _POOL_BITS)
 
     def ends(self, ids: Indices, *words: npt.NDArray[np.int64]) -> Hashes:
-        """A number for each end."""
+        """Return a number for each end."""
         try:
             state = self._of_ids[ids]
         except IndexError:
@@ -156,12 +156,12 @@ class LinkDice:
         return state
 
     def uniform(self, senders: Hashes, receivers: Hashes, mutual: bool = False) -> Floats:
-        """From 0 to 1, 1 excluded, for each link; if mutual, the same from either end."""
+        """Return a draw from [0, 1) for each link; if mutual, equal in both directions."""
         drawn: Floats = (self._of(senders, receivers, mutual) >> np.uint64(11)).astype(np.float64) * 2.0**-53
         return drawn
 
     def pick(self, senders: Hashes, receivers: Hashes, mutual: bool = False) -> Indices:
-        """Which one of `normals` each link has."""
+        """Return each link's index into `normals`."""
         return (self._of(senders, receivers, mutual) >> np.uint64(64 - _POOL_BITS)).view(np.intp)
 
     def _of(self, senders: Hashes, receivers: Hashes, mutual: bool) -> Hashes:
@@ -175,7 +175,7 @@ _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 
 
 def _mixed(state: Hashes) -> Hashes:
-    """The finaliser of splitmix64: each bit of the input turns half of those of the output."""
+    """The finaliser of splitmix64: each input bit flips about half of the output bits."""
     state = state ^ (state >> _SHIFTS[0])
     state *= _FACTORS[0]
     state ^= state >> _SHIFTS[1]

@@ -1,4 +1,4 @@
-"""What a model of the air is, and what it is built from."""
+"""The interface of a radio model, and its inputs."""
 
 from dataclasses import dataclass
 from typing import Protocol, Self
@@ -13,11 +13,11 @@ from deltaswarm_world.environment import generator
 
 @dataclass(frozen=True)
 class Context:
-    """What a model may build itself from."""
+    """The inputs of a new model."""
 
     scenario: Scenario
     reach: Reach
-    """Who is in reach at all, before any model cuts a link."""
+    """Reach by distance or power, before any model cuts a link."""
 
     @property
     def ends(self) -> int:
@@ -30,13 +30,13 @@ class Context:
         return self.scenario.run.step_s
 
     def rng(self, stream: int) -> np.random.Generator:
-        """A model's own generator, so that switching one model on changes nothing of another's draws."""
+        """Make a model's own generator, so that models do not change each other's draws."""
         return generator(self.scenario.seed, stream)
 
 
 class Model(Piece, Protocol):
-    """A model that a scenario switches on. One that draws has a `stream` of its own: a number used nowhere else."""
+    """An optional model. A model that draws has its own unique `stream` number."""
 
     @classmethod
     def of(cls, context: Context) -> Self | None:
-        """Build the model that the scenario asks for; None if it is off."""
+        """Build the scenario's model; None if it is off."""

@@ -1,4 +1,4 @@
-"""The models of the air, in the order in which a frame meets them."""
+"""The radio models, in the order in which they apply to a frame."""
 
 from deltaswarm_world.air.channel.asymmetry import Asymmetry
 from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
@@ -17,9 +17,9 @@ MODELS: tuple[type[Model], ...] = (
     Bursts,
     Contention,
 )
-"""A new model is one line here; its place says which reason a frame gets that several models would cut."""
+"""A new model is one line here; the first model that cuts a frame gives the reason."""
 
 
 def pieces_of(context: Context) -> list[Piece]:
-    """Build what is on; what is off costs nothing."""
+    """Build the models that are on."""
     return [piece for model in MODELS if (piece := model.of(context)) is not None]

@@ -1,4 +1,4 @@
-"""Obstacles in the way of radio: they block a frame, or take some of its power."""
+"""Obstacles to radio: they block or attenuate frames."""
 
 from typing import Self
 
@@ -12,7 +12,7 @@ from deltaswarm_world.obstacles import Obstacles
 
 
 class RadioObstacles:
-    """A frame whose straight way meets obstacles arrives with their attenuations less power.
+    """A frame whose line of sight crosses obstacles loses the sum of their attenuations.
 
     An obstacle without an attenuation blocks. By power (log-distance), a frame is lost if less arrives than is
     needed. By a disc, a loss of L dB shortens the range by the factor 10^(-L / (10 exponent)): what the same
@@ -44,13 +44,13 @@ class RadioObstacles:
         return cut
 
     def _losses_db(self, links: Links) -> Floats:
-        """From the end with the lower number, so that both directions round alike."""
+        """Computed from the end with the lower number, so that both directions round equally."""
         swapped = (links.senders > links.receivers)[:, None]
         from_m, to_m = np.where(swapped, links.to_m, links.from_m), np.where(swapped, links.from_m, links.to_m)
         return self._obstacles.attenuations_db(from_m, to_m)
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Which obstacles are in the way, and what they cost."""
+        """Return the obstacles on the line of sight, and their attenuation."""
         crossed = self._obstacles.crossed(links.from_m, links.to_m)
         if not crossed:
             return Finding(self.reason, False, "no obstacle between them", {})

@@ -1,4 +1,4 @@
-"""Frames under way: what waits for bandwidth, and what is delayed."""
+"""Frames in flight: waiting for bandwidth, or delayed."""
 
 import math
 from collections import defaultdict, deque
@@ -12,7 +12,7 @@ from deltaswarm_world.air.channel.links import Finding
 
 
 class Packet(NamedTuple):
-    """One frame on its way. Packets sort by sender, then age; a copy has its original's number."""
+    """One frame in flight. Packets sort by sender, then age; a copy has its original's number."""
 
     sender: int
     number: int
@@ -20,33 +20,33 @@ class Packet(NamedTuple):
 
 
 Arrival = tuple[int, Packet]
-"""A receiver, and what arrives there."""
+"""A receiver and its packet."""
 
 
 class Pipes:
-    """One queue per end, which lets through so many bytes in a step, first come, first served.
+    """One first-in, first-out queue per end, with a limit of bytes per step.
 
-    What does not pass within the step waits, up to a number of bytes; a frame that would make it more is
-    dropped. A long frame takes several steps. What is not used of a step while nothing waits is gone.
+    Excess bytes wait, up to a capacity; a frame beyond the capacity is dropped. A long frame takes several steps.
+    Unused capacity of a step does not carry over.
     """
 
     def __init__(self, bytes_per_step: float, queue_bytes: int) -> None:
         self.passed_bytes = 0
         self.waiting = 0
-        """Packets that wait, at all ends."""
+        """Waiting packets at all ends."""
         self._bytes_per_step = bytes_per_step
         self._queue_bytes = queue_bytes
         self._queues: dict[int, deque[Packet]] = {}
         self._credits: dict[int, float] = {}
-        """Bytes of its first packet that have passed already, per end at which something waits."""
+        """Passed bytes of the first packet of each nonempty queue."""
 
     @property
     def ends(self) -> list[int]:
-        """Where something waits, ascending."""
+        """Ends with a nonempty queue, ascending."""
         return sorted(self._queues)
 
     def take(self, end: int, arriving: list[Packet]) -> tuple[list[Packet], list[Packet]]:
-        """One step of one end, to be called once a step: what passes, and what is dropped, in order."""
+        """Run one step of one end, once per step; return passed and dropped packets in order."""
         credit = self._credits.pop(end, 0.0) + self._bytes_per_step
         queue = self._queues.pop(end, deque())
         before = len(queue)
@@ -74,16 +74,16 @@ class Pipes:
         return passed, dropped
 
     def pass_wide(self, loads: Mapping[int, int]) -> list[int]:
-        """One step of all ends where nothing waits and all passes, given the bytes that arrive at each.
+        """Run one step of all ends where everything passes, given the arriving bytes per end.
 
-        The other ends, ascending, at which it is still to be taken.
+        Returns the other ends, ascending, for which the caller runs the step.
         """
         narrow = {end for end, load in loads.items() if load > self._bytes_per_step} | self._queues.keys()
         self.passed_bytes += sum(loads.values()) - sum([loads.get(end, 0) for end in narrow])
         return sorted(narrow)
 
     def pass_all(self, arriving: Sequence[Arrival]) -> bool:
-        """The same if that is all ends; else nothing is done, and False."""
+        """Run the same if it applies to all ends; otherwise do nothing and return False."""
         loads: dict[int, int] = {}
         for end, packet in arriving:
             loads[end] = loads.get(end, 0) + len(packet.data)
@@ -93,22 +93,22 @@ class Pipes:
         return True
 
     def is_wide_enough(self, end: int, arriving: list[Packet]) -> bool:
-        """Whether all that arrives at an end in this step passes at once, in whatever order."""
+        """Whether all packets that arrive at an end in this step pass at once, in any order."""
         return end not in self._queues and sum([len(packet.data) for packet in arriving]) <= self._bytes_per_step
 
     def clear(self, end: int) -> list[Packet]:
-        """Forget what waits at an end; gives it back."""
+        """Empty the queue of an end; return its packets."""
         self._credits.pop(end, None)
         gone = list(self._queues.pop(end, ()))
         self.waiting -= len(gone)
         return gone
 
     def holds(self, end: int) -> list[Packet]:
-        """What waits at an end, in order."""
+        """Return the waiting packets of an end, in order."""
         return list(self._queues.get(end, ()))
 
     def explain(self, end: int, whose: str) -> Finding:
-        """How much waits at an end."""
+        """Return the waiting bytes of an end."""
         held = sum(len(packet.data) for packet in self.holds(end))
         says = f"the {whose}'s radio passes {self._bytes_per_step:g} bytes in a step; {held} bytes wait in its queue"
         numbers = {"end": whose, "bytes_per_step": self._bytes_per_step, "waiting_bytes": held}
@@ -116,14 +116,13 @@ class Pipes:
 
 
 class DelayLine:
-    """Frames that arrive later: a least delay, and more by a uniform jitter.
+    """Delays frames by a minimum and a uniform jitter.
 
-    Part of a step is rounded up or down by chance, so that the mean delay is latency + jitter / 2 at any length of
-    a step.
+    Delays are rounded at random to whole steps, so that the mean is latency + jitter / 2 for any step length.
 
     Args:
-        latency_s: least delay [s].
-        jitter_s: most that comes on top [s].
+        latency_s: minimum delay [s].
+        jitter_s: maximum additional delay [s].
         step_s: length of a step [s].
         rng: draws the jitter.
         rounding_rng: draws for delays that are not whole steps.
@@ -144,7 +143,7 @@ class DelayLine:
         self._due: defaultdict[int, list[Arrival]] = defaultdict(list)
 
     def draw(self, count: int) -> npt.NDArray[np.int64]:
-        """Delays [steps] of some frames; nothing is drawn where there is no jitter and the latency is whole steps."""
+        """Return delays [steps] of some frames; no draw without jitter and with a latency of whole steps."""
         if self._jitter == 0.0 and self._latency.is_integer():
             return np.full(count, int(self._latency))
         delays = self._latency + self._rounding_rng.random(count)
@@ -153,7 +152,7 @@ class DelayLine:
         return np.floor(delays).astype(np.int64)
 
     def send(self, step: int, arrivals: Iterable[tuple[int, Packet]], delays: Iterable[int]) -> list[Arrival]:
-        """Keep what is late until its step; what is not, as (receiver, packet)."""
+        """Keep delayed packets until their step; return the others as (receiver, packet)."""
         by_delay: defaultdict[int, list[Arrival]] = defaultdict(list)
         for arrival, delay in zip(arrivals, delays, strict=True):
             by_delay[delay].append(arrival)
@@ -164,20 +163,20 @@ class DelayLine:
         return at_once
 
     def take(self, step: int) -> list[Arrival]:
-        """What is due in this step, as (receiver, packet); steps are taken in order, none is left out."""
+        """Return the packets due in this step as (receiver, packet). Call it for every step in order."""
         due = self._due.pop(step, [])
         self.waiting -= len(due)
         return due
 
     def explain(self) -> Finding:
-        """How late frames are."""
+        """Describe the delay of frames."""
         least, most = math.floor(self._latency), math.ceil(self._latency + self._jitter)
         mean = self._latency + self._jitter / 2
         says = f"frames arrive {least} to {most} steps later than without delay, {mean:g} on average"
         return Finding("delay", False, says, {"steps_min": least, "steps_max": most, "steps_mean": mean})
 
     def due_of(self, sender: int, receiver: int) -> list[int]:
-        """The steps in which packets of one to another are due, ascending."""
+        """Return the steps in which packets from one end to another are due, ascending."""
         return sorted(
             step
             for step, held in self._due.items()
@@ -187,6 +186,6 @@ class DelayLine:
 
 
 def _snapped(steps: float) -> float:
-    """A whole number of steps where only rounding is in the way, as of 0.3 s by 0.1 s."""
+    """Return a whole number of steps if only rounding prevents one, as for 0.3 s / 0.1 s."""
     whole = round(steps)
     return float(whole) if abs(steps - whole) < 1e-9 else steps

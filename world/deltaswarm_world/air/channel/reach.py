@@ -1,4 +1,4 @@
-"""Who is in reach of a frame at all: a disc, or path loss with shadowing."""
+"""Reach of a frame: a disc, or path loss with shadowing."""
 
 from functools import cached_property
 from typing import NamedTuple, Protocol
@@ -11,11 +11,11 @@ from deltaswarm_world.density import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 
 SHADOWING_CUT = 4.0
-"""Shadowing is cut at so many standard deviations: no link in 15,000 is beyond, and reach has a bound."""
+"""Shadowing is cut at this number of standard deviations, which bounds reach; fewer than 1 link in 15,000 is beyond."""
 
 
 class Found(NamedTuple):
-    """Pairs in reach: rows of listeners and of speakers, in that order, and spare power where that is what counts."""
+    """Pairs in reach: rows of listeners, rows of speakers, and spare power if reach is by power."""
 
     rows: Indices
     columns: Indices
@@ -23,20 +23,20 @@ class Found(NamedTuple):
 
 
 class Reach(Protocol):
-    """Which frames could be heard where, were there nothing but distance."""
+    """Reach by distance or power alone."""
 
     def find(self, listeners: Ends, speakers: Ends) -> Found:
-        """All pairs in reach; who speaks hears itself."""
+        """Return all pairs in reach, senders with themselves included."""
 
     def shares(self, links: Links) -> Floats:
-        """Which share of its range each link needs: from 0 to 1 it is in reach."""
+        """Return the share of its range that each link needs; up to 1 it is in reach."""
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Whether the only row is in reach, with the numbers."""
+        """Explain whether the only row is in reach, with numbers."""
 
 
 def ranges_of(settings: RadioSettings, count: int) -> Floats | None:
-    """Each agent's range [m]; None if all have the same."""
+    """Each agent's range [m]; None if all ranges are equal."""
     if not settings.ranges:
         return None
     ranges_m = np.full(count, settings.range_m)
@@ -46,7 +46,7 @@ def ranges_of(settings: RadioSettings, count: int) -> Floats | None:
 
 
 class RangeDisc:
-    """In reach up to the sender's range, the range itself included."""
+    """Reach up to and including the sender's range."""
 
     def __init__(self, range_m: float, ranges_m: Floats | None = None) -> None:
         self._range_m = range_m if ranges_m is None else float(ranges_m.max())
@@ -62,14 +62,14 @@ class RangeDisc:
         return Found(rows[within], columns[within])
 
     def shares(self, links: Links) -> Floats:
-        """Distance by range."""
+        """Return distance divided by range."""
         return links.distances_m / self._of(links.senders)
 
     def _of(self, senders: Indices) -> Floats:
         return np.full(len(senders), self._range_m) if self._ranges_m is None else self._ranges_m[senders]
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Distance and range."""
+        """Explain with distance and range."""
         distance_m, range_m = float(links.distances_m[0]), float(self._of(links.senders)[0])
         offset = links.to_m[0] - links.from_m[0]
         cuts = not bool(offset[0] * offset[0] + offset[1] * offset[1] <= range_m**2)
@@ -78,11 +78,11 @@ class RangeDisc:
 
 
 class PathLoss:
-    """In reach if enough power arrives: log-distance path loss with shadowing per link.
+    """Reach by received power: log-distance path loss with shadowing per link.
 
-    A sender's own range is a gain of 10 exponent log10(own range / range_m) dB. Nearer than 1 m is as 1 m.
-    Shadowing has no state: it is drawn from the link and, where it decorrelates, from the squares of the
-    ground that its ends are in, so that a link that comes back to where it was is shadowed as before.
+    A sender's own range is a gain of 10 exponent log10(own range / range_m) dB. Distances below 1 m count as 1 m.
+    Shadowing has no state: it follows from the link and, with decorrelation, from the grid squares of its ends, so a
+    link that returns to the same squares has the same shadowing.
     """
 
     def __init__(
@@ -99,7 +99,7 @@ class PathLoss:
         self._bound_m = 1.000001 * max(1.0, self.distance_at_m(spare_db))
 
     def distance_at_m(self, spare_db: float) -> float:
-        """How far so many dB more than what is needed at 1 m reach [m]."""
+        """Return the reach of this power above the requirement at 1 m [m]."""
         return float(10.0 ** min(300.0, spare_db / (10.0 * self._settings.exponent)))
 
     def find(self, listeners: Ends, speakers: Ends) -> Found:
@@ -116,13 +116,13 @@ class PathLoss:
         return Found(rows[within], columns[within], power_dbm[within] - self._settings.sensitivity_dbm)
 
     def loss_db(self, distances_m: Floats) -> Floats:
-        """Path loss without shadowing [dB]."""
+        """Return path loss without shadowing [dB]."""
         settings = self._settings
         decades: Floats = np.log10(np.maximum(distances_m, 1.0))
         return settings.reference_loss_db + 10.0 * settings.exponent * decades
 
     def shadowing_db(self, links: Links) -> Floats:
-        """What obstacles add to the received power of each link [dB]."""
+        """Return the change of each link's received power by obstacles [dB]."""
         if self._dice is None:
             return np.zeros(len(links))
         speak = self._numbers(self._dice, Ends(links.senders, links.from_m))
@@ -131,12 +131,12 @@ class PathLoss:
 
     @cached_property
     def _shadows_db(self) -> Floats:
-        """All shadows that there are, of which each link has one [dB]."""
+        """All possible shadowing values; each link has one [dB]."""
         assert self._dice is not None
         return self._settings.shadowing_db * np.clip(self._dice.normals, -SHADOWING_CUT, SHADOWING_CUT)
 
     def _numbers(self, dice: LinkDice, *sides: Ends) -> Hashes:
-        """What a link's shadowing depends on at each end, side by side: who it is, and the square that it is in."""
+        """Return the inputs of a link's shadowing for each end: its id and its grid square."""
         ids = np.concatenate([side.ids for side in sides])
         side_m = self._settings.decorrelation_m
         if side_m <= 0:
@@ -145,12 +145,12 @@ class PathLoss:
         return dice.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
 
     def received_dbm(self, links: Links) -> Floats:
-        """Received power of each link [dBm]."""
+        """Return the received power of each link [dBm]."""
         power_dbm = self._settings.tx_power_dbm - self.loss_db(links.distances_m) + self.shadowing_db(links)
         return power_dbm if self._gains_db is None else power_dbm + self._gains_db[links.senders]
 
     def shares(self, links: Links) -> Floats:
-        """See `Reach`: the factor by which the range might shrink."""
+        """See `Reach`: the factor by which the range may shrink."""
         spare_db = links.spare_db
         if spare_db is None:
             spare_db = self.received_dbm(links) - self._settings.sensitivity_dbm
@@ -158,7 +158,7 @@ class PathLoss:
         return shares
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Distance, path loss, shadowing and received power."""
+        """Explain with distance, path loss, shadowing and received power."""
         distance_m, power_dbm = float(links.distances_m[0]), float(self.received_dbm(links)[0])
         loss_db, shadowing_db = float(self.loss_db(links.distances_m)[0]), float(self.shadowing_db(links)[0])
         needed_dbm = self._settings.sensitivity_dbm
@@ -177,7 +177,7 @@ class PathLoss:
 
 
 def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> Reach:
-    """The reach that a scenario asks for; the generator is for the shadowing."""
+    """Make the scenario's reach; the generator is for the shadowing."""
     ranges_m = ranges_of(settings, count)
     if settings.reception != LOG_DISTANCE:
         return RangeDisc(settings.range_m, ranges_m)

@@ -1,4 +1,4 @@
-"""What happens at a place or a time: walls, jammers, blackouts."""
+"""Effects limited to places or times: walls, jammers, blackouts."""
 
 import math
 from bisect import bisect_right
@@ -14,7 +14,7 @@ from deltaswarm_world.density import Floats
 
 
 def is_on(zone: BlackoutSettings | JammerSettings | WallSettings, time_s: float) -> bool:
-    """From its beginning, included, to its end, not included."""
+    """Whether a time is in [from_s, until_s)."""
     return zone.from_s <= time_s and (zone.until_s is None or time_s < zone.until_s)
 
 
@@ -23,7 +23,7 @@ def _when(zone: BlackoutSettings | JammerSettings | WallSettings) -> str:
 
 
 class Blackouts:
-    """Times in which nobody hears anybody; the operator's uplink calls them outages."""
+    """Periods without reception; outages of the operator's uplink."""
 
     holds_for_step = True
 
@@ -42,7 +42,7 @@ class Blackouts:
         return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Which one it is."""
+        """Explain with the active one."""
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
                 return Finding(self.reason, True, f"{self.reason} {index}, {_when(zone)}", {self.reason: index})
@@ -50,7 +50,7 @@ class Blackouts:
 
 
 class Walls:
-    """No frame crosses them: one whose ends are on opposite sides, and pass between a wall's two ends."""
+    """Walls cut frames whose line of sight crosses them between a wall's two ends."""
 
     reason = "partition"
     holds_for_step = True
@@ -74,7 +74,7 @@ class Walls:
         return cut
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Which wall it crosses."""
+        """Explain with the crossed wall."""
         for index, wall in enumerate(self._walls):
             if is_on(wall, time_s) and crosses(links, wall)[0]:
                 says = f"crosses wall {index} from {_at(wall.a_m)} to {_at(wall.b_m)}, {_when(wall)}"
@@ -83,7 +83,7 @@ class Walls:
 
 
 def crosses(links: Links, wall: WallSettings) -> Mask:
-    """Which links cross a wall; from either end the same."""
+    """Return which links cross a wall, equal in both directions."""
     from_side, to_side = np.sign(_side(wall, links.speakers_m)), np.sign(_side(wall, links.listeners_m))
     cut: Mask = from_side[links.columns] * to_side[links.rows] < 0
     opposite = cut.nonzero()[0]
@@ -97,7 +97,7 @@ def crosses(links: Links, wall: WallSettings) -> Mask:
 
 
 def _side(wall: WallSettings, places_m: Floats) -> Floats:
-    """On which side of a wall's line each place is, by its sign."""
+    """Return the side of a wall's line for each position, by sign."""
     (ax, ay), (bx, by) = wall.a_m, wall.b_m
     side: Floats = (bx - ax) * (places_m[:, 1] - ay) - (by - ay) * (places_m[:, 0] - ax)
     return side
@@ -109,7 +109,7 @@ def _cross(u: Floats, v: Floats) -> Floats:
 
 
 class Jammers:
-    """Circles in which nothing is heard; their edge is within them. Who is within can be heard outside."""
+    """Circles without reception, edge included. Agents inside can be heard outside."""
 
     reason = "jam"
     holds_for_step = True
@@ -127,7 +127,7 @@ class Jammers:
         return cls(zones) if zones else None
 
     def center_m(self, index: int, time_s: float) -> tuple[float, float]:
-        """Where a jammer is: before its first time where it begins, after its last where it ends [m]."""
+        """Return a jammer's position [m]: its start before the first time, its end after the last."""
         times_s, places_m = self._ways[index]
         after = bisect_right(times_s, time_s)
         if after in (0, len(times_s)):
@@ -148,7 +148,7 @@ class Jammers:
         return None if deaf is None else deaf[links.rows]
 
     def explain(self, links: Links, time_s: float) -> Finding:
-        """Which jammer the receiver is in, or how far the nearest one's edge is."""
+        """Explain with the receiver's jammer, or the distance to the nearest jammer's edge."""
         nearest_m = np.inf
         for index, zone in enumerate(self._zones):
             if not is_on(zone, time_s):

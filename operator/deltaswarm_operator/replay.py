@@ -1,0 +1,116 @@
+"""A run once more at the operator's desk, from what reached the operator: any time of it, forwards and backwards.
+
+Pure: the steps of a run go in, the station's datagrams come out. Nothing is shown that the operator did not know then.
+"""
+
+import copy
+import json
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from deltaswarm_operator.desk import Desk
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_wire.settings_operator import Briefing
+
+KEPT_EVERY_STEPS = 500
+"""A desk is kept so often, so that a jump back repeats no more steps than that."""
+
+FASTEST = 200.0
+"""Simulated per wall second, where the speed is as fast as possible."""
+
+
+REFUSED = "this is a replay: nothing can be commanded or answered"
+
+
+class RecordedStep(NamedTuple):
+    """What reached the operator in one step."""
+
+    clock: Clock
+    workload: Workload
+    reports: tuple[Report, ...]
+
+
+class Replay:
+    """The replay of one run. Times are simulated [s] unless they say wall.
+
+    Args:
+        briefing: what the operator was told; its `command` are the commands that were given.
+        steps: in order, at least one.
+    """
+
+    def __init__(self, briefing: Briefing, steps: Sequence[RecordedStep]) -> None:
+        self.speed, self.is_paused = briefing.speed or 1.0, False
+        self._steps = steps
+        self._step_s = briefing.step_s
+        self._desk = Desk(briefing)
+        self._done = 0
+        """Steps that the desk has taken in."""
+        self._kept = {0: copy.deepcopy(self._desk)}
+        self._now_s = self.from_s
+        self._told_wall_s: float | None = None
+
+    @property
+    def from_s(self) -> float:
+        """The time of the first step."""
+        return self._steps[0].clock.time_s
+
+    @property
+    def to_s(self) -> float:
+        """The time of the last step."""
+        return self._steps[-1].clock.time_s
+
+    def tick(self, wall_s: float) -> None:
+        """Let the time pass up to a wall time, as the speed says."""
+        passed_s = wall_s - (wall_s if self._told_wall_s is None else self._told_wall_s)
+        self._told_wall_s = wall_s
+        if not self.is_paused:
+            self.seek(self._now_s + passed_s * (self.speed or FASTEST))
+
+    def seek(self, time_s: float) -> None:
+        """Go to a time, forwards or backwards; beyond the run's ends is its first or last step."""
+        self._now_s = min(max(time_s, self.from_s), self.to_s)
+        if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
+            self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
+            self._desk = copy.deepcopy(self._kept[self._done])
+        while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
+            clock, workload, reports = self._steps[self._done]
+            self._desk.close(clock, workload, reports, 0.0)
+            self._done += 1
+            if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
+                self._kept[self._done] = copy.deepcopy(self._desk)
+
+    def _time_s(self, done: int) -> float:
+        return self._steps[done - 1].clock.time_s
+
+    def hello(self, run: str) -> bytes:
+        """What the page must know of the run."""
+        return self._desk.hello(run, "replay")
+
+    def show(self) -> bytes:
+        """The picture of the present time."""
+        bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
+        self._desk.pace = self._desk.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
+        return self._desk.show(0.0, replay=bar, probe=None)
+
+    def intend(self, data: bytes) -> list[bytes]:
+        """Do what somebody at the page wants; what the page is answered."""
+        try:
+            raw: Any = json.loads(data)
+            kind = raw["type"]
+            if kind == "seek":
+                self.seek(float(raw["time_s"]))
+            elif kind == "pace" and "speed" in raw:
+                self.speed = max(0.0, float(raw["speed"]))
+            elif kind == "pace" and "steps" in raw:
+                self.is_paused = True
+                self.seek(self._now_s + int(raw["steps"]) * self._step_s)
+            elif kind == "pace":
+                self.is_paused = bool(raw["paused"])
+            elif kind in ("catch_up", "read"):
+                return self._desk.intend(data, 0.0)
+            else:
+                refused = {"type": "refused", "to": raw.get("from"), "id": raw.get("id", ""), "why": REFUSED}
+                return [json.dumps(refused).encode()]
+        except (ValueError, TypeError, KeyError):
+            return []
+        return []

@@ -1,0 +1,97 @@
+"""`python -m deltaswarm_operator.station`: the station of one feed, which started it and holds its channel.
+
+The feed is the operator, a replay or the researcher's observer: whoever has the other end of the socket pair.
+"""
+
+import argparse
+import asyncio
+import ipaddress
+import logging
+import secrets
+import signal
+import socket
+import sys
+from collections.abc import Sequence
+
+from deltaswarm_operator.station.server import Station
+
+TOKEN_BYTES = 24
+"""32 characters in a URL."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """The command line of the station."""
+    made = argparse.ArgumentParser(
+        prog="python -m deltaswarm_operator.station",
+        description="Serve the operator's page. Prints its URL; whoever knows the URL can watch and give orders.",
+    )
+    made.add_argument(
+        "--channel-fd",
+        type=int,
+        required=True,
+        metavar="N",
+        help="file descriptor of this end of the feed's socket pair (AF_UNIX, SOCK_SEQPACKET)",
+    )
+    made.add_argument(
+        "--listen",
+        type=host_and_port,
+        default=("127.0.0.1", 0),
+        metavar="HOST:PORT",
+        help="where browsers connect (default: 127.0.0.1:0, this machine alone, any free port); not encrypted",
+    )
+    return made
+
+
+def host_and_port(text: str) -> tuple[str, int]:
+    """HOST:PORT, with an IPv6 address in brackets.
+
+    Raises:
+        argparse.ArgumentTypeError: it is neither.
+    """
+    host, _, port = text.rpartition(":")
+    host = host.removeprefix("[").removesuffix("]")
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise argparse.ArgumentTypeError(f"must be HOST:PORT with a port from 0 to 65535 (got {text!r})")
+    return host, int(port)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Serve until the feed closes; 0 after a whole run, 2 for bad arguments, else 1."""
+    arguments = parser().parse_args(argv)
+    logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
+    log = logging.getLogger("deltaswarm.station")
+    host, port = arguments.listen
+    try:
+        feed = socket.socket(fileno=arguments.channel_fd)
+        if feed.family != socket.AF_UNIX or feed.type != socket.SOCK_SEQPACKET:
+            raise OSError("it must be an AF_UNIX socket of type SOCK_SEQPACKET")
+    except OSError as error:
+        print(f"deltaswarm station: --channel-fd {arguments.channel_fd}: {error}", file=sys.stderr)
+        return 2
+    if not _is_loopback(host):
+        log.warning("listening on %s: pages travel unencrypted, use a trusted network or a tunnel", host)
+    try:
+        asyncio.run(_serve(feed, host, port))
+    except OSError as error:
+        log.error("the station cannot listen on %s:%d: %s", host, port, error)
+        return 1
+    return 0
+
+
+async def _serve(feed: socket.socket, host: str, port: int) -> None:
+    station = Station(feed, secrets.token_urlsafe(TOKEN_BYTES))
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, station.stop)
+    await station.run(host, port)
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+if __name__ == "__main__":
+    sys.exit(main())

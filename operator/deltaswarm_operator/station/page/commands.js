@@ -1,0 +1,268 @@
+/** Orders: a form for each command that the run offers, where it goes, and what became of those that were sent. */
+
+import { byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
+import { clock, fate, order } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+/** @typedef {import("./types.js").Argument} Argument */
+/** @typedef {import("./types.js").Form} Form */
+/** @typedef {import("./types.js").Target} Target */
+/** @typedef {import("./types.js").TargetKind} TargetKind */
+
+/** @type {Record<TargetKind, string>} */
+const KINDS = { all: "all agents", circle: "a circle", tree: "a tree", agent: "one agent", place: "a place" };
+const FIELDS = { x: "command-x", y: "command-y", radius: "command-radius" };
+
+export class CommandPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.form = byId("command-form", HTMLFormElement);
+    this.name = choice("command-name");
+    this.tree = choice("command-tree");
+    this.agent = choice("command-agent");
+    this.formsOf = "";
+    this.sent = 0;
+    /** @type {Map<string, string>} words of each order that was sent and not answered yet */
+    this.waiting = new Map();
+    this.name.addEventListener("change", () => this.show());
+    this.form.addEventListener("input", () => this.app.redraw());
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.submit();
+    });
+  }
+
+  /** @returns {Form | undefined} */
+  get command() {
+    return this.app.model.hello?.commands.find((form) => form.name === this.name.value);
+  }
+
+  /** @returns {TargetKind} */
+  get kind() {
+    const chosen = this.form.querySelector('input[name="target"]:checked');
+    return chosen instanceof HTMLInputElement ? /** @type {TargetKind} */ (chosen.value) : "all";
+  }
+
+  /** A new hello: its forms, if they are others than before. */
+  start() {
+    const forms = this.app.model.hello?.commands ?? [];
+    element("command-none").hidden = forms.length > 0;
+    this.form.hidden = forms.length === 0;
+    const key = JSON.stringify(forms);
+    if (key === this.formsOf) return;
+    this.formsOf = key;
+    setOptions(
+      this.name,
+      forms.map((form) => [form.name, form.name]),
+    );
+    this.show();
+  }
+
+  /** The chosen command's form. */
+  show() {
+    const { command } = this;
+    setText(element("command-help"), command?.help ?? "");
+    const targets = command?.targets ?? [];
+    element("command-targets").replaceChildren(
+      ...targets.map((kind, at) => {
+        const radio = make("input", {
+          type: "radio",
+          name: "target",
+          value: kind,
+          ...(at === 0 ? { checked: "" } : {}),
+        });
+        radio.addEventListener("change", () => this.aim());
+        return make("label", {}, radio, KINDS[kind] ?? kind);
+      }),
+    );
+    element("command-target").hidden = targets.length === 1 && targets[0] === "all";
+    element("command-arguments").replaceChildren(...(command?.arguments ?? []).map(field));
+    this.aim();
+  }
+
+  /** The fields of the chosen kind of target; the map helps to fill them. */
+  aim() {
+    const { kind } = this;
+    element("command-place").hidden = kind !== "place" && kind !== "circle";
+    element("command-circle").hidden = kind !== "circle";
+    element("command-trees").hidden = kind !== "tree";
+    element("command-agents").hidden = kind !== "agent";
+    const hasFields = this.command !== undefined && kind !== "all" && !element("panel-commands").hidden;
+    this.app.pick = !hasFields
+      ? null
+      : {
+          kind,
+          target: () => this.half(),
+          place: (x_m, y_m) => this.put({ x: x_m, y: y_m }),
+          radius: (radius_m) => this.put({ radius: radius_m }),
+          agent: (id) => this.take(id),
+        };
+    const { selection } = this.app;
+    if (selection?.kind === "agent") this.take(selection.id);
+    this.app.redraw();
+  }
+
+  /** @param {Partial<Record<keyof typeof FIELDS, number>>} values */
+  put(values) {
+    for (const [name, value] of Object.entries(values))
+      input(FIELDS[/** @type {keyof typeof FIELDS} */ (name)]).value = value.toFixed(1);
+    this.app.redraw();
+  }
+
+  /**
+   * An agent was chosen on the map or in a list.
+   * @param {number} id
+   */
+  take(id) {
+    const found = this.app.model.agents.find((agent) => agent[0] === id);
+    const root = found && (found[5] >= 0 ? found[5] : found[3] === "root" ? id : -1);
+    this.lists();
+    if (this.kind === "agent") this.agent.value = String(id);
+    if (this.kind === "tree" && root !== undefined && root >= 0) this.tree.value = String(root);
+    this.app.redraw();
+  }
+
+  /** As much of the target as is filled in. */
+  half() {
+    const number = (/** @type {string} */ id) => (input(id).value === "" ? undefined : input(id).valueAsNumber);
+    const chosen = (/** @type {HTMLSelectElement} */ list) => (list.value === "" ? undefined : Number(list.value));
+    const { kind } = this;
+    if (kind === "tree") return { root: chosen(this.tree) };
+    if (kind === "agent") return { agent: chosen(this.agent) };
+    const place = { x_m: number(FIELDS.x), y_m: number(FIELDS.y) };
+    return kind === "circle" ? { ...place, radius_m: number(FIELDS.radius) } : kind === "place" ? place : {};
+  }
+
+  submit() {
+    const { command, kind } = this;
+    if (!command) return;
+    try {
+      const target = this.half();
+      if (Object.values(target).some((value) => value === undefined || Number.isNaN(value)))
+        throw new Error(
+          kind === "tree" || kind === "agent"
+            ? `choose ${KINDS[kind]} first`
+            : "fill in the place, or click on the map",
+        );
+      const values = Object.fromEntries(command.arguments.map((argument, at) => [argument.name, read(argument, at)]));
+      this.sent += 1;
+      const id = `c${Date.now().toString(36)}-${this.sent}`;
+      this.waiting.set(id, command.name);
+      this.answer(
+        this.app.send({ type: "command", id, name: command.name, target: { kind, ...target }, arguments: values })
+          ? "Sending …"
+          : "Not sent: there is no connection.",
+      );
+    } catch (error) {
+      this.answer(`Not sent: ${error instanceof Error ? error.message : error}.`, true);
+    }
+  }
+
+  /**
+   * @param {string} text
+   * @param {boolean} isBad
+   */
+  answer(text, isBad = false) {
+    const where = element("command-answer");
+    setText(where, text);
+    where.classList.toggle("bad", isBad);
+  }
+
+  /**
+   * @param {string} id
+   * @param {number} number
+   */
+  accepted(id, number) {
+    if (this.waiting.delete(id)) this.answer(`Sent as order ${number}.`);
+  }
+
+  /**
+   * Whether it was an order of this page.
+   * @param {string | null} id
+   * @param {string} why
+   */
+  refused(id, why) {
+    const isOurs = id !== null && this.waiting.delete(id);
+    if (isOurs) this.answer(`Not sent: ${why}.`, true);
+    return isOurs;
+  }
+
+  lists() {
+    const { roots, agents } = this.app.model;
+    const ids = agents.map((agent) => agent[0]).sort((a, b) => a - b);
+    setOptions(this.tree, [
+      ["", roots.length ? "choose a tree" : "no tree is known"],
+      ...roots.map((root) => /** @type {[string, string]} */ ([String(root), `tree of agent ${root}`])),
+    ]);
+    setOptions(this.agent, [
+      ["", "choose an agent"],
+      ...ids.map((id) => /** @type {[string, string]} */ ([String(id), `agent ${id}`])),
+    ]);
+  }
+
+  update() {
+    const { picture } = this.app.model;
+    this.lists();
+    const rows = [...(picture?.commands ?? [])].sort((a, b) => b[0] - a[0]);
+    const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }));
+    keepRows(
+      element("fates"),
+      rows,
+      (row) => String(row[0]),
+      create,
+      (line, row) => {
+        line.dataset["state"] = row[9];
+        const [title, what, state] = line.children;
+        if (!title || !what || !state) return;
+        setText(title, `${row[0]} · ${order(row)}`);
+        setText(what, `to ${row[2]}, sent ${clock(row[4])}: ${fate(row)}`);
+        setText(state, row[9]);
+      },
+    );
+    element("fates-none").hidden = rows.length > 0;
+  }
+}
+
+/**
+ * @param {Argument} argument
+ * @param {number} at
+ */
+function field(argument, at) {
+  const id = `argument-${at}`;
+  const words = argument.unit ? `${argument.name} [${argument.unit}]` : argument.name;
+  const attributes = { id, "data-argument": argument.name, title: argument.help ?? "" };
+  /** @type {HTMLInputElement | HTMLSelectElement} */
+  let made;
+  if (argument.kind === "choice") {
+    made = make("select", attributes);
+    setOptions(
+      made,
+      (argument.choices ?? []).map((value) => [String(value), String(value)]),
+    );
+  } else {
+    made = make("input", { ...attributes, type: argument.kind === "text" ? "text" : "number", autocomplete: "off" });
+    if (argument.kind !== "text") made.step = argument.kind === "integer" ? "1" : "any";
+    if (argument.low !== undefined) made.min = String(argument.low);
+    if (argument.high !== undefined) made.max = String(argument.high);
+  }
+  if (argument.default !== undefined) made.value = String(argument.default);
+  return make("label", {}, words, made, make("small", {}, argument.help ?? ""));
+}
+
+/**
+ * What was filled in for an argument.
+ * @param {Argument} argument
+ * @param {number} at
+ */
+function read({ name, kind, low, high, choices }, at) {
+  const { value } = /** @type {HTMLInputElement} */ (element(`argument-${at}`));
+  if (kind === "choice") return (choices ?? []).find((choice) => String(choice) === value) ?? value;
+  if (kind === "text") return value;
+  const given = Number(value);
+  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(`${name} must be a number`);
+  if (kind === "integer" && !Number.isInteger(given)) throw new Error(`${name} must be a whole number (got ${value})`);
+  if (low !== undefined && given < low) throw new Error(`${name} must be at least ${low} (got ${value})`);
+  if (high !== undefined && given > high) throw new Error(`${name} must be at most ${high} (got ${value})`);
+  return given;
+}

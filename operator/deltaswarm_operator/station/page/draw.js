@@ -1,0 +1,302 @@
+/** Draws the map: only what was reported, fading with age. */
+
+import { heat as heatColour, inks, mark, markBase, markEvent, strength } from "./looks.js";
+import { age, number } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+/** @typedef {import("./types.js").Hello} Hello */
+/** @typedef {import("./view.js").View} View */
+/** @typedef {CanvasRenderingContext2D} Canvas */
+/** @typedef {{heat: boolean, labels: boolean, trees: boolean}} Layers */
+
+const OLD_S = 30;
+const NEW_EVENT_S = 20;
+const LABEL_STRENGTH = 0.75;
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {Layers} layers
+ * @param {import("./heat.js").Heat} heat
+ * @param {boolean} hasFocus
+ */
+export function draw(on, view, app, layers, heat, hasFocus) {
+  const { hello } = app.model;
+  on.globalAlpha = 1;
+  on.setLineDash([]);
+  on.fillStyle = inks().outside;
+  on.fillRect(0, 0, view.width, view.height);
+  if (!hello) return;
+  ground(on, view, hello);
+  if (layers.heat) warmth(on, view, heat, app.model.now_s);
+  fixed(on, view, hello);
+  if (layers.trees) trees(on, view, app);
+  for (const event of app.model.events) drawEvent(on, view, event, app, layers.labels);
+  for (const agent of app.model.agents) drawAgent(on, view, agent, app, layers.labels);
+  on.globalAlpha = 1;
+  picked(on, view, app, hasFocus);
+  ruler(on, view);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {Hello} hello
+ */
+function ground(on, view, hello) {
+  const { arena, faint, soft } = inks();
+  const [left, top] = view.toScreen(0, hello.arena_m[1]);
+  const [right, bottom] = view.toScreen(hello.arena_m[0], 0);
+  on.fillStyle = arena;
+  on.fillRect(left, top, right - left, bottom - top);
+  on.strokeStyle = faint;
+  on.lineWidth = 1;
+  on.beginPath();
+  const step_m = roundLength(70 / view.scale);
+  for (let x_m = step_m; x_m < hello.arena_m[0]; x_m += step_m) line(on, view, x_m, 0, x_m, hello.arena_m[1]);
+  for (let y_m = step_m; y_m < hello.arena_m[1]; y_m += step_m) line(on, view, 0, y_m, hello.arena_m[0], y_m);
+  on.stroke();
+  on.strokeStyle = soft;
+  on.lineWidth = 1.5;
+  on.strokeRect(left, top, right - left, bottom - top);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {number} x_m
+ * @param {number} y_m
+ * @param {number} to_x_m
+ * @param {number} to_y_m
+ */
+function line(on, view, x_m, y_m, to_x_m, to_y_m) {
+  on.moveTo(...view.toScreen(x_m, y_m));
+  on.lineTo(...view.toScreen(to_x_m, to_y_m));
+}
+
+/**
+ * The nearest of 1, 2, 5, 10, ... above a length.
+ * @param {number} length_m
+ */
+export function roundLength(length_m) {
+  const power = 10 ** Math.floor(Math.log10(length_m));
+  return power * ([1, 2, 5].find((digit) => digit * power >= length_m) ?? 10);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {import("./heat.js").Heat} heat
+ * @param {number} now_s
+ */
+function warmth(on, view, heat, now_s) {
+  for (let row = 0; row < heat.rows; row += 1) {
+    for (let column = 0; column < heat.columns; column += 1) {
+      const heard_s = heat.heard_s[row * heat.columns + column] ?? NaN;
+      if (Number.isNaN(heard_s)) continue;
+      const [left, bottom] = view.toScreen(column * heat.cell_m, row * heat.cell_m).map(Math.round);
+      const [right, top] = view.toScreen((column + 1) * heat.cell_m, (row + 1) * heat.cell_m).map(Math.round);
+      on.fillStyle = heatColour(now_s - heard_s);
+      on.fillRect(left ?? 0, top ?? 0, (right ?? 0) - (left ?? 0), (bottom ?? 0) - (top ?? 0));
+    }
+  }
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {Hello} hello
+ */
+function fixed(on, view, hello) {
+  const { obstacle, soft } = inks();
+  on.fillStyle = obstacle;
+  on.strokeStyle = soft;
+  on.lineWidth = 1;
+  for (const corners of hello.obstacles) {
+    on.beginPath();
+    for (const [x_m, y_m] of corners) on.lineTo(...view.toScreen(x_m, y_m));
+    on.closePath();
+    on.fill();
+    on.stroke();
+  }
+  if (!hello.base_m) return;
+  const [x, y] = view.toScreen(...hello.base_m);
+  if (hello.range_m) {
+    on.beginPath();
+    on.arc(x, y, hello.range_m * view.scale, 0, 2 * Math.PI);
+    on.setLineDash([6, 5]);
+    on.strokeStyle = soft;
+    on.lineWidth = 1.5;
+    on.stroke();
+    on.setLineDash([]);
+  }
+  markBase(on, x, y, 8);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ */
+function trees(on, view, { model, selection }) {
+  const { ink, accent } = inks();
+  const places = new Map(model.agents.map((agent) => [agent[0], agent]));
+  const chosen = selection?.kind === "agent" ? places.get(selection.id) : undefined;
+  const tree = chosen && (chosen[5] >= 0 ? chosen[5] : chosen[3] === "root" ? chosen[0] : -1);
+  for (const [, x_m, y_m, , parent, root, said_s] of places.values()) {
+    const above = places.get(parent);
+    if (!above) continue;
+    const isChosen = tree !== undefined && tree >= 0 && root === tree;
+    on.globalAlpha = isChosen ? 1 : 0.6 * Math.min(strength(model.now_s - said_s), strength(model.now_s - above[6]));
+    on.strokeStyle = isChosen ? accent : ink;
+    on.lineWidth = isChosen ? 3 : 1.8;
+    on.beginPath();
+    line(on, view, x_m, y_m, above[1], above[2]);
+    on.stroke();
+  }
+  on.globalAlpha = 1;
+}
+
+/**
+ * @param {Canvas} on
+ * @param {string} text
+ * @param {number} x
+ * @param {number} y
+ */
+function label(on, text, x, y) {
+  const { ink, halo } = inks();
+  on.font = "11px system-ui, sans-serif";
+  on.textAlign = "center";
+  on.lineJoin = "round";
+  on.strokeStyle = halo;
+  on.lineWidth = 3;
+  on.strokeText(text, x, y);
+  on.fillStyle = ink;
+  on.fillText(text, x, y);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {number} x
+ * @param {number} y
+ * @param {number} size of the marker [px]
+ */
+function ring(on, x, y, size) {
+  on.globalAlpha = 1;
+  on.beginPath();
+  on.arc(x, y, size + 7, 0, 2 * Math.PI);
+  on.strokeStyle = inks().accent;
+  on.lineWidth = 3;
+  on.stroke();
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {import("./types.js").EventRow} event
+ * @param {App} app
+ * @param {boolean} hasLabel
+ */
+function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection }, hasLabel) {
+  const [x, y] = view.toScreen(x_m, y_m);
+  const age_s = model.now_s - seen_s;
+  on.globalAlpha = strength(age_s);
+  markEvent(on, x, y, view.marker_px + 1);
+  if (model.now_s - first_s < NEW_EVENT_S) {
+    on.beginPath();
+    on.arc(x, y, view.marker_px + 5, 0, 2 * Math.PI);
+    on.strokeStyle = inks().ink;
+    on.lineWidth = 1.5;
+    on.stroke();
+  }
+  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
+  if (hasLabel) label(on, age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`, x, y + view.marker_px + 14);
+  if (selection?.kind === "event" && selection.id === id) ring(on, x, y, view.marker_px);
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {import("./types.js").AgentRow} agent
+ * @param {App} app
+ * @param {boolean} hasLabel
+ */
+function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, selection }, hasLabel) {
+  const [x, y] = view.toScreen(x_m, y_m);
+  const age_s = model.now_s - said_s;
+  on.globalAlpha = strength(age_s);
+  mark(on, role, x, y, Boolean(own), view.marker_px);
+  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
+  if (hasLabel) label(on, age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`, x, y - view.marker_px - 6);
+  if (selection?.kind === "agent" && selection.id === id) ring(on, x, y, view.marker_px);
+}
+
+/**
+ * Where the order that is being written would go.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {boolean} hasFocus
+ */
+function picked(on, view, { pick, model }, hasFocus) {
+  if (!pick) return;
+  const { accent } = inks();
+  on.strokeStyle = accent;
+  on.lineWidth = 2;
+  const target = pick.target();
+  const { x_m, y_m } = target;
+  if (x_m !== undefined && y_m !== undefined) {
+    const [x, y] = view.toScreen(x_m, y_m);
+    cross(on, x, y, 9);
+    if (target.radius_m !== undefined) {
+      on.beginPath();
+      on.arc(x, y, target.radius_m * view.scale, 0, 2 * Math.PI);
+      on.globalAlpha = 0.12;
+      on.fillStyle = accent;
+      on.fill();
+      on.globalAlpha = 1;
+      on.stroke();
+    }
+  }
+  for (const [id, at_x_m, at_y_m, , , root] of model.agents) {
+    if (id === target.agent || (target.root !== undefined && (root === target.root || id === target.root)))
+      ring(on, ...view.toScreen(at_x_m, at_y_m), view.marker_px);
+  }
+  if (hasFocus) {
+    on.setLineDash([3, 3]);
+    cross(on, view.width / 2, view.height / 2, 14);
+    on.setLineDash([]);
+  }
+}
+
+/**
+ * @param {Canvas} on
+ * @param {number} x
+ * @param {number} y
+ * @param {number} size
+ */
+function cross(on, x, y, size) {
+  on.beginPath();
+  on.moveTo(x - size, y);
+  on.lineTo(x + size, y);
+  on.moveTo(x, y - size);
+  on.lineTo(x, y + size);
+  on.stroke();
+}
+
+/**
+ * @param {Canvas} on
+ * @param {View} view
+ */
+function ruler(on, view) {
+  const length_m = roundLength(60 / view.scale);
+  const [right, bottom] = [view.width - 14, view.height - 12];
+  on.strokeStyle = inks().ink;
+  on.lineWidth = 2;
+  on.beginPath();
+  on.moveTo(right - length_m * view.scale, bottom);
+  on.lineTo(right, bottom);
+  on.stroke();
+  label(on, `${number(length_m, 2)} m`, right - (length_m * view.scale) / 2, bottom - 5);
+}

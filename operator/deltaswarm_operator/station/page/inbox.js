@@ -1,0 +1,150 @@
+/** The inbox: what agents reported, message by message; sort, filter, mark as read. */
+
+import { button, choice, element, keepRows, make, setText } from "./dom.js";
+import { clock, message } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+/** @typedef {import("./types.js").InboxRow} InboxRow */
+
+const MAX_SHOWN = 150;
+
+/** @type {Record<string, (a: InboxRow, b: InboxRow) => number>} */
+const ORDERS = {
+  newest: (a, b) => b[0] - a[0],
+  oldest: (a, b) => a[0] - b[0],
+  agent: (a, b) => a[2] - b[2] || b[0] - a[0],
+  followers: (a, b) => b[4] - a[4] || b[0] - a[0],
+};
+
+export class InboxPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.list = element("inbox-list");
+    this.order = choice("inbox-order");
+    this.filter = choice("inbox-filter");
+    this.order.addEventListener("change", () => this.update());
+    this.filter.addEventListener("change", () => this.update());
+    button("inbox-all-read").addEventListener("click", () => this.readAll());
+    this.list.addEventListener("click", (event) => this.open(rowOf(event.target)));
+    this.list.addEventListener("keydown", (event) => this.key(event));
+  }
+
+  /** @returns {InboxRow[]} */
+  wanted() {
+    const { inbox, read } = this.app.model;
+    const { selection } = this.app;
+    const items = [...inbox.values()];
+    /** @type {Record<string, (item: InboxRow) => boolean>} */
+    const filters = {
+      unread: (item) => !read.has(item[0]),
+      fresh: (item) => Boolean(item[6]),
+      roots: (item) => item[3] === "root",
+      events: (item) => item[5].length > 0,
+      selected: (item) =>
+        selection?.kind === "agent" ? item[2] === selection.id : selection ? item[5].includes(selection.id) : true,
+    };
+    const wanted = items.filter(filters[this.filter.value] ?? (() => true));
+    return wanted.sort(ORDERS[this.order.value] ?? ORDERS["newest"]);
+  }
+
+  update() {
+    const { model } = this.app;
+    const wanted = this.wanted();
+    keepRows(
+      this.list,
+      wanted.slice(0, MAX_SHOWN),
+      (item) => String(item[0]),
+      create,
+      (row, item) => {
+        const isRead = model.read.has(item[0]);
+        if (row.dataset["read"] !== String(isRead)) {
+          row.dataset["read"] = String(isRead);
+          const state = row.querySelector(".state");
+          if (state) setText(state, item[6] ? "new" : "");
+          const hint = row.querySelector(".unseen");
+          if (hint) setText(hint, isRead ? "" : "unread: ");
+        }
+      },
+    );
+    if (!this.list.querySelector('[tabindex="0"]')) this.list.querySelector("li")?.setAttribute("tabindex", "0");
+    const unread = model.picture?.unread ?? 0;
+    setText(element("inbox-count"), unread ? `${unread} unread` : "all read");
+    const hidden = wanted.length - MAX_SHOWN;
+    setText(
+      element("inbox-note"),
+      hidden > 0 ? `${hidden} more are not shown; filter to see them.` : wanted.length ? "" : "No messages.",
+    );
+    document.title = `${unread ? `(${unread}) ` : ""}${model.hello?.title ?? "station"}`;
+  }
+
+  readAll() {
+    this.app.send({ type: "read", all: true });
+  }
+
+  /**
+   * Mark as read and show on the map.
+   * @param {HTMLElement | null} row
+   */
+  open(row) {
+    if (!row) return;
+    const item = this.app.model.inbox.get(Number(row.dataset["key"]));
+    if (!item) return;
+    if (!this.app.model.read.has(item[0])) this.app.send({ type: "read", items: [item[0]] });
+    this.app.select({ kind: "agent", id: item[2] }, true);
+    this.focus(row);
+  }
+
+  /** @param {KeyboardEvent} event */
+  key(event) {
+    const row = rowOf(event.target);
+    if (event.key === "ArrowDown") this.step(1);
+    else if (event.key === "ArrowUp") this.step(-1);
+    else if (event.key === "Enter" || event.key === " ") this.open(row);
+    else return;
+    event.preventDefault();
+  }
+
+  /**
+   * To the next message, or the one before.
+   * @param {number} by
+   */
+  step(by) {
+    const at = rowOf(document.activeElement);
+    const next = at ? (by > 0 ? at.nextElementSibling : at.previousElementSibling) : this.list.firstElementChild;
+    if (next instanceof HTMLElement) this.focus(next);
+  }
+
+  /** The next one that is unread is opened; so one key works a queue off. */
+  next() {
+    const row = this.list.querySelector('[data-read="false"]');
+    if (row instanceof HTMLElement) this.open(row);
+    else this.app.say("No unread message is shown.");
+  }
+
+  /** @param {HTMLElement} row */
+  focus(row) {
+    for (const other of this.list.querySelectorAll('[tabindex="0"]')) other.setAttribute("tabindex", "-1");
+    row.setAttribute("tabindex", "0");
+    row.focus();
+  }
+}
+
+/** @param {EventTarget | null} target */
+function rowOf(target) {
+  const row = target instanceof Element ? target.closest("#inbox-list > li") : null;
+  return row instanceof HTMLElement ? row : null;
+}
+
+/** @param {InboxRow} item */
+function create(item) {
+  const agent = make("b", {}, make("span", { class: "unseen" }), `agent ${item[2]}`);
+  return make(
+    "li",
+    { tabindex: "-1", "data-agent": String(item[2]) },
+    make("time", {}, clock(item[1])),
+    agent,
+    make("span", { class: "what" }, message(item)),
+    make("span", { class: "state" }),
+  );
+}

@@ -1,0 +1,57 @@
+/** The question of how busy a person is right now (ISA): five buttons, or the keys 1 to 5, until its time is up. */
+
+import { byId, element, make, setText } from "./dom.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const ANSWERS = ["under-used", "relaxed", "comfortable", "high", "excessive"];
+
+export class IsaPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.where = element("isa");
+    /** @type {number | null} */
+    this.number = null;
+    this.answered = -1;
+    const buttons = ANSWERS.map((words, at) => {
+      const made = make(
+        "button",
+        { type: "button", "data-answer": String(at + 1) },
+        make("b", {}, String(at + 1)),
+        words,
+      );
+      made.addEventListener("click", () => this.answer(at + 1));
+      return made;
+    });
+    element("isa-answers").replaceChildren(...buttons);
+  }
+
+  get isAsking() {
+    return !this.where.hidden;
+  }
+
+  /** @param {number} answer */
+  answer(answer) {
+    if (this.number === null || !this.app.send({ type: "isa", number: this.number, answer })) return;
+    this.answered = this.number;
+    this.update();
+    this.app.say(`Your answer ${answer} is noted.`);
+  }
+
+  update() {
+    const probe = this.app.model.picture?.probe;
+    const asked = probe?.kind === "isa" && probe.number !== this.answered ? probe : null;
+    this.where.hidden = asked === null;
+    this.number = asked?.number ?? null;
+    if (!asked) return;
+    byId("isa-left", HTMLProgressElement).value = asked.left_s;
+    setText(element("isa-seconds"), `${Math.ceil(asked.left_s)} s left`);
+  }
+
+  /** The answer did not arrive: ask again while there is time. */
+  reopen() {
+    this.answered = -1;
+    this.update();
+  }
+}

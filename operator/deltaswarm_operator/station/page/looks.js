@@ -1,0 +1,208 @@
+/** Colours and shapes: each alone tells roles apart, for any eye and on any screen. */
+
+/**
+ * Okabe and Ito's palette, as in recordings.
+ * @type {Record<string, [string, string]>}
+ */
+const ROLES = {
+  free: ["#56b4e9", "circle"],
+  attending: ["#e69f00", "diamond"],
+  root: ["#d55e00", "square"],
+  member: ["#0072b2", "triangle"],
+  orphan: ["#cc79a7", "down"],
+  relocating: ["#009e73", "pentagon"],
+  leaving: ["#f0e442", "hexagon"],
+  dead: ["#999999", "cross"],
+};
+const OTHERS = ["#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99", "#882255"];
+
+/** @typedef {{ink: string, soft: string, faint: string, arena: string, outside: string, obstacle: string, halo: string, accent: string}} Inks */
+
+/** @type {{light: Inks, dark: Inks}} */
+const INKS = {
+  light: {
+    ink: "#1b2028",
+    soft: "#6b7480",
+    faint: "#e3e7ec",
+    arena: "#ffffff",
+    outside: "#eef1f4",
+    obstacle: "#c3c9d1",
+    halo: "#ffffff",
+    accent: "#6a1fb5",
+  },
+  dark: {
+    ink: "#eef1f5",
+    soft: "#97a1ad",
+    faint: "#2a313a",
+    arena: "#12161b",
+    outside: "#1b2027",
+    obstacle: "#48525e",
+    halo: "#12161b",
+    accent: "#d3a6ff",
+  },
+};
+
+/**
+ * Ages up to which a band of the heat map reaches [s], their words, and their strength.
+ * @type {[number, string, number][]}
+ */
+export const HEAT = [
+  [10, "10 s", 0.5],
+  [60, "1 min", 0.36],
+  [300, "5 min", 0.24],
+  [900, "15 min", 0.14],
+  [Infinity, "older", 0.07],
+];
+const HEAT_RGB = { light: "0, 120, 110", dark: "60, 210, 190" };
+
+export function isDark() {
+  const chosen = document.documentElement.dataset["theme"];
+  return chosen ? chosen === "dark" : window.matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
+export const inks = () => INKS[isDark() ? "dark" : "light"];
+
+/** @param {number} age_s */
+export function heat(age_s) {
+  const band = HEAT.find(([limit]) => age_s < limit);
+  return `rgba(${HEAT_RGB[isDark() ? "dark" : "light"]}, ${band ? band[2] : 0})`;
+}
+
+/**
+ * @param {string} role
+ * @returns {[string, string]} colour and shape
+ */
+export function look(role) {
+  const known = Object.hasOwn(ROLES, role) ? ROLES[role] : undefined;
+  if (known) return known;
+  let sum = 0;
+  for (const letter of role) sum = (sum * 31 + (letter.codePointAt(0) ?? 0)) % 9973;
+  return [OTHERS[sum % OTHERS.length] ?? "#88ccee", "octagon"];
+}
+
+/**
+ * How much of its colour is left to what was heard so long ago.
+ * @param {number} age_s
+ */
+export const strength = (age_s) => Math.max(0.4, 1 - Math.max(0, age_s - 5) / 120);
+
+/**
+ * Corners of regular shapes: how many, turned by [turns of a corner].
+ * @type {Record<string, [number, number]>}
+ */
+const CORNERS = {
+  square: [4, 0.5],
+  diamond: [4, 0],
+  triangle: [3, 0],
+  down: [3, 0.5],
+  pentagon: [5, 0],
+  hexagon: [6, 0],
+  octagon: [8, 0.5],
+};
+
+/**
+ * Trace a marker, to be filled or stroked.
+ * @param {CanvasRenderingContext2D} on
+ * @param {string} shape
+ * @param {number} x
+ * @param {number} y
+ * @param {number} size radius [px]
+ */
+export function trace(on, shape, x, y, size) {
+  on.beginPath();
+  if (shape === "cross" || shape === "star") {
+    for (let arm = 0; arm < (shape === "star" ? 3 : 2); arm += 1) {
+      const angle = shape === "star" ? (arm * Math.PI) / 3 + Math.PI / 2 : Math.PI / 4 + (arm * Math.PI) / 2;
+      on.moveTo(x - size * Math.cos(angle), y - size * Math.sin(angle));
+      on.lineTo(x + size * Math.cos(angle), y + size * Math.sin(angle));
+    }
+    return;
+  }
+  const corners = CORNERS[shape];
+  if (!corners) {
+    on.arc(x, y, size, 0, 2 * Math.PI);
+    return;
+  }
+  const [many, turn] = corners;
+  for (let corner = 0; corner < many; corner += 1) {
+    const angle = ((corner + turn) * 2 * Math.PI) / many - Math.PI / 2;
+    on.lineTo(x + size * Math.cos(angle), y + size * Math.sin(angle));
+  }
+  on.closePath();
+}
+
+/**
+ * Draw an agent's marker: filled by its own word, hollow where another one named it.
+ * @param {CanvasRenderingContext2D} on
+ * @param {string} role
+ * @param {number} x
+ * @param {number} y
+ * @param {boolean} own
+ * @param {number} size radius [px]
+ */
+export function mark(on, role, x, y, own, size) {
+  const [colour, shape] = look(role);
+  const { ink, halo } = inks();
+  trace(on, shape, x, y, role === "root" ? size * 1.35 : size * 1.1);
+  on.lineJoin = "round";
+  if (shape === "cross") {
+    on.strokeStyle = colour;
+    on.lineWidth = 3;
+    on.stroke();
+    return;
+  }
+  if (!own) {
+    on.strokeStyle = ink;
+    on.lineWidth = 4;
+    on.stroke();
+  }
+  on.fillStyle = own ? colour : halo;
+  on.fill();
+  on.strokeStyle = own ? ink : colour;
+  on.lineWidth = own ? 1 : 2.5;
+  on.stroke();
+}
+
+/**
+ * @param {CanvasRenderingContext2D} on
+ * @param {number} x
+ * @param {number} y
+ * @param {number} size radius [px]
+ */
+export function markEvent(on, x, y, size) {
+  const { ink, halo } = inks();
+  on.lineCap = "round";
+  for (const [colour, width] of /** @type {[string, number][]} */ ([
+    [halo, 5],
+    [ink, 2.5],
+  ])) {
+    trace(on, "star", x, y, size);
+    on.strokeStyle = colour;
+    on.lineWidth = width;
+    on.stroke();
+  }
+}
+
+/**
+ * @param {CanvasRenderingContext2D} on
+ * @param {number} x
+ * @param {number} y
+ * @param {number} size radius [px]
+ */
+export function markBase(on, x, y, size) {
+  const { ink, halo } = inks();
+  on.beginPath();
+  on.moveTo(x, y - size * 1.3);
+  on.lineTo(x + size * 1.2, y - size * 0.2);
+  on.lineTo(x + size * 0.9, y - size * 0.2);
+  on.lineTo(x + size * 0.9, y + size);
+  on.lineTo(x - size * 0.9, y + size);
+  on.lineTo(x - size * 0.9, y - size * 0.2);
+  on.lineTo(x - size * 1.2, y - size * 0.2);
+  on.closePath();
+  on.fillStyle = halo;
+  on.fill();
+  on.strokeStyle = ink;
+  on.lineWidth = 2;
+  on.stroke();
+}

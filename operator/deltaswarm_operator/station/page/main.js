@@ -1,0 +1,222 @@
+/** The station's page: joins the link, what the page knows, and the panels. */
+
+import { CommandPanel } from "./commands.js";
+import { choice, element, setText } from "./dom.js";
+import { InboxPanel } from "./inbox.js";
+import { IsaPanel } from "./isa.js";
+import { Keys } from "./keys.js";
+import { KnowledgePanel } from "./knowledge.js";
+import { Link } from "./link.js";
+import { MapPanel } from "./map.js";
+import { Model } from "./model.js";
+import { PacePanel } from "./pace.js";
+import { SessionPanel } from "./session.js";
+import { Tabs } from "./tabs.js";
+import { startTheme } from "./theme.js";
+import { TlxPanel } from "./tlx.js";
+import { WorkloadPanel } from "./workload.js";
+
+const LISTS_EVERY_MS = 250;
+const SILENT_MS = 4000;
+const SAID_MS = 6000;
+const ASK_EVERY_MS = 1000;
+
+/** @type {import("./types.js").App} */
+const app = {
+  model: new Model(),
+  selection: null,
+  pick: null,
+  send(intent) {
+    const isSent = link.send(intent);
+    if (!isSent && intent.type !== "catch_up") app.say("Not sent: there is no connection.");
+    return isSent;
+  },
+  say(text) {
+    setText(element("said"), text);
+    window.clearTimeout(saidTimer);
+    saidTimer = window.setTimeout(() => setText(element("said"), ""), SAID_MS);
+  },
+  select(selection, reveal = false) {
+    app.selection = selection;
+    if (selection && reveal) map.reveal(selection);
+    if (selection?.kind === "agent" && app.pick) app.pick.agent(selection.id);
+    map.tell();
+    map.redraw();
+    knowledge.update();
+    if (choice("inbox-filter").value === "selected") inbox.update();
+  },
+  redraw() {
+    map.redraw();
+    map.tell();
+  },
+};
+
+let saidTimer = 0;
+let listsTimer = 0;
+let heardAt_ms = performance.now();
+let isOpen = false;
+
+const map = new MapPanel(app);
+const workload = new WorkloadPanel(app);
+const inbox = new InboxPanel(app);
+const knowledge = new KnowledgePanel(app);
+const commands = new CommandPanel(app);
+const tabs = new Tabs(() => commands.aim());
+const pace = new PacePanel(app);
+const isa = new IsaPanel(app);
+const tlx = new TlxPanel(app);
+const session = new SessionPanel(app);
+
+/** @param {import("./types.js").Hello} hello */
+function takeHello(hello) {
+  if (app.model.takeHello(hello)) app.selection = null;
+  setText(element("title"), hello.title);
+  document.documentElement.dataset["kind"] = hello.kind;
+  element("researcher").hidden = hello.kind !== "researcher";
+  map.start();
+  workload.start();
+  commands.start();
+  showLists();
+}
+
+/** @param {import("./types.js").Picture} picture */
+function takePicture(picture) {
+  app.model.takePicture(picture);
+  askForMissing();
+  heardAt_ms = performance.now();
+  pace.update();
+  isa.update();
+  tlx.update();
+  session.update();
+  map.update();
+  listsTimer ||= window.setTimeout(showLists, LISTS_EVERY_MS);
+  showStatus();
+}
+
+let askTimer = 0;
+
+/** At most once a second, and again until an answer has come. */
+function askForMissing() {
+  if (askTimer || app.model.isCaughtUp) return;
+  link.send({ type: "catch_up" });
+  askTimer = window.setTimeout(() => {
+    askTimer = 0;
+    askForMissing();
+  }, ASK_EVERY_MS);
+}
+
+/** What people read is written four times a second at most: faster cannot be read. */
+function showLists() {
+  window.clearTimeout(listsTimer);
+  listsTimer = 0;
+  workload.update();
+  inbox.update();
+  knowledge.update();
+  commands.update();
+}
+
+/** Whether what is shown is up to date. */
+function showStatus() {
+  const { picture, hello } = app.model;
+  const isSilent = performance.now() - heardAt_ms > SILENT_MS;
+  let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
+  if (!picture) [state, words] = ["silent", "waiting for the run"];
+  if (link.hasEnded) [state, words] = ["ended", "the run has ended"];
+  else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
+  else if (picture?.over) [state, words] = ["ended", "the run is over"];
+  else if (pace.state.paused) [state, words] = ["paused", "paused"];
+  else if (picture && isSilent) [state, words] = ["silent", "nothing new arrives"];
+  setText(element("status"), words);
+  element("status").dataset["state"] = state;
+}
+
+/** @param {import("./types.js").Message} message */
+function take(message) {
+  if (message.type === "hello") takeHello(message);
+  else if (message.type === "picture") takePicture(message);
+  else if (message.type === "catch_up") {
+    app.model.takeCatchUp(message);
+    showLists();
+  } else if (message.type === "read") {
+    for (const item of message.items) app.model.read.add(item);
+    inbox.update();
+  } else if (message.type === "accepted") commands.accepted(message.id, message.number);
+  else if (message.type === "refused") refused(message.id, message.why);
+  showStatus();
+}
+
+/**
+ * @param {string | null} id
+ * @param {string} why
+ */
+function refused(id, why) {
+  if (commands.refused(id, why)) return;
+  app.say(`Not accepted: ${why}.`);
+  isa.reopen();
+  tlx.reopen(why);
+  session.reopen(why);
+}
+
+const link = new Link(take, (nowOpen) => {
+  isOpen = nowOpen;
+  if (nowOpen) {
+    app.model.isCaughtUp = false;
+    window.clearTimeout(askTimer);
+    askTimer = 0;
+  }
+  showStatus();
+});
+
+/**
+ * @param {string} tab
+ * @param {string} id
+ */
+function go(tab, id) {
+  if (tab) tabs.show(tab);
+  element(id).focus();
+}
+
+/** @type {import("./keys.js").Shortcut[]} */
+const shortcuts = [
+  { keys: ["p"], words: "pause, go on", act: () => pace.toggle() },
+  { keys: ["."], words: "one step", act: () => pace.step() },
+  { keys: ["<"], words: "slower", act: () => pace.shift(-1) },
+  { keys: [">"], words: "faster", act: () => pace.shift(1) },
+  { keys: ["m"], words: "to the map", act: () => go("", "map") },
+  { keys: ["i"], words: "to the inbox", act: () => go("", "inbox-filter") },
+  { keys: ["c"], words: "to orders", act: () => go("tab-commands", "command-name") },
+  { keys: ["a"], words: "to agents", act: () => go("tab-agents", "agents-order") },
+  { keys: ["e"], words: "to events", act: () => go("tab-events", "tab-events") },
+  { keys: ["n"], words: "to notes", act: () => go("tab-notes", "note-text") },
+  { keys: ["j"], words: "next message", act: () => inbox.step(1) },
+  { keys: ["k"], words: "message before", act: () => inbox.step(-1) },
+  { keys: ["u"], words: "open the next unread message: mark as read, show on the map", act: () => inbox.next() },
+  { keys: ["R"], words: "mark all messages as read", act: () => inbox.readAll() },
+  { keys: ["f"], words: "show the whole arena", act: () => map.fit() },
+  { keys: ["h"], words: "heat map on or off", act: () => map.toggle("heat") },
+  { keys: ["l"], words: "labels on or off", act: () => map.toggle("labels") },
+  { keys: ["t"], words: "lines of trees on or off", act: () => map.toggle("trees") },
+  { keys: ["Escape"], words: "select nothing", act: () => app.select(null) },
+  { keys: ["?"], words: "this list", act: () => element("help-open").click(), always: true },
+  {
+    keys: ["1", "2", "3", "4", "5"],
+    shown: "1 to 5",
+    words: "answer how busy you are, while you are asked",
+    act: (key) => isa.isAsking && isa.answer(Number(key)),
+    always: true,
+  },
+];
+new Keys(shortcuts, [
+  ["← → ↑ ↓", "on the map: move it; + and − zoom"],
+  ["PageDown or PageUp", "on the map: next agent, agent before"],
+  ["Enter", "on the map: choose what is at its centre; in the inbox: read; in orders: send"],
+  ["Ctrl Enter", "in notes: save the note"],
+]);
+startTheme(() => {
+  if (app.model.hello) workload.start();
+  map.legendOf = "";
+  map.legend();
+  showLists();
+  map.redraw();
+});
+window.setInterval(showStatus, 1000);

@@ -1,0 +1,114 @@
+/** What the page knows: the newest picture, the inbox, which messages were read, and the rates so far. */
+
+/** @typedef {import("./types.js").Hello} Hello */
+/** @typedef {import("./types.js").Picture} Picture */
+/** @typedef {import("./types.js").CatchUp} CatchUp */
+/** @typedef {import("./types.js").AgentRow} AgentRow */
+/** @typedef {import("./types.js").EventRow} EventRow */
+/** @typedef {import("./types.js").InboxRow} InboxRow */
+/** @typedef {import("./types.js").HistoryRow} HistoryRow */
+
+const MAX_INBOX = 1000;
+const MAX_HISTORY = 1200;
+
+export class Model {
+  constructor() {
+    /** @type {Hello | null} */
+    this.hello = null;
+    /** @type {Picture | null} */
+    this.picture = null;
+    /** @type {Map<number, InboxRow>} in the order of their numbers */
+    this.inbox = new Map();
+    /** @type {Set<number>} */
+    this.read = new Set();
+    /** @type {HistoryRow[]} */
+    this.history = [];
+    /** Whether no message is missing; else they should be asked for. */
+    this.isCaughtUp = false;
+    this.newest = -1;
+  }
+
+  get now_s() {
+    return this.picture?.time_s ?? 0;
+  }
+
+  /** @returns {AgentRow[]} the researcher's are the truth, of now */
+  get agents() {
+    const { picture, now_s } = this;
+    if (picture?.truth) return picture.truth.agents.map((row) => [...row, now_s, 1]);
+    return picture?.agents ?? [];
+  }
+
+  /** @returns {EventRow[]} */
+  get events() {
+    const { picture, now_s } = this;
+    if (picture?.truth) return picture.truth.events.map((row) => [...row, now_s, -1]);
+    return picture?.events ?? [];
+  }
+
+  /** Roots of trees that were reported, whether or not the root itself was heard. */
+  get roots() {
+    const roots = new Set(
+      this.agents.flatMap((agent) => (agent[5] >= 0 ? [agent[5]] : agent[3] === "root" ? [agent[0]] : [])),
+    );
+    return [...roots].sort((a, b) => a - b);
+  }
+
+  /**
+   * Whether it is another run than the one before, so that nothing of that holds any more.
+   * @param {Hello} hello
+   */
+  takeHello(hello) {
+    const isOther = this.hello !== null && this.hello.run !== hello.run;
+    this.hello = hello;
+    if (isOther) this.forget();
+    return isOther;
+  }
+
+  /** @param {Picture} picture */
+  takePicture(picture) {
+    if (this.picture && picture.time_s < this.picture.time_s) this.forget();
+    this.picture = this.picture ? { ...this.picture, ...picture } : picture;
+    const { workload, time_s } = this.picture;
+    const last = this.history[this.history.length - 1];
+    if (workload && (!last || last[0] < time_s)) this.history.push([time_s, workload.rate_1s_hz, workload.rate_60s_hz]);
+    if (this.history.length > MAX_HISTORY) this.history.splice(0, this.history.length - MAX_HISTORY);
+    const items = picture.inbox ?? [];
+    const oldest = items.reduce((least, item) => Math.min(least, item[0]), Infinity);
+    if (oldest !== Infinity && oldest > this.newest + 1) this.isCaughtUp = false;
+    this.addItems(items);
+  }
+
+  /** @param {CatchUp} answer */
+  takeCatchUp(answer) {
+    this.isCaughtUp = true;
+    this.addItems(answer.inbox);
+    this.inbox = new Map([...this.inbox].sort((a, b) => a[0] - b[0]));
+    for (const item of answer.read) this.read.add(item);
+    const known = new Map([...answer.history, ...this.history].map((row) => [row[0], row]));
+    this.history = [...known.values()].sort((a, b) => a[0] - b[0]).slice(-MAX_HISTORY);
+  }
+
+  /** @param {InboxRow[]} items */
+  addItems(items) {
+    for (const item of [...items].sort((a, b) => a[0] - b[0])) {
+      if (!this.inbox.has(item[0])) this.inbox.set(item[0], item);
+      this.newest = Math.max(this.newest, item[0]);
+    }
+    for (const number of this.inbox.keys()) {
+      if (this.inbox.size <= MAX_INBOX) break;
+      this.inbox.delete(number);
+      this.read.delete(number);
+    }
+  }
+
+  /** Time went back, or it is another run. */
+  forget() {
+    this.picture = null;
+    this.inbox.clear();
+    this.read.clear();
+    this.history = [];
+    this.isCaughtUp = false;
+    this.newest = -1;
+  }
+}

@@ -1,0 +1,108 @@
+/** The clock, pause, step and speed, and the time bar of a replay. */
+
+import { button, choice, element, input, setOptions, setText } from "./dom.js";
+import { clock, speed } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const SEEK_EVERY_MS = 100;
+const JUMP_S = 10;
+
+export class PacePanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.pause = button("pause");
+    this.speeds = choice("speed");
+    this.bar = input("seek");
+    this.isDragging = false;
+    this.seekAt_ms = -Infinity;
+    this.pause.addEventListener("click", () => this.toggle());
+    button("step").addEventListener("click", () => this.step());
+    this.speeds.addEventListener("change", () => this.app.send({ type: "pace", speed: Number(this.speeds.value) }));
+    this.bar.addEventListener("input", () => this.drag());
+    this.bar.addEventListener("change", () => this.drop());
+    button("seek-back").addEventListener("click", () => this.jump(-JUMP_S));
+    button("seek-on").addEventListener("click", () => this.jump(JUMP_S));
+  }
+
+  get state() {
+    const { picture } = this.app.model;
+    return picture?.replay ?? picture?.pace ?? { paused: false, speed: 1 };
+  }
+
+  toggle() {
+    this.app.send({ type: "pace", paused: !this.state.paused });
+  }
+
+  step() {
+    this.app.send({ type: "pace", steps: 1 });
+  }
+
+  /**
+   * Faster, or slower: as fast as possible (0) is the fastest.
+   * @param {number} by
+   */
+  shift(by) {
+    const speeds = [...(this.app.model.hello?.speeds ?? [])].sort((a, b) => (a || Infinity) - (b || Infinity));
+    const next = speeds[speeds.indexOf(this.state.speed) + by];
+    if (next !== undefined && speeds.includes(this.state.speed)) this.app.send({ type: "pace", speed: next });
+  }
+
+  /** @param {number} time_s */
+  seek(time_s) {
+    const { replay } = this.app.model.picture ?? {};
+    if (replay) this.app.send({ type: "seek", time_s: Math.min(replay.to_s, Math.max(replay.from_s, time_s)) });
+  }
+
+  /** @param {number} by_s */
+  jump(by_s) {
+    this.seek(this.app.model.now_s + by_s);
+  }
+
+  drag() {
+    this.isDragging = true;
+    setText(element("seek-time"), clock(this.bar.valueAsNumber));
+    const now_ms = performance.now();
+    if (now_ms - this.seekAt_ms < SEEK_EVERY_MS) return;
+    this.seekAt_ms = now_ms;
+    this.seek(this.bar.valueAsNumber);
+  }
+
+  drop() {
+    this.isDragging = false;
+    this.seek(this.bar.valueAsNumber);
+  }
+
+  update() {
+    const { hello, picture, now_s } = this.app.model;
+    if (!hello) return;
+    const { paused } = this.state;
+    setText(element("time"), clock(now_s));
+    setText(element("duration"), hello.duration_s > 0 ? `of ${clock(hello.duration_s)}` : "");
+    setText(this.pause, paused ? "▶ Go on" : "❚❚ Pause");
+    this.pause.setAttribute("aria-pressed", String(paused));
+    const isOver = Boolean(picture?.over) && hello.kind !== "replay";
+    const canPace = hello.speeds.length > 0;
+    for (const part of [this.pause, button("step"), this.speeds]) {
+      part.disabled = isOver;
+      part.hidden = !canPace;
+    }
+    const offered = hello.speeds.includes(this.state.speed) ? hello.speeds : [...hello.speeds, this.state.speed];
+    setOptions(
+      this.speeds,
+      offered.map((value) => [String(value), speed(value)]),
+    );
+    if (document.activeElement !== this.speeds) this.speeds.value = String(this.state.speed);
+    const replay = picture?.replay;
+    element("replay").hidden = !replay;
+    if (!replay || this.isDragging) return;
+    this.bar.min = String(replay.from_s);
+    this.bar.max = String(replay.to_s);
+    this.bar.step = String(hello.step_s);
+    this.bar.value = String(now_s);
+    setText(element("seek-time"), clock(now_s));
+    this.bar.setAttribute("aria-valuetext", clock(now_s));
+    setText(element("seek-end"), clock(replay.to_s));
+  }
+}

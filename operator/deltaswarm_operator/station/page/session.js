@@ -1,0 +1,90 @@
+/** What a session asks before it begins, and notes at any time. */
+
+import { button, byId, dialog, element, input, make, setText } from "./dom.js";
+import { clock } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const DRAFT = "deltaswarm-note";
+
+export class SessionPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.dialog = dialog("sheet");
+    this.isSent = false;
+    this.text = byId("note-text", HTMLTextAreaElement);
+    this.text.value = sessionStorage.getItem(DRAFT) ?? "";
+    this.text.addEventListener("input", () => sessionStorage.setItem(DRAFT, this.text.value));
+    this.text.addEventListener("keydown", (event) => {
+      if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) this.note();
+    });
+    button("note-send").addEventListener("click", () => this.note());
+    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
+    this.dialog.addEventListener("close", () => this.update());
+    this.dialog.addEventListener("input", () => this.check());
+    byId("sheet-form", HTMLFormElement).addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.begin();
+    });
+  }
+
+  note() {
+    const text = this.text.value.trim();
+    if (!text) return;
+    if (!this.app.send({ type: "note", text })) return this.app.say("The note is not sent: there is no connection.");
+    const line = make("li", {}, make("time", {}, clock(this.app.model.now_s)), make("span", { class: "what" }, text));
+    element("notes-list").prepend(line);
+    this.text.value = "";
+    sessionStorage.removeItem(DRAFT);
+    this.app.say("Noted.");
+  }
+
+  update() {
+    const isAsked = this.app.model.picture?.probe?.kind === "sheet";
+    if (!isAsked) this.isSent = false;
+    const isWanted = isAsked && !this.isSent;
+    if (isWanted === this.dialog.open) return;
+    if (isWanted) this.open();
+    else this.dialog.close();
+  }
+
+  open() {
+    const sheet = this.app.model.hello?.session?.sheet;
+    setText(element("sheet-consent"), sheet?.consent ?? "");
+    element("sheet-agreement").hidden = !sheet?.consent;
+    const [participant, condition] = [input("sheet-participant"), input("sheet-condition")];
+    participant.value ||= sheet?.participant ?? "";
+    condition.value ||= sheet?.condition ?? "";
+    this.check();
+    this.dialog.showModal();
+  }
+
+  get hasConsent() {
+    return element("sheet-agreement").hidden || input("sheet-agree").checked;
+  }
+
+  check() {
+    button("sheet-begin").disabled = !this.hasConsent || !input("sheet-participant").value.trim();
+  }
+
+  begin() {
+    if (!this.hasConsent) return;
+    const [participant, condition] = [input("sheet-participant").value.trim(), input("sheet-condition").value.trim()];
+    const isSent = this.app.send({ type: "sheet", participant, condition, consent: true });
+    setText(element("sheet-answer"), isSent ? "" : "Not sent: there is no connection. Try again in a moment.");
+    this.isSent = isSent;
+    this.update();
+  }
+
+  /**
+   * The sheet did not arrive, or was not taken.
+   * @param {string} why
+   */
+  reopen(why) {
+    if (!this.isSent) return;
+    this.isSent = false;
+    this.update();
+    setText(element("sheet-answer"), `Not accepted: ${why}.`);
+  }
+}

@@ -1,0 +1,24 @@
+/** Dark or light: as the machine has it, or as chosen here. */
+
+import { button, setText } from "./dom.js";
+import { isDark } from "./looks.js";
+
+const STORED = "deltaswarm-theme";
+
+/** @param {() => void} onChange */
+export function startTheme(onChange) {
+  const stored = localStorage.getItem(STORED);
+  if (stored === "dark" || stored === "light") document.documentElement.dataset["theme"] = stored;
+  const show = () => {
+    setText(button("theme"), isDark() ? "Light" : "Dark");
+    onChange();
+  };
+  button("theme").addEventListener("click", () => {
+    const chosen = isDark() ? "light" : "dark";
+    document.documentElement.dataset["theme"] = chosen;
+    localStorage.setItem(STORED, chosen);
+    show();
+  });
+  window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", show);
+  show();
+}

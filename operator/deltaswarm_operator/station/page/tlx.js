@@ -1,0 +1,175 @@
+/** NASA-TLX at the end of a run: six scales from 0 to 100 by 5; if asked for, which of each pair weighed more. */
+
+import { button, dialog, element, make, setText } from "./dom.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const STORED = "deltaswarm-tlx";
+
+/** @type {[string, string, string, string, string][]} key, title, question, low end, high end */
+const SCALES = [
+  ["mental", "Mental demand", "How mentally demanding was the task?", "very low", "very high"],
+  ["physical", "Physical demand", "How physically demanding was the task?", "very low", "very high"],
+  ["temporal", "Temporal demand", "How hurried or rushed was the pace of the task?", "very low", "very high"],
+  [
+    "performance",
+    "Performance",
+    "How successful were you in accomplishing what you were asked to do?",
+    "perfect",
+    "failure",
+  ],
+  [
+    "effort",
+    "Effort",
+    "How hard did you have to work to accomplish your level of performance?",
+    "very low",
+    "very high",
+  ],
+  [
+    "frustration",
+    "Frustration",
+    "How insecure, discouraged, irritated, stressed and annoyed were you?",
+    "very low",
+    "very high",
+  ],
+];
+const PAIRS = SCALES.flatMap((first, at) =>
+  SCALES.slice(at + 1).map((second) => /** @type {const} */ ([first, second])),
+);
+
+export class TlxPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.dialog = dialog("tlx");
+    this.isSent = false;
+    /** @type {{scales: Record<string, number>, pairs: Record<string, string>}} */
+    this.answers = { scales: {}, pairs: {} };
+    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
+    this.dialog.addEventListener("close", () => this.update());
+    button("tlx-send").addEventListener("click", () => this.send());
+  }
+
+  get asksWeights() {
+    return Boolean(this.app.model.hello?.session?.asks.weights);
+  }
+
+  update() {
+    const isAsked = this.app.model.picture?.probe?.kind === "tlx";
+    if (!isAsked) this.isSent = false;
+    const isWanted = isAsked && !this.isSent;
+    if (isWanted === this.dialog.open) return;
+    if (isWanted) this.open();
+    else this.dialog.close();
+  }
+
+  /** The form, with what was filled in before the page was loaded again. */
+  open() {
+    this.answers = JSON.parse(sessionStorage.getItem(STORED) ?? "null") ?? { scales: {}, pairs: {} };
+    element("tlx-scales").replaceChildren(...SCALES.map((scale) => this.slider(scale)));
+    element("tlx-weights").hidden = !this.asksWeights;
+    element("tlx-pairs").replaceChildren(
+      ...(this.asksWeights ? PAIRS.map(([first, second]) => this.pair(first, second)) : []),
+    );
+    this.note();
+    this.dialog.showModal();
+  }
+
+  /** @param {typeof SCALES[number]} scale */
+  slider([key, title, question, low, high]) {
+    const before = this.answers.scales[key];
+    const id = `tlx-${key}`;
+    const slider = make("input", {
+      type: "range",
+      id,
+      min: "0",
+      max: "100",
+      step: "5",
+      "aria-describedby": `${id}-question`,
+    });
+    slider.value = String(before ?? 50);
+    slider.dataset["answered"] = String(before !== undefined);
+    const shown = make("output", { for: id }, before === undefined ? "–" : String(before));
+    const take = () => {
+      this.answers.scales[key] = slider.valueAsNumber;
+      slider.dataset["answered"] = "true";
+      setText(shown, slider.value);
+      this.note();
+    };
+    for (const kind of ["input", "change", "pointerup"]) slider.addEventListener(kind, take);
+    slider.addEventListener("keydown", (event) => {
+      if (event.key === " " || event.key === "Enter") take();
+    });
+    const ends = make("div", { class: "ends" }, make("span", {}, low), make("span", {}, high));
+    return make(
+      "div",
+      { class: "scale" },
+      make("label", { for: id }, title),
+      make("p", { id: `${id}-question` }, question),
+      shown,
+      slider,
+      ends,
+    );
+  }
+
+  /**
+   * @param {typeof SCALES[number]} first
+   * @param {typeof SCALES[number]} second
+   */
+  pair(first, second) {
+    const name = `${first[0]}-${second[0]}`;
+    const choices = [first, second].map(([key, title]) => {
+      const radio = make("input", { type: "radio", name, value: key });
+      radio.checked = this.answers.pairs[name] === key;
+      radio.addEventListener("change", () => {
+        this.answers.pairs[name] = key;
+        this.note();
+      });
+      return make("label", {}, radio, title);
+    });
+    return make(
+      "fieldset",
+      { class: "pair" },
+      make("legend", { class: "unseen" }, `${first[1]} or ${second[1].toLowerCase()}`),
+      ...choices,
+    );
+  }
+
+  /** Keep what was filled in, and say what is missing. */
+  note() {
+    sessionStorage.setItem(STORED, JSON.stringify(this.answers));
+    const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) =>
+      title.toLowerCase(),
+    );
+    const pairs = this.asksWeights ? PAIRS.length - Object.keys(this.answers.pairs).length : 0;
+    const missing = [...open, ...(pairs ? [`${pairs} of ${PAIRS.length} pairs`] : [])];
+    button("tlx-send").disabled = missing.length > 0;
+    setText(element("tlx-missing"), missing.length ? `Still to answer: ${missing.join(", ")}.` : "All is answered.");
+  }
+
+  send() {
+    const { scales, pairs } = this.answers;
+    const chosen = Object.values(pairs);
+    const weights = this.asksWeights
+      ? Object.fromEntries(SCALES.map(([key]) => [key, chosen.filter((other) => other === key).length]))
+      : null;
+    if (!this.app.send({ type: "tlx", scales, weights }))
+      return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
+    sessionStorage.removeItem(STORED);
+    this.isSent = true;
+    this.update();
+    this.app.say("Thank you: your answers are noted.");
+  }
+
+  /**
+   * The answers did not arrive.
+   * @param {string} why
+   */
+  reopen(why) {
+    if (!this.isSent) return;
+    sessionStorage.setItem(STORED, JSON.stringify(this.answers));
+    this.isSent = false;
+    this.update();
+    setText(element("tlx-missing"), `Not accepted: ${why}.`);
+  }
+}

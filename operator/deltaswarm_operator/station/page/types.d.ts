@@ -1,0 +1,165 @@
+/** Messages between the feed and the page; the operator's `station` documentation says what each means. */
+
+/** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report. */
+export type AgentRow = [number, number, number, string, number, number, number, number];
+/** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody). */
+export type EventRow = [number, number, number, number, number, number];
+/** number, time [s], agent, role, followers, events, whether it tells something new. */
+export type InboxRow = [number, number, number, string, number, number[], boolean | number];
+/** number, name, target in words, arguments, sent [s], heard by, done by, refused by, expires [s], state. */
+export type CommandRow = [
+  number,
+  string,
+  string,
+  Record<string, unknown>,
+  number,
+  number,
+  number,
+  number,
+  number,
+  string,
+];
+/** time [s], rate over 1 s [Hz], rate over 60 s [Hz]. */
+export type HistoryRow = [number, number, number];
+export type Point = [number, number];
+
+export type TargetKind = "all" | "circle" | "tree" | "agent" | "place";
+
+export interface Argument {
+  name: string;
+  kind: "integer" | "number" | "text" | "choice";
+  low?: number;
+  high?: number;
+  choices?: (string | number)[];
+  unit?: string;
+  default?: string | number;
+  help?: string;
+}
+
+export interface Form {
+  name: string;
+  help: string;
+  targets: TargetKind[];
+  arguments: Argument[];
+}
+
+export interface Session {
+  sheet?: { consent: string; participant: string; condition: string } | null;
+  asks: { isa: boolean; tlx: boolean; weights: boolean };
+}
+
+export interface Hello {
+  type: "hello";
+  kind: "live" | "replay" | "researcher";
+  run: string;
+  title: string;
+  step_s: number;
+  duration_s: number;
+  arena_m: Point;
+  obstacles: Point[][];
+  base_m: Point | null;
+  range_m: number | null;
+  agents: number;
+  thresholds_hz: number[];
+  commands: Form[];
+  speeds: number[];
+  session: Session | null;
+}
+
+export interface Workload {
+  messages: number;
+  rate_1s_hz: number;
+  rate_60s_hz: number;
+  senders: number;
+  residue: number;
+  above_s: number[];
+}
+
+export type Probe =
+  { kind: "isa"; number: number; asked_s: number; left_s: number } | { kind: "tlx" } | { kind: "sheet" };
+
+export interface Truth {
+  agents: [number, number, number, string, number, number][];
+  events: [number, number, number, number][];
+}
+
+export interface Picture {
+  type: "picture";
+  step: number;
+  time_s: number;
+  over: boolean;
+  agents: AgentRow[];
+  events: EventRow[];
+  inbox: InboxRow[];
+  unread: number;
+  workload: Workload;
+  commands: CommandRow[];
+  pace: { paused: boolean; speed: number };
+  probe: Probe | null;
+  replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
+  truth?: Truth;
+}
+
+export interface CatchUp {
+  type: "catch_up";
+  inbox: InboxRow[];
+  read: number[];
+  history: HistoryRow[];
+}
+
+export type Message =
+  | Hello
+  | Picture
+  | CatchUp
+  | { type: "refused"; id: string | null; why: string }
+  | { type: "accepted"; id: string; number: number }
+  | { type: "read"; items: number[] }
+  | { type: "ended" };
+
+export type Target =
+  | { kind: "all" }
+  | { kind: "circle"; x_m: number; y_m: number; radius_m: number }
+  | { kind: "place"; x_m: number; y_m: number }
+  | { kind: "tree"; root: number }
+  | { kind: "agent"; agent: number };
+
+export type Intent = { type: string } & Record<string, unknown>;
+
+export interface Selection {
+  kind: "agent" | "event";
+  id: number;
+}
+
+/** A command form that waits for a place, a tree or an agent on the map. */
+export interface Pick {
+  kind: TargetKind;
+  target(): Partial<{ x_m: number; y_m: number; radius_m: number; root: number; agent: number }>;
+  place(x_m: number, y_m: number): void;
+  radius(radius_m: number): void;
+  agent(id: number): void;
+}
+
+/** What panels share. */
+export interface App {
+  model: import("./model.js").Model;
+  selection: Selection | null;
+  pick: Pick | null;
+  send(intent: Intent): boolean;
+  say(text: string): void;
+  select(selection: Selection | null, reveal?: boolean): void;
+  redraw(): void;
+}
+
+declare global {
+  /** The part of uPlot 1.6 that is used here. */
+  class uPlot {
+    constructor(options: object, data: (number | null)[][], target: HTMLElement);
+    setData(data: (number | null)[][]): void;
+    setSize(size: { width: number; height: number }): void;
+    destroy(): void;
+    valToPos(value: number, scale: string, canvas?: boolean): number;
+    ctx: CanvasRenderingContext2D;
+    bbox: { left: number; top: number; width: number; height: number };
+    root: HTMLElement;
+  }
+}

@@ -1,0 +1,123 @@
+/** Words for people: times, ages, who is doing what. */
+
+/** @typedef {import("./types.js").AgentRow} AgentRow */
+/** @typedef {import("./types.js").EventRow} EventRow */
+/** @typedef {import("./types.js").InboxRow} InboxRow */
+/** @typedef {import("./types.js").CommandRow} CommandRow */
+
+/**
+ * 65 as 1:05, 3723 as 1:02:03.
+ * @param {number} time_s
+ */
+export function clock(time_s) {
+  const whole = Math.max(0, Math.floor(time_s));
+  const hours = Math.floor(whole / 3600);
+  const minutes = Math.floor((whole % 3600) / 60);
+  const seconds = String(whole % 60).padStart(2, "0");
+  return hours ? `${hours}:${String(minutes).padStart(2, "0")}:${seconds}` : `${minutes}:${seconds}`;
+}
+
+/** @param {number} age_s */
+export function age(age_s) {
+  const whole = Math.max(0, Math.round(age_s));
+  if (whole < 100) return `${whole} s`;
+  if (whole < 100 * 60) return `${Math.round(whole / 60)} min`;
+  return `${Math.round(whole / 3600)} h`;
+}
+
+/** @param {number} age_s */
+export const ago = (age_s) => (age_s < 0.5 ? "just now" : `${age(age_s)} ago`);
+
+/**
+ * @param {number} count
+ * @param {string} what
+ */
+export const count = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+
+/**
+ * A number as people write it: at most so many digits after the point, and no zeros at the end.
+ * @param {number} value
+ * @param {number} digits
+ */
+export const number = (value, digits = 1) => String(Number(value.toFixed(digits)));
+
+/** @param {number} speed */
+export function speed(speed) {
+  if (speed === 0) return "as fast as possible";
+  return speed < 0 ? `${-speed}× backwards` : `${speed}×`;
+}
+
+/**
+ * What an agent does, as far as it was told.
+ * @param {AgentRow} agent
+ * @param {AgentRow[]} agents
+ * @param {EventRow[]} events
+ */
+export function doing([id, x_m, y_m, role, parent, root], agents, events) {
+  if (role === "root") {
+    const followers = agents.filter((other) => other[5] === id && other[0] !== id).length;
+    return followers ? `root of a tree, ${count(followers, "known follower")}` : "root of a tree";
+  }
+  if (role === "attending") {
+    const near = events.filter((event) => event[5] === id);
+    near.sort((a, b) => Math.hypot(a[1] - x_m, a[2] - y_m) - Math.hypot(b[1] - x_m, b[2] - y_m));
+    return near[0] ? `at event ${near[0][0]}` : "at an event";
+  }
+  if (role === "member") {
+    if (root < 0) return "member of a tree";
+    return parent >= 0 && parent !== root
+      ? `in the tree of agent ${root}, below agent ${parent}`
+      : `in the tree of agent ${root}`;
+  }
+  return role || "role unknown";
+}
+
+/**
+ * @param {AgentRow} agent
+ * @param {number} now_s
+ */
+export function seen(agent, now_s) {
+  const by = agent[7]
+    ? "seen"
+    : agent[5] >= 0 && agent[5] !== agent[0]
+      ? `named by agent ${agent[5]}`
+      : "named by another agent";
+  return `${by} ${ago(now_s - agent[6])}`;
+}
+
+/**
+ * @param {EventRow} event
+ * @param {number} now_s
+ */
+export function reported([, , , first_s, seen_s, by], now_s) {
+  const who = by >= 0 ? ` by agent ${by}` : "";
+  return `known since ${clock(first_s)}, reported ${ago(now_s - seen_s)}${who}`;
+}
+
+/**
+ * @param {number} x_m
+ * @param {number} y_m
+ */
+export const place = (x_m, y_m) => `(${number(x_m)}, ${number(y_m)}) m`;
+
+/** @param {InboxRow} item */
+export function message([, , , role, followers, events]) {
+  const what = events.length ? `${events.length > 1 ? "events" : "event"} ${events.join(", ")}` : "no event";
+  const who = followers > 0 ? `${role}, ${count(followers, "follower")}` : role;
+  return who ? `${who}: ${what}` : what;
+}
+
+/** @param {CommandRow} command */
+export function order([, name, , values]) {
+  const given = Object.entries(values).map(([key, value]) => (name.endsWith(key) ? `${value}` : `${key} ${value}`));
+  return given.length ? `${name} ${given.join(", ")}` : name;
+}
+
+/** @param {CommandRow} command */
+export function fate([, , , , , heard, done, refused, , state]) {
+  const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
+  if (done) parts.push(`done by ${done}`);
+  if (refused) parts.push(`refused by ${refused}`);
+  if (state === "expired") return heard ? `${parts.join(", ")}; expired` : "expired, heard by nobody";
+  return parts.join(", ");
+}

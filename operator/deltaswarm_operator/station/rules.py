@@ -1,0 +1,102 @@
+"""Whom the station lets in, and which messages of a browser it hands on. Pure."""
+
+import hmac
+import ipaddress
+from collections.abc import Mapping
+from urllib.parse import urlsplit
+
+import orjson
+
+INTENTS = frozenset({"command", "pace", "read", "isa", "tlx", "note", "sheet", "catch_up", "seek"})
+
+MAX_INTENT_BYTES = 16 * 1024
+
+MAX_INTENTS_PER_S = 60
+"""Of one browser: a person who drags a slider stays far below it."""
+
+HEADERS: Mapping[str, str] = {
+    "Content-Security-Policy": (
+        "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    ),
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+"""Of every answer: nothing from elsewhere, no inline script, no frame, and the token leaks to nobody."""
+
+
+class RefusedError(ValueError):
+    """A message of a browser that is not handed on."""
+
+    def __init__(self, why: str, command: str | None = None) -> None:
+        super().__init__(why)
+        self.command = command
+        """The browser's own name of the command, so that it can tell which one was refused."""
+
+
+def is_our_host(host: str | None, listen: str) -> bool:
+    """Whether a request's Host header names this station.
+
+    A page from elsewhere can point its own name at this address (DNS rebinding), so a name must be ours; an address
+    cannot be rebound. The port may be that of a tunnel.
+    """
+    try:
+        name = urlsplit(f"//{host}").hostname or ""
+    except ValueError:
+        return False
+    if name in ("localhost", listen):
+        return True
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return address.is_loopback or not _is_loopback(listen)
+
+
+def is_our_origin(origin: str | None, host: str) -> bool:
+    """Whether a WebSocket is opened by a page of this station: browsers always name the page's origin."""
+    return origin == f"http://{host}"
+
+
+def path_below(token: str, path: str) -> str | None:
+    """What follows `/token/` in a request's path, None if the token is wrong."""
+    given, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
+    is_right = hmac.compare_digest(given.encode(errors="replace"), token.encode())
+    return rest if is_right and path.startswith(f"/{token}/") else None
+
+
+def intent_of(message: str | bytes, browser: int) -> bytes:
+    """A browser's message as the datagram for the feed, with the browser's number.
+
+    The feed checks everything again; this only keeps out what is no intent at all.
+
+    Raises:
+        RefusedError: it is too long, no JSON object, or of no known type.
+    """
+    if not isinstance(message, str):
+        raise RefusedError("a message must be text")
+    try:
+        intent = orjson.loads(message)
+    except orjson.JSONDecodeError:
+        raise RefusedError("a message must be JSON") from None
+    if not isinstance(intent, dict):
+        raise RefusedError("a message must be a JSON object")
+    command = intent.get("id")
+    command = command if isinstance(command, str) else None
+    if not isinstance(intent.get("type"), str) or intent["type"] not in INTENTS:
+        raise RefusedError(f"a message's type must be one of {', '.join(sorted(INTENTS))}", command)
+    intent["from"] = browser
+    datagram = orjson.dumps(intent)
+    if len(datagram) > MAX_INTENT_BYTES + 64:
+        raise RefusedError(f"a message must be at most {MAX_INTENT_BYTES} bytes long", command)
+    return datagram
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

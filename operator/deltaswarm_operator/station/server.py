@@ -1,0 +1,256 @@
+"""The station's sockets: the newest picture from the feed to browsers, and what people do in them to the feed.
+
+It never waits for a browser nor for the feed: who cannot take a message now is skipped.
+"""
+
+import asyncio
+import logging
+import socket
+from collections.abc import Iterable
+from http import HTTPStatus
+from pathlib import Path
+
+import orjson
+from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
+from websockets.datastructures import Headers
+from websockets.exceptions import ConnectionClosed
+from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFactory
+from websockets.http11 import Request, Response
+
+from deltaswarm_operator.station import rules
+
+log = logging.getLogger("deltaswarm.station")
+
+MAX_BROWSERS = 20
+MAX_CONNECTIONS = 80
+"""Those that fetch files included: a browser opens six at once."""
+
+SLOW_BYTES = 64 * 1024
+"""A browser that has not taken this much yet gets no picture."""
+
+STUCK_BYTES = 1024 * 1024
+"""One that has not taken this much of the answers is let go; its page connects again and catches up."""
+
+SEND_BUFFER_BYTES = 128 * 1024
+"""Of a connection in the kernel, so that a browser that stops and goes on is not shown a long past."""
+
+MAX_DATAGRAM_BYTES = 1024 * 1024
+MAX_DATAGRAMS_AT_ONCE = 64
+LINGER_S = 5.0
+"""How long the station stays after its feed has closed, for a page that is just being loaded."""
+
+ENDED = '{"type":"ended"}'
+PICTURE = b'{"type":"picture"'
+
+PAGE = Path(__file__).parent / "page"
+MIME_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+}
+
+COMPRESSION = [ServerPerMessageDeflateFactory(server_max_window_bits=15, compress_settings={"level": 1, "memLevel": 8})]
+"""A window that reaches back to the picture before, from which the next one differs little."""
+
+
+class Visitor(ServerConnection):
+    """A connection; there are only so many at a time."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """Take it in, or drop it at once."""
+        super().connection_made(transport)
+        transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        if len(self.server.handler_tasks) > MAX_CONNECTIONS and isinstance(transport, asyncio.Transport):
+            transport.abort()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """What its browser has not taken yet."""
+        return int(self.transport.get_write_buffer_size())
+
+
+class Station:
+    """Everything between one feed and its browsers."""
+
+    def __init__(self, feed: socket.socket, token: str) -> None:
+        self.dropped = 0
+        """Intents that were refused, or that the feed could not take."""
+        self._feed = feed
+        self._token = token
+        self._listen = ""
+        self._files = {
+            path.relative_to(PAGE).as_posix(): (MIME_TYPES[path.suffix], path.read_bytes())
+            for path in sorted(PAGE.rglob("*"))
+            if path.suffix in MIME_TYPES
+        }
+        self._browsers: dict[int, Visitor] = {}
+        self._newest_browser = 0
+        self._hello: str | None = None
+        self._picture: str | None = None
+        self._has_ended = False
+        self._stop = asyncio.Event()
+        self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
+
+    async def run(self, host: str, port: int) -> None:
+        """Serve until the feed has closed, or `stop`; prints the URL when browsers may come.
+
+        Raises:
+            OSError: it cannot listen there.
+        """
+        self._listen = host
+        self._feed.setblocking(False)
+        loop = asyncio.get_running_loop()
+        async with serve(
+            self._converse,
+            host,
+            port,
+            create_connection=Visitor,
+            process_request=self._answer,
+            extensions=COMPRESSION,
+            compression=None,
+            max_size=rules.MAX_INTENT_BYTES,
+            open_timeout=5.0,
+            close_timeout=1.0,
+            server_header=None,
+            logger=_quiet_logger(),
+        ) as server:
+            loop.add_reader(self._feed.fileno(), self._hear_feed)
+            print(self._url(server), flush=True)
+            await self._stop.wait()
+            loop.remove_reader(self._feed.fileno())
+
+    def stop(self) -> None:
+        """End soon."""
+        self._stop.set()
+
+    def _url(self, server: Server) -> str:
+        host, port = next(iter(server.sockets)).getsockname()[:2]
+        return f"http://{f'[{host}]' if ':' in host else host}:{port}/{self._token}/"
+
+    def _hear_feed(self) -> None:
+        """Take all that is there; of the pictures only the newest is shown."""
+        picture = None
+        for _ in range(MAX_DATAGRAMS_AT_ONCE):
+            try:
+                datagram = bytes(self._buffer[: self._feed.recv_into(self._buffer)])
+            except (BlockingIOError, InterruptedError):
+                break
+            except OSError:
+                datagram = b""
+            if not datagram:
+                self._end()
+                break
+            if datagram.startswith(PICTURE):
+                picture = datagram
+            else:
+                self._pass_on(datagram)
+        if picture is not None:
+            self._picture = picture.decode(errors="replace")
+            browsers = self._browsers.values()
+            broadcast([browser for browser in browsers if browser.waiting_bytes < SLOW_BYTES], self._picture)
+
+    def _pass_on(self, datagram: bytes) -> None:
+        """Anything but a picture: to the browser that it names, else to all."""
+        try:
+            message = orjson.loads(datagram)
+            kind, to = message["type"], message.get("to")
+        except (orjson.JSONDecodeError, TypeError, KeyError, AttributeError):
+            log.warning("the feed sent what is no message: %r", datagram[:80])
+            return
+        text = datagram.decode()
+        if kind == "hello":
+            self._hello = text
+        self._tell(
+            self._browsers.values() if to is None else [self._browsers[to]] if to in self._browsers else [], text
+        )
+
+    def _tell(self, browsers: Iterable[Visitor], text: str) -> None:
+        """Send what must not be skipped; a browser that takes nothing any more is let go."""
+        able = []
+        for browser in browsers:
+            if browser.waiting_bytes < STUCK_BYTES:
+                able.append(browser)
+            else:
+                browser.transport.abort()
+        broadcast(able, text)
+
+    def _end(self) -> None:
+        loop = asyncio.get_running_loop()
+        loop.remove_reader(self._feed.fileno())
+        self._has_ended = True
+        self._tell(self._browsers.values(), ENDED)
+        loop.call_later(LINGER_S, self.stop)
+
+    def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
+        """A file, an error, or None for what may become a WebSocket."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not rules.is_our_host(hosts[0], self._listen):
+            return _response(HTTPStatus.MISDIRECTED_REQUEST)
+        below = rules.path_below(self._token, request.path)
+        if below == "live":
+            if len(origins) != 1 or not rules.is_our_origin(origins[0], hosts[0]):
+                return _response(HTTPStatus.FORBIDDEN)
+            if len(self._browsers) >= MAX_BROWSERS:
+                return _response(HTTPStatus.SERVICE_UNAVAILABLE)
+            return None
+        found = self._files.get(below or "index.html") if below is not None else None
+        return _response(HTTPStatus.OK, *found) if found else _response(HTTPStatus.NOT_FOUND)
+
+    async def _converse(self, connection: ServerConnection) -> None:
+        """Everything between the station and one browser."""
+        assert isinstance(connection, Visitor)
+        if len(self._browsers) >= MAX_BROWSERS:  # several shook hands at the same time
+            await connection.close(1013, "too many browsers")
+            return
+        self._newest_browser += 1
+        number = self._newest_browser
+        for text in (self._hello, self._picture, ENDED if self._has_ended else None):
+            if text is not None:
+                broadcast([connection], text)
+        self._browsers[number] = connection
+        try:
+            await self._listen_to(connection, number)
+        except ConnectionClosed:
+            pass  # also where it sent too much at once
+        finally:
+            del self._browsers[number]
+
+    async def _listen_to(self, browser: Visitor, number: int) -> None:
+        loop = asyncio.get_running_loop()
+        since_s, count = loop.time(), 0
+        async for message in browser:
+            count += 1
+            if loop.time() - since_s >= 1.0:
+                since_s, count = loop.time(), 1
+            if count > rules.MAX_INTENTS_PER_S:
+                await browser.close(1008, "too many messages")
+                return
+            try:
+                self._to_feed(rules.intent_of(message, number))
+            except rules.RefusedError as refusal:
+                self.dropped += 1
+                answer = {"type": "refused", "to": number, "id": refusal.command, "why": str(refusal)}
+                self._tell([browser], orjson.dumps(answer).decode())
+
+    def _to_feed(self, datagram: bytes) -> None:
+        try:
+            self._feed.send(datagram)
+        except (BlockingIOError, InterruptedError):
+            command = orjson.loads(datagram).get("id")
+            raise rules.RefusedError("the operator is busy: try again", command) from None
+        except OSError:
+            raise rules.RefusedError("the run has ended") from None
+
+
+def _response(status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", body: bytes | None = None) -> Response:
+    body = f"{status.phrase}\n".encode() if body is None else body
+    headers = {**rules.HEADERS, "Content-Type": mime_type, "Content-Length": str(len(body)), "Connection": "close"}
+    return Response(status.value, status.phrase, Headers(headers), body)
+
+
+def _quiet_logger() -> logging.Logger:
+    """Of the library: a browser that goes away, or a stranger, is no event worth a traceback."""
+    logger = logging.getLogger("deltaswarm.station.websockets")
+    logger.setLevel(logging.CRITICAL)
+    return logger

@@ -1,0 +1,34 @@
+"""`deltaswarm replay`."""
+
+import argparse
+import importlib
+import tempfile
+from pathlib import Path
+
+from deltaswarm_orchestrator.exits import USAGE, complain
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm replay`."""
+    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
+    command.add_argument(
+        "--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="where the page is served (default: any free port)"
+    )
+    command.set_defaults(func=replay)
+
+
+def replay(arguments: argparse.Namespace) -> int:
+    """`deltaswarm replay`: serve the station's page from a recording, until Ctrl-C."""
+    from deltaswarm_orchestrator.recording.records import RecordingError
+    from deltaswarm_orchestrator.recording.replay import write_steps
+
+    with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
+        steps = Path(folder) / "steps.msgpack"
+        try:
+            write_steps(arguments.run, steps)
+        except (RecordingError, OSError) as error:
+            complain(f"{arguments.run}: {error}")
+            return USAGE
+        replaying = importlib.import_module("deltaswarm_operator.replaying")
+        code: int = replaying.main([str(steps), "--run", arguments.run.name, "--listen", arguments.listen])
+    return code

@@ -1,0 +1,26 @@
+"""`deltaswarm station`."""
+
+import argparse
+import webbrowser
+from pathlib import Path
+
+from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.run.station import address
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm station`."""
+    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
+    command.set_defaults(func=station)
+
+
+def station(arguments: argparse.Namespace) -> int:
+    """`deltaswarm station`: print the address of a running station's page, and open it where there is a browser."""
+    under_way = arguments.run.with_name(arguments.run.name + ".part")
+    url = address(under_way)
+    if url is None:
+        complain(f"{arguments.run}: no run with a station is under way there; see: deltaswarm replay {arguments.run}")
+        return FAILED
+    print(url)
+    webbrowser.open(url)
+    return OK

@@ -1,0 +1,149 @@
+"""What the world takes in while it waits: samples, tokens, the operator's words; and its sign of life."""
+
+import logging
+import time
+from collections.abc import Callable
+
+from deltaswarm_wire.commands import Pace, Turn
+from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_wire.operator_messages import Status
+from deltaswarm_wire.orders import ProcessOrder
+from deltaswarm_world.config import WorldConfig
+from deltaswarm_world.handing_on import HandingOn
+from deltaswarm_world.pace import RealTimePace
+from deltaswarm_world.rhythm import Rhythm
+from deltaswarm_world.saving import SavedWorld
+from deltaswarm_world.turns import LIVE, OFF
+from deltaswarm_world.waker import Counted, Said, Taken, Waker
+from deltaswarm_world.wires import Wires
+
+log = logging.getLogger("deltaswarm.world")
+
+STATUS_EVERY_S = 0.5
+
+
+class Attention:
+    """The state of one run at the world's edge. The world's process decides by it what to do next."""
+
+    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
+        self._config = config
+        self._settings = config.scenario.run
+        self._core = saved.core
+        self._wires = wires
+        self._waker = waker
+        self._handing_on = HandingOn(wires.forwarded, wires.clock)
+        self._handing_on.confirm(self._core.lockstep.step)
+        self._has_begun = False
+        self._pace: RealTimePace | None = None
+        turns = self._core.turns
+        if config.has_station and turns.mode == OFF:
+            turns.mode = LIVE
+        self._rhythm = Rhythm(turns, self._settings.step_s, time.monotonic)
+        self._in_hand: ProcessOrder | None = None
+        """What is being done to processes, on order: their tokens come and go as planned."""
+        self._status_due = 0.0
+        self._there: set[tuple[str, int]] = set()
+        self._taken: dict[str, int] = {}
+        """By role, the newest step that operator and recorder have, since they came."""
+        self._is_over = False
+        """The last clock has gone out."""
+        self._operator_left = False
+        """The operator went, and has not been given what it missed."""
+        self._warned: set[int] = set()
+
+    def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
+
+        Raises:
+            InterruptedError: a signal came, and the condition did not hold soon.
+        """
+        began = time.monotonic()
+        self._waker.wake_at(began + within_s)
+        while not condition():
+            if self._wires.take(self._take):
+                continue
+            self._look_up()
+            if not condition() and time.monotonic() >= self._waker.deadline:
+                if self._waker.stop_requested:
+                    raise InterruptedError("stopped by a signal")
+                return False
+        if self._pace:
+            self._pace.pause(time.monotonic() - began)
+        return True
+
+    def _look_up(self) -> None:
+        """What the world does each time that it is woken."""
+        self._take_news()
+        if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
+            step = self._core.lockstep.step
+            self._send_status(step, "running" if self._has_begun else "waiting")
+
+    def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
+        """Take one sample of an agent."""
+        hanging = self._core.lockstep.hanging
+        was_hanging = agent in hanging
+        reason = self._core.inbox.hear(agent, leaf, data, act)
+        if was_hanging and agent not in hanging:
+            log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
+        if reason is not None and agent not in self._warned:
+            self._warned.add(agent)
+            log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
+
+    def _take_news(self) -> None:
+        """Take note of who came and who went, and of what operator and recorder have, in that order.
+
+        What the operator counted is handed on to the recorder.
+        """
+        while self._waker.news:
+            news = self._waker.news.popleft()
+            if isinstance(news, Taken):
+                self._taken[news.role] = news.step
+                if news.role == OPERATOR and not self._operator_left:
+                    self._handing_on.confirm(news.step)
+                continue
+            if isinstance(news, Counted):
+                self._wires.workload(news.data)
+                continue
+            if isinstance(news, Said):
+                self._take_word(news.word)
+                continue
+            role, number, is_there = news
+            (self._there.add if is_there else self._there.discard)((role, number))
+            if role == AGENT and number < self._config.scenario.agents.count:
+                self._take_token(number, is_there)
+            elif not is_there:
+                self._taken.pop(role, None)
+                self._operator_left |= role == OPERATOR and self._has_begun
+
+    def _take_word(self, word: Turn | Pace) -> None:
+        """The operator's turn, or the pace that it wants."""
+        if isinstance(word, Pace):
+            self._rhythm.take(word)
+        elif reason := self._core.turns.take(word):
+            log.warning("dropped: %s", reason)
+
+    def _take_token(self, agent: int, there: bool) -> None:
+        """An agent came or went."""
+        lockstep = self._core.lockstep
+        if self._in_hand is not None and agent in self._in_hand.agents:
+            return
+        (lockstep.back if there else lockstep.gone)(agent)
+        if there and agent in lockstep.boards:
+            self._core.inbox.go_on_anywhere(agent)
+        if self._has_begun and not self._is_over:
+            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
+
+    def _send_status(self, step: int, phase: str) -> None:
+        self._status_due = time.monotonic() + STATUS_EVERY_S
+        core = self._core
+        self._wires.status(
+            Status(
+                max(step, 0),
+                self._settings.steps,
+                max(step, 0) * self._settings.step_s,
+                len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
+                core.agents_in_trees,
+                core.environment.mean_waiting_s(),
+                phase,
+            )
+        )
