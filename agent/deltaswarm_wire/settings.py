@@ -14,7 +14,7 @@ from deltaswarm_wire.commands import BASE, CommandForm
 from deltaswarm_wire.settings_downlink import CommandSettings, DownlinkSettings, downlink_problems
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_obstacles import ObstacleSettings, obstacle_problems
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, begun_with
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
@@ -169,7 +169,12 @@ class Scenario:
     @property
     def has_commander(self) -> bool:
         """Whether a scripted or simulated operator may give commands, so that its turns are waited for."""
-        return bool(self.command)
+        return bool(self.command) or self.operator.person.commands
+
+    @property
+    def has_desk(self) -> bool:
+        """Whether somebody who is no human sits at the operator's desk."""
+        return self.has_commander or self.operator.person.is_on
 
     def problems(self) -> list[Problem]:
         """Check what involves several keys."""
@@ -239,7 +244,7 @@ class Scenario:
             range_m=self.uplink.range_m,
             agents=self.agents.count,
             operator=self.operator,
-            forms=forms,
+            forms=begun_with(forms, self.control.options),
             command=self.command,
             speed=speed,
         )

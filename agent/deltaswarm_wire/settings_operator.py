@@ -1,8 +1,10 @@
 """What the operator is told of a run: how workload is measured, the area, the commands, the probes; never the truth."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
 
-from deltaswarm_wire.checked import key
+from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.settings_downlink import CommandSettings
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
@@ -25,6 +27,66 @@ class ProbeSettings:
     consent: str = key("", "a text that a participant must agree to before the run begins")
 
 
+OFF, NONE, THRESHOLD = "off", "none", "threshold"
+POLICIES = (OFF, NONE, THRESHOLD)
+
+SET_DELTA, DELTA = "set delta", "delta"
+"""The command of the policy `threshold`, and its argument; a controller may accept it."""
+
+
+@dataclass(frozen=True)
+class PersonSettings:
+    """A simulated person at the operator's desk; what each key stands for is in docs/OPERATOR.md."""
+
+    policy: str = key(
+        OFF,
+        "off: nobody is simulated; none: reads and commands nothing; threshold: changes delta by the message rate",
+        choices=POLICIES,
+    )
+    known_s: float = key(
+        1.0, "median time for an item that names nothing new, at best load [s]", source=OURS, above=0, high=3600
+    )
+    new_s: float = key(4.0, "median time for a new event or root, at best load [s]", source=OURS, above=0, high=3600)
+    command_s: float = key(6.0, "median time to give a command, at best load [s]", source=OURS, above=0, high=3600)
+    sigma: float = key(0.5, "spread of these times: sigma of a lognormal distribution", source=OURS, low=0, high=3)
+    memory_s: float = key(
+        300.0, "the load follows being busy with this time constant [s]", source=OURS, above=0, high=1e6
+    )
+    best_load: float = key(0.55, "load, from 0 to 1, at which work goes fastest", source=OURS, low=0, high=0.95)
+    slowing: float = key(0.5, "share by which full load prolongs all work", source=OURS, low=0, high=10)
+    patience_s: float = key(60.0, "an item that is unread for longer is missed [s]", source=OURS, above=0, high=1e6)
+    command_every_s: float = key(
+        60.0, "least time between two commands: the swarm settles first [s]", source=OURS, low=0, high=1e6
+    )
+    delta_step: int = key(
+        -1,
+        "change of delta while the 60 s message rate is above operator.threshold_hz",
+        source=OURS,
+        low=-100,
+        high=100,
+    )
+    delta_limit: int = key(2, "delta is changed up to this value", source=OURS, low=1, high=1000)
+    relief: float = key(
+        0.5, "below this share of the threshold delta goes back towards its first value", source=OURS, low=0, high=1
+    )
+
+    @property
+    def is_on(self) -> bool:
+        """Whether there is a simulated person."""
+        return self.policy != OFF
+
+    @property
+    def commands(self) -> bool:
+        """Whether the person may give commands, so that its turns are waited for."""
+        return self.policy == THRESHOLD
+
+    def problems(self) -> list[Problem]:
+        """A policy must be able to act."""
+        if self.commands and not self.delta_step:
+            return [Problem("delta_step", "0", "the policy 'threshold' changes delta: it must not be 0")]
+        return []
+
+
 @dataclass(frozen=True)
 class OperatorSettings:
     """How the workload is measured, and who the operator is."""
@@ -32,6 +94,7 @@ class OperatorSettings:
     threshold_hz: float = key(5.0, "time above this message rate is counted (sliding 60 s)", low=0)
     more_thresholds_hz: tuple[float, ...] = key((), "further thresholds that the station shows", low=0)
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
+    person: PersonSettings = key(PersonSettings, "a simulated person at the desk")
 
 
 @dataclass(frozen=True)
@@ -56,4 +119,20 @@ class Briefing:
     @property
     def is_awaited(self) -> bool:
         """Whether each step waits for the operator's turn."""
-        return bool(self.command)
+        return bool(self.command) or self.operator.person.commands
+
+
+def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tuple[CommandForm, ...]:
+    """Forms whose arguments begin with the controller's own options, where they have the same name."""
+    return tuple(
+        replace(
+            form,
+            arguments=tuple(
+                replace(argument, default=float(options[argument.name]))
+                if type(options.get(argument.name)) in (int, float)
+                else argument
+                for argument in form.arguments
+            ),
+        )
+        for form in forms
+    )

@@ -10,14 +10,15 @@ from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_operator.commander import Commander
+from deltaswarm_operator.person import Person, Read
 from deltaswarm_operator.picture import Item, Picture, item_row
-from deltaswarm_operator.probes import Probes
+from deltaswarm_operator.probes import ISA, Probes
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.commands import Pace, Target, Turn, make_target
+from deltaswarm_wire.commands import Pace, Target, Turn, make_target, named
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_downlink import FIRST_STEP
-from deltaswarm_wire.settings_operator import Briefing
+from deltaswarm_wire.settings_operator import DELTA, SET_DELTA, Briefing
 
 LIVE = "live"
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
@@ -37,6 +38,18 @@ class Deed(NamedTuple):
     detail: str
 
 
+def _person(briefing: Briefing) -> Person | None:
+    """The simulated person that a briefing asks for, if any."""
+    settings = briefing.operator.person
+    if not settings.is_on:
+        return None
+    form = named(briefing.forms, SET_DELTA)
+    first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
+    draw = Random(f"deltaswarm/{briefing.seed}/person").gauss
+    delta = None if first is None else round(first)
+    return Person(settings, lambda: draw(0.0, 1.0), briefing.operator.threshold_hz, delta)
+
+
 class Desk:
     """One operator's desk."""
 
@@ -44,6 +57,7 @@ class Desk:
         self.picture = Picture(briefing.step_s)
         self.commander = Commander(briefing.forms, sign)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
+        self.person = _person(briefing)
         self.pace = Pace(briefing.speed, -1)
         self.deeds: deque[Deed] = deque()
         """Acts that have not been written down yet."""
@@ -74,13 +88,15 @@ class Desk:
         self._step, self._is_over, self._workload = clock.step, clock.last, workload
         for report in reports:
             self.commander.hear(report)
-        self.picture.take(reports, clock.time_s)
+        items = self.picture.take(reports, clock.time_s)
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self._history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
         self.probes.tick(clock.time_s, clock.last, wall_s)
         self._follow_script(clock.step + FIRST_STEP)
+        if self.person is not None:
+            self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
         return self.turn()
 
     def turn(self) -> Turn:
@@ -94,6 +110,23 @@ class Desk:
             target = Target(scripted.target, scripted.numbers)
             self._command(scripted.name, target, scripted.arguments, scripted.life_s)
 
+    def _act_as(self, person: Person, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
+        """Do what the simulated person has done by now."""
+        for act in person.live(self.picture.now_s, items, rate_hz):
+            if isinstance(act, Read):
+                self._note("read", self.picture.read(act.numbers))
+            else:
+                self._command(SET_DELTA, Target(), {DELTA: act.delta})
+        asked = self.probes.open(wall_s)
+        if asked is not None and asked["kind"] == ISA:
+            self.probes.answer_isa(asked["number"], person.answer_isa(), wall_s)
+            self._note(ISA, person.isa)
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The figures of the simulated person, as JSON has them; nothing without one."""
+        return {} if self.person is None else {"person": self.person.totals}
+
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
         command = self.commander.give(name, target, arguments, self.picture.now_s, *life_s)
         self._note("command", [command.number, name, str(target), dict(arguments)])
@@ -102,10 +135,24 @@ class Desk:
     def _note(self, kind: str, detail: Any) -> None:
         self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
 
-    def go_on(self, step: int, commands: Sequence[Any]) -> None:
-        """Go on after a step; `commands` is what the commander before had as its `state`."""
+    def state(self) -> dict[str, Any]:
+        """All that is needed to go on, as JSON has it.
+
+        The picture is needed only by a simulated person: a human sees it filled by the next reports.
+        """
+        state: dict[str, Any] = {"commands": self.commander.state()}
+        if self.person is not None:
+            state |= {"person": self.person.state(), "picture": self.picture.state()}
+        return state
+
+    def go_on(self, step: int, state: Mapping[str, Any]) -> None:
+        """Go on after a step; `state` is what another desk's `state` said."""
         self._step = step
-        self.commander.go_on(commands)
+        self.commander.go_on(state.get("commands", ()))
+        self.probes.go_on(step * self._briefing.step_s)
+        if self.person is not None and "person" in state:
+            self.person.go_on(state["person"])
+            self.picture.go_on(state["picture"])
         while self._script and round(self._script[0].at_s / self._briefing.step_s) <= step + FIRST_STEP:
             self._script.popleft()
 

@@ -4,7 +4,7 @@ Pure: reports and clock in; places, roles, trees, events and inbox out. An agent
 and what was told is kept with its time: it ages, and nothing else is made up.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from deltaswarm_wire.messages import NOBODY
@@ -153,6 +153,26 @@ class Picture:
         """How many unread items are older than this [s]."""
         return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
 
+    def state(self) -> dict[str, Any]:
+        """All that is needed to go on, as JSON has it."""
+        return {
+            "now_s": self.now_s,
+            "agents": [[agent, *known] for agent, known in self.agents.items()],
+            "events": [[event, *known] for event, known in self.events.items()],
+            "inbox": self.inbox,
+            "unread": sorted(self.unread),
+            "told": [[agent, role, sorted(events)] for agent, (role, events) in self._told.items()],
+        }
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from what another's `state` said."""
+        self.now_s = state["now_s"]
+        self.agents = {agent: KnownAgent(*known) for agent, *known in state["agents"]}
+        self.events = {event: KnownEvent(*known) for event, *known in state["events"]}
+        self.inbox = [item_of(row) for row in state["inbox"]]
+        self.unread = set(state["unread"])
+        self._told = {agent: (role, frozenset(events)) for agent, role, events in state["told"]}
+
     def rows(self) -> dict[str, list[list[Any]]]:
         """Agents and events as the station's page takes them."""
         return {
@@ -165,6 +185,12 @@ class Picture:
                 for event, k in sorted(self.events.items())
             ],
         }
+
+
+def item_of(row: Sequence[Any]) -> Item:
+    """An item that was written as JSON."""
+    number, time_s, agent, role, followers, events, is_new = row
+    return Item(number, time_s, agent, role, followers, tuple(events), is_new)
 
 
 def item_row(item: Item) -> list[Any]:

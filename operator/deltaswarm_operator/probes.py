@@ -68,6 +68,12 @@ class Probes:
             self._isa_number += 1
             self._isa_due_s = self._next_isa_s(self._isa_due_s)
 
+    def go_on(self, now_s: float) -> None:
+        """Go on at a simulated time: what was due until then has been asked."""
+        while self._isa_due_s <= now_s:
+            self._isa_number += 1
+            self._isa_due_s = self._next_isa_s(self._isa_due_s)
+
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked
         if asked is None or asked.kind != ISA:

@@ -254,6 +254,11 @@ class OperatorProcess:
             elif arrival is Arrival.STOP:
                 break
 
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The figures of the whole run."""
+        return self.meter.totals | ({} if self._desk is None else self._desk.totals)
+
     def finish_desk(self) -> None:
         """Write down what the person did."""
         if self._desk is not None:
@@ -302,7 +307,7 @@ def run_operator(config: OperatorConfig) -> int:
         finally:
             process.finish_desk()
             output.finish(
-                {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **meter.totals}
+                {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **process.totals}
             )
     totals = meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR

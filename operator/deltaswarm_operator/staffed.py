@@ -1,5 +1,6 @@
 """The part of the operator's process that serves a desk: turns and pace out, the station's datagrams both ways."""
 
+import json
 import socket
 import time
 from collections.abc import Callable
@@ -114,13 +115,18 @@ class StaffedDesk:
         """Whether somebody at the station has still something to answer."""
         return self._channel is not None and self.desk.probes.open(time.monotonic()) is not None
 
-    def go_on(self, step: int, state: list[Any] | None) -> None:
+    def go_on(self, step: int, state: str | None) -> None:
         """Go on for an operator that was killed after a step: what it commanded has been sent."""
-        self.desk.go_on(step, state or [])
+        self.desk.go_on(step, json.loads(state) if state else {})
 
-    def state(self) -> list[Any]:
-        """All that is needed to go on, as JSON has it."""
-        return self.desk.commander.state()
+    def state(self) -> str:
+        """All that is needed to go on, as JSON: one text, since it may be long and is written often."""
+        return json.dumps(self.desk.state())
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """What the operator's totals have besides the workload."""
+        return self.desk.totals
 
     def finish(self) -> None:
         """Nothing comes any more."""

@@ -40,8 +40,8 @@ class InProcess:
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.desk: Desk | None = None
-        """A scripted operator, where the scenario has one."""
-        if scenario.has_commander:
+        """A scripted or simulated operator, where the scenario has one."""
+        if scenario.has_desk:
             self.desk = Desk(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
@@ -98,6 +98,7 @@ class InProcess:
         if self.desk is not None:
             reports = self.operator.reports_of_closed_step
             self.world.turns.take(self.desk.close(clock, workload, reports, time.monotonic()))
+            self.desk.deeds.clear()  # nobody writes them down
         return workload
 
 
@@ -162,5 +163,6 @@ def run_in_process(
     outcome.messages += swarm.failed
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
-    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **swarm.operator.totals}
+    totals = swarm.operator.totals | (swarm.desk.totals if swarm.desk else {})
+    outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **totals}
     return outcome

@@ -17,6 +17,7 @@ from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
+from deltaswarm_wire.settings_operator import SET_DELTA
 from deltaswarm_wire.settings_radio import RadioSettings
 
 
@@ -75,11 +76,15 @@ def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
 
 def _command_problems(scenario: Scenario) -> list[Problem]:
     """Whether the controller accepts the scripted commands."""
-    if not scenario.command:
+    if not scenario.has_commander:
         return []
     forms = forms_of(find_controller(scenario.control.mode))
     names = ", ".join(form.name for form in forms) or "none"
     problems = []
+    policy = scenario.operator.person.policy
+    if scenario.operator.person.commands and named(forms, SET_DELTA) is None:
+        wrong = f"needs a controller that accepts {SET_DELTA!r} ({scenario.control.mode} accepts: {names})"
+        problems.append(Problem("operator.person.policy", repr(policy), wrong))
     for number, command in enumerate(scenario.command):
         form = named(forms, command.name)
         wrong = f"must be a command that {scenario.control.mode} accepts: {names}"

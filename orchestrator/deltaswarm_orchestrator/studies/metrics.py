@@ -99,6 +99,16 @@ BUILT_IN: Mapping[str, Metric] = {
     "trees": Metric("Trees", "", "trees.mean", "trees"),
     "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
     "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
+    "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
+    "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
+    "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
+    "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
+    "person_unread": Metric("Unread items", "", "person.unread.mean"),
+    "person_missed": Metric("Items missed", "", "person.missed"),
+    "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
+    "person_commands": Metric("Commands", "", "person.commands"),
+    "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
+    "person_fan_out": Metric("Fan-out", "", "person.fan_out"),
 }
 PER_STEP = ("messages", "frames_sent", "frames_received")
 """Of these the series has numbers per step; the metric is per second."""

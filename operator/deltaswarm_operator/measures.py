@@ -1,0 +1,106 @@
+"""What is measured of a simulated person: how busy it was, what it missed, how soon it answered.
+
+Fan-out is an outcome, never an input: NT / IT + 1 (Crandall et al. 2005, doi 10.1109/tsmca.2005.850587; after Olsen &
+Wood 2004, activity time / interaction time). The interaction time IT is the mean time that the person spends on an item
+of an agent. The neglect time NT is the mean time from the end of that to the beginning of the next item of the same
+agent. Commands are for the swarm as a whole and count in neither.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from math import log
+from typing import Any
+
+HIGH_LOAD = 0.7
+"""Time above this utilisation is counted; beyond it people are overloaded (Donmez, Nehme & Cummings 2010)."""
+
+
+@dataclass
+class Measures:
+    """Counts and sums of one run; times are simulated [s]."""
+
+    items: int = 0
+    """Of which each is read, missed, replaced by a newer one before it was read, or unread."""
+    read: int = 0
+    missed: int = 0
+    replaced: int = 0
+    commands: int = 0
+    acknowledge_s: float = 0.0
+    time_s: float = 0.0
+    busy_s: float = 0.0
+    load_s: float = 0.0
+    high_s: float = 0.0
+    closes: int = 0
+    unread_sum: int = 0
+    unread_max: int = 0
+    interaction_s: float = 0.0
+    neglects: int = 0
+    neglect_s: float = 0.0
+    isa: list[int] = field(default_factory=list)
+    last_s: dict[int, float] = field(default_factory=dict)
+    """By agent, when the person was last done with an item of its."""
+
+    def see_load(self, before: float, after: float, passed_s: float, memory_s: float, *, is_busy: bool) -> None:
+        """Time in which the load went from one value to another, towards 1 if the person was busy, else towards 0."""
+        goal = float(is_busy)
+        self.time_s += passed_s
+        self.busy_s += goal * passed_s
+        self.load_s += goal * passed_s + memory_s * (before - after)
+        was, is_high = before > HIGH_LOAD, after > HIGH_LOAD
+        if was and is_high:
+            self.high_s += passed_s
+        elif was or is_high:
+            crossed_s = memory_s * log((before - goal) / (HIGH_LOAD - goal))
+            self.high_s += min(max(crossed_s if was else passed_s - crossed_s, 0.0), passed_s)
+
+    def see_unread(self, unread: int) -> None:
+        """How many items wait at the end of a step."""
+        self.closes += 1
+        self.unread_sum += unread
+        self.unread_max = max(self.unread_max, unread)
+
+    def interact(self, agent: int, began_s: float, ended_s: float) -> None:
+        """The person was concerned with an item of an agent."""
+        self.interaction_s += ended_s - began_s
+        if agent in self.last_s:
+            self.neglects += 1
+            self.neglect_s += began_s - self.last_s[agent]
+        self.last_s[agent] = ended_s
+
+    def totals(self, unread: int) -> dict[str, Any]:
+        """The figures of the run so far, as JSON has them; `unread` items wait."""
+        interaction_s = _share(self.interaction_s, self.read)
+        neglect_s = _share(self.neglect_s, self.neglects)
+        return {
+            "utilisation": _share(self.busy_s, self.time_s),
+            "load": _share(self.load_s, self.time_s),
+            "load_above_0_7_s": self.high_s,
+            "items": self.items,
+            "read": self.read,
+            "missed": self.missed,
+            "missed_share": _share(self.missed, self.items),
+            "replaced": self.replaced,
+            "unread": {"mean": _share(self.unread_sum, self.closes), "max": self.unread_max, "last": unread},
+            "acknowledge_s": _share(self.acknowledge_s, self.read),
+            "commands": self.commands,
+            "isa": _share(sum(self.isa), len(self.isa)),
+            "interaction_s": interaction_s,
+            "neglect_s": neglect_s,
+            "fan_out": neglect_s / interaction_s + 1 if interaction_s and neglect_s is not None else None,
+        }
+
+    def state(self) -> dict[str, Any]:
+        """All that is needed to go on, as JSON has it."""
+        return {
+            **{one.name: getattr(self, one.name) for one in fields(self)},
+            "last_s": sorted(self.last_s.items()),
+        }
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from what another's `state` said."""
+        for name, value in state.items():
+            setattr(self, name, dict(value) if name == "last_s" else value)
+
+
+def _share(total: float, of: float) -> float | None:
+    return total / of if of else None

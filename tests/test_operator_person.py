@@ -1,0 +1,236 @@
+"""The simulated operator: its items are read, missed or wait; its load is a share; the same seed, the same acts."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from random import Random
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_operator.measures import HIGH_LOAD, Measures
+from deltaswarm_operator.person import Act, Person, Read, SetDelta
+from deltaswarm_operator.picture import Item
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.settings_operator import NONE, THRESHOLD, PersonSettings
+
+CALM = PersonSettings(policy=NONE, sigma=0.0)
+THRESHOLD_HZ = 5.0
+
+Told = tuple[int, tuple[int, ...], bool]
+"""Of an item: its sender, its events, whether it is new."""
+
+items = st.tuples(st.integers(0, 4), st.lists(st.integers(0, 3), max_size=3).map(tuple), st.booleans())
+steps = st.lists(st.tuples(st.lists(items, max_size=6), st.floats(0.0, 12.0)), max_size=60)
+persons = st.builds(
+    PersonSettings,
+    policy=st.sampled_from([NONE, THRESHOLD]),
+    new_s=st.floats(0.1, 60.0),
+    sigma=st.floats(0.0, 1.5),
+    memory_s=st.floats(1.0, 1000.0),
+    best_load=st.floats(0.0, 0.95),
+    slowing=st.floats(0.0, 10.0),
+    patience_s=st.floats(0.5, 100.0),
+    command_every_s=st.floats(0.0, 30.0),
+    delta_step=st.sampled_from([-2, -1, 1, 3]),
+    delta_limit=st.integers(1, 9),
+)
+seeds = st.integers(0, 5)
+
+
+def person(settings: PersonSettings = CALM, seed: int = 0, delta: int | None = 4) -> Person:
+    """One person with a generator of its own."""
+    draw = Random(seed).gauss
+    return Person(settings, lambda: draw(0.0, 1.0), THRESHOLD_HZ, delta)
+
+
+def live(one: Person, told: Sequence[tuple[Sequence[Told], float]], first: int = 0) -> list[tuple[float, Act]]:
+    """What it does in steps of 1 s, in each of which it is told some items and a message rate."""
+    acts = []
+    for step, (arrived, rate_hz) in enumerate(told, first):
+        number = 100 * step
+        made = [
+            Item(number + index, float(step), agent, "free", 0, events, is_new)
+            for index, (agent, events, is_new) in enumerate(arrived)
+        ]
+        acts += [(float(step), act) for act in one.live(float(step), made, rate_hz)]
+    return acts
+
+
+@given(steps, persons, seeds)
+def test_every_item_is_read_missed_replaced_or_unread(
+    told: list[tuple[list[Told], float]], settings: PersonSettings, seed: int
+) -> None:
+    """None is lost, none counts twice; what is read is read once."""
+    one = person(settings, seed)
+    acts = live(one, told)
+    found = one.measures
+    assert found.items == sum(len(arrived) for arrived, _ in told)
+    assert found.items == found.read + found.missed + found.replaced + one.unread
+    numbers = [number for _, act in acts if isinstance(act, Read) for number in act.numbers]
+    assert len(numbers) == len(set(numbers))
+    assert found.read <= len(numbers) <= found.read + found.replaced
+
+
+@given(steps, persons, seeds)
+def test_the_load_is_a_share_and_so_is_its_mean(
+    told: list[tuple[list[Told], float]], settings: PersonSettings, seed: int
+) -> None:
+    """Utilisation state and busy time stay within 0 and 1; the time at high load within the time."""
+    one = person(settings, seed)
+    for step, (arrived, rate_hz) in enumerate(told):
+        live(one, [(arrived, rate_hz)], step)
+        assert 0.0 <= one.load <= 1.0
+        assert 1 <= one.isa <= 5
+    found = one.measures
+    assert found.time_s == pytest.approx(max(0, len(told) - 1))
+    assert -1e-9 <= found.load_s <= found.time_s + 1e-9
+    assert -1e-9 <= found.busy_s <= found.time_s + 1e-9
+    assert 0.0 <= found.high_s <= found.time_s + 1e-9
+
+
+@given(steps, persons, seeds, st.integers(0, 60))
+def test_one_that_goes_on_does_the_same(
+    told: list[tuple[list[Told], float]], settings: PersonSettings, seed: int, cut: int
+) -> None:
+    """The same seed gives the same acts, and one that was saved in between, as JSON, does not differ."""
+    whole = person(settings, seed)
+    acts = live(whole, told)
+    before, after = person(settings, seed), person(settings, seed)
+    first = live(before, told[:cut])
+    after.go_on(_through_json(before.state()))
+    assert first + live(after, told[cut:], len(told[:cut])) == acts
+    assert after.totals == whole.totals
+
+
+def _through_json(state: dict[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(json.dumps(state))
+    return found
+
+
+@given(steps, persons, seeds)
+def test_commands_keep_their_distance_and_their_bounds(
+    told: list[tuple[list[Told], float]], settings: PersonSettings, seed: int
+) -> None:
+    """Neglect benevolence: the swarm is left alone in between. Delta stays between its first value and the limit."""
+    one = person(settings, seed)
+    given_deltas = [act.delta for _, act in live(one, told) if isinstance(act, SetDelta)]
+    assert settings.policy == THRESHOLD or not given_deltas
+    low, high = sorted((4, settings.delta_limit))
+    assert all(low <= delta <= high for delta in given_deltas)
+    assert all(a != b for a, b in pairwise([4, *given_deltas]))
+    times = [at_s for at_s, act in live(person(settings, seed), told) if isinstance(act, SetDelta)]
+    assert all(b - a > settings.command_every_s - 1 for a, b in pairwise(times))
+
+
+def test_the_rate_moves_delta_and_lets_it_go_back() -> None:
+    """Above the threshold by one step after another down to the limit, below half of it up to where it began."""
+    settings = PersonSettings(policy=THRESHOLD, sigma=0.0, slowing=0.0, delta_limit=2)
+    one = person(settings, delta=4)
+    acts = live(one, [((), 6.0)] * 300 + [((), 4.0)] * 200 + [((), 1.0)] * 300)
+    assert [(at_s, act.delta) for at_s, act in acts if isinstance(act, SetDelta)] == [
+        (6.0, 3),
+        (72.0, 2),
+        (506.0, 3),
+        (572.0, 4),
+    ]
+
+
+def test_a_swarm_without_delta_is_commanded_nothing() -> None:
+    """Its controller has no such command."""
+    one = person(replace(CALM, policy=THRESHOLD), delta=None)
+    assert live(one, [((), 50.0)] * 300) == []
+
+
+def test_the_new_is_read_first_and_then_the_oldest() -> None:
+    """What is known already waits, in the order in which it came."""
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
+    acts = live(one, [([(0, (1,), False), (1, (2,), False), (2, (3,), True)], 0.0), *[([], 0.0)] * 8])
+    assert [(at_s, act) for at_s, act in acts] == [(4.0, Read((2,))), (5.0, Read((0,))), (6.0, Read((1,)))]
+
+
+def test_a_repeat_replaces_what_has_not_been_read() -> None:
+    """Both are read at once, as the new thing that the first was."""
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
+    told = [([(3, (9,), True), (0, (1,), True)], 0.0), ([(0, (1, 2), False)], 0.0), *[([], 0.0)] * 8]
+    assert live(one, told) == [(4.0, Read((0,))), (8.0, Read((1, 100)))]
+    assert one.totals["replaced"] == 1
+
+
+def test_what_waits_too_long_is_missed() -> None:
+    """Nobody reads it any more."""
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0, new_s=50.0, patience_s=30.0))
+    acts = live(one, [([(0, (1,), True), (1, (2,), True)], 0.0), *[([], 0.0)] * 100])
+    assert acts == [(50.0, Read((0,)))]
+    assert one.totals["missed"] == 1
+
+
+@pytest.mark.parametrize(("load", "answer"), [(0, 1), (0.19, 1), (0.2, 2), (0.5, 3), (0.79, 4), (0.8, 5), (1.0, 5)])
+def test_isa_is_the_load_in_five_equal_bands(load: float, answer: int) -> None:
+    """From 1, idle, to 5, busy throughout."""
+    one = person()
+    one.load = load
+    assert one.answer_isa() == answer
+    assert one.totals["isa"] == answer
+
+
+def test_work_is_slowest_at_both_ends_of_the_load() -> None:
+    """A U: idle people are slow too."""
+
+    def takes_s(load: float) -> float:
+        one = person(PersonSettings(policy=NONE, sigma=0.0, memory_s=1e6))
+        one.load = load
+        live(one, [([(0, (1,), True)], 0.0), *[([], 0.0)] * 20])
+        return one.measures.interaction_s
+
+    assert takes_s(0.55) == pytest.approx(4.0, rel=1e-4)
+    assert takes_s(1.0) == pytest.approx(6.0, rel=1e-4)
+    assert takes_s(0.0) > 6.0
+
+
+def test_the_time_at_high_load_is_exact() -> None:
+    """It begins and ends where the load crosses, not with a step."""
+    coarse, fine = Measures(), Measures()
+    for measures, parts in ((coarse, 1), (fine, 1000)):
+        load = 0.5
+        for goal in (1.0, 0.0):
+            for _ in range(parts):
+                after = goal + (load - goal) * 2.718281828459045 ** (-1 / parts)
+                measures.see_load(load, after, 300.0 / parts, 300.0, is_busy=goal == 1.0)
+                load = after
+    assert coarse.high_s == pytest.approx(fine.high_s)
+    assert 0 < coarse.high_s < coarse.time_s
+    assert coarse.load_s == pytest.approx(fine.load_s)
+    assert HIGH_LOAD == 0.7
+
+
+def test_fan_out_follows_from_neglect_and_interaction() -> None:
+    """NT / IT + 1: two items of one agent, 30 s apart, 4 s each."""
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
+    live(one, [([(0, (1,), True)], 0.0), *[([], 0.0)] * 33, ([(0, (2,), True)], 0.0), *[([], 0.0)] * 10])
+    totals = one.totals
+    assert (totals["interaction_s"], totals["neglect_s"]) == (pytest.approx(4.0), pytest.approx(30.0))
+    assert totals["fan_out"] == pytest.approx(30 / 4 + 1)
+    assert totals["acknowledge_s"] == pytest.approx(4.0)
+    assert person().totals["fan_out"] is None
+
+
+@pytest.mark.parametrize(
+    ("table", "path"),
+    [
+        ({"policy": "lazy"}, "policy"),
+        ({"known_s": 0}, "known_s"),
+        ({"best_load": 1.0}, "best_load"),
+        ({"policy": "threshold", "delta_step": 0}, "delta_step"),
+        ({"patience": 3}, "patience"),
+    ],
+)
+def test_wrong_settings_are_told_by_name(table: dict[str, Any], path: str) -> None:
+    """Before anything runs."""
+    with pytest.raises(SettingsError) as told:
+        checked.load(PersonSettings, table)
+    assert [problem.path for problem in told.value.problems] == [path]
