@@ -102,6 +102,10 @@ class CommandRelay:
     def _steps(self, seconds: float) -> int:
         return max(1, round(seconds / self._step_s))
 
+    def knows(self, number: int) -> bool:
+        """Whether the agent has taken in a command."""
+        return number in self._numbers
+
     def due(self, now: int, room_bytes: int) -> tuple[bytes, ...]:
         """What this step's radio frame relays, the newest commands first, and no more than there is room for."""
         if not self._known:
