@@ -29,7 +29,7 @@ class Output:
         self._flush_due = 0.0
         self.state: dict[str, Any] | None = None
         """State confirmed by the previous operator, to resume from."""
-        self.desk: list[Any] | None = None
+        self.desk: dict[str, Any] | None = None
         """The same for its desk."""
         self.rows_before: list[list[str]] = []
         """Rows of the table confirmed by the previous operator."""
@@ -64,7 +64,7 @@ class Output:
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
-    def save(self, meter: Mapping[str, Any], desk: list[Any] | None = None) -> None:
+    def save(self, meter: Mapping[str, Any], desk: Mapping[str, Any] | None = None) -> None:
         """Write all rows so far and the state of meter and desk, from which an operator can resume."""
         self.flush()
         self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "desk": desk})

@@ -77,11 +77,15 @@ class StaffedDesk:
             self._send_turn(encode_turn(turn))
         self.show()
 
-    def take(self, intent: bytes | None) -> None:
-        """Do what somebody at the station wants; None: the station has gone, and the run goes on without it."""
+    def take(self, intent: bytes | None) -> bool:
+        """Do what somebody at the station wants; whether `state` should be saved for it.
+
+        None: the station has gone, and the run goes on without it.
+        """
         desk, channel = self.desk, self._channel
         if channel is None:
-            return
+            return False
+        given = len(desk.commander.sent)
         if intent is None:
             self._channel = None
             if desk.pace.hold_step >= 0:  # nobody could let it go on
@@ -91,11 +95,13 @@ class StaffedDesk:
                 channel.send(answer)
         if not self.is_awaited and (turn := desk.turn()).commands:
             self._send_turn(encode_turn(turn))
+        has_news = len(desk.commander.sent) > given or desk.pace != self._pace
         if desk.pace != self._pace:
             self._pace = desk.pace
             self._send_pace(encode_pace(self._pace))
         self._show_due = 0.0
         self.show()
+        return has_news
 
     def show(self) -> None:
         """Send the station a picture, if one is due, and write down what the person did."""
@@ -114,13 +120,14 @@ class StaffedDesk:
         """Whether somebody at the station has still something to answer."""
         return self._channel is not None and self.desk.probes.open(time.monotonic()) is not None
 
-    def go_on(self, step: int, state: list[Any] | None) -> None:
-        """Go on for an operator that was killed after a step: what it commanded has been sent."""
-        self.desk.go_on(step, state or [])
+    def go_on(self, step: int, state: dict[str, Any] | None) -> None:
+        """Go on for an operator that was killed after a step."""
+        if state is not None:
+            self.desk.go_on(step, state)
 
-    def state(self) -> list[Any]:
+    def state(self) -> dict[str, Any]:
         """All that is needed to go on, as JSON has it."""
-        return self.desk.commander.state()
+        return self.desk.state()
 
     def finish(self) -> None:
         """Nothing comes any more."""
