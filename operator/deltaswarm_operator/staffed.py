@@ -75,6 +75,8 @@ class StaffedDesk:
         turn = self.desk.close(clock, workload, reports, time.monotonic())
         if self.is_awaited or turn.commands:
             self._send_turn(encode_turn(turn))
+        if clock.last:
+            self._show_due = 0.0
         self.show()
 
     def take(self, intent: bytes | None) -> bool:

@@ -180,6 +180,7 @@ class Swarm:
         argv = ["--listen", self._station.listen]
         part = self._start(STATION, 0, argv, stdout=writer, channel=self._station.stations_end)
         writer.close()
+        self._station.stations_end.close()  # else the operator would not notice that the station has gone
         with reader:
             url = self._line_of(part, reader).strip()
         if not url:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.onlookers import Onlooker
-from deltaswarm_orchestrator.run.part import Part
+from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import NO_ROOM
 from deltaswarm_wire.keys import OPERATOR, WORLD
@@ -15,6 +16,9 @@ from deltaswarm_wire.keys import OPERATOR, WORLD
 POLL_S = 0.1
 SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
+
+ANSWER_WITHIN_S = 920.0
+"""An operator that still asks its person something after the last step ends before this."""
 
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
@@ -74,6 +78,16 @@ class Watch:
             pass
         if not is_stopping:  # a world that failed just now is why others did
             self._mourn(self._failed(), first=True)
+        if swarm.part(WORLD).exit_code == 0:
+            self._let_person_answer()
+
+    def _let_person_answer(self) -> None:
+        """At a station the operator may have something to ask after the last step; it ends by itself."""
+        station = next((part for part in self._swarm.parts if part.role == STATION), None)
+        deadline = time.monotonic() + ANSWER_WITHIN_S
+        while station and station.exit_code is None and not self._stop.by and time.monotonic() < deadline:
+            if not wait_for([self._swarm.part(OPERATOR)], POLL_S):
+                break
 
     def _show(self) -> None:
         observer = self._observer
