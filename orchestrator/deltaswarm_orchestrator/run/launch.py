@@ -199,6 +199,11 @@ class Swarm:
         station.listen = urlsplit(url).netloc  # one that is started in its place has the same page
         return url
 
+    def give_up_station(self) -> None:
+        """Let the operator notice that there is no station any more, so that no pause lasts for ever."""
+        if self._station is not None:
+            self._station.stations_end.close()
+
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents that are no boards, or those given; each gets its own number, password and log.
 
