@@ -52,8 +52,8 @@ class Probes:
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def begin(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is a text to consent to."""
-        if self._settings.consent:
+        """Ask for the session's sheet, if there is one."""
+        if self._settings.has_sheet:
             self._asked = _Asked(SHEET, 0, 0.0, wall_s)
 
     def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
