@@ -10,28 +10,8 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper import frames as paper
 from deltaswarm_wire import envelope, messages, truth
+from deltaswarm_wire import operator_messages as om
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
-from deltaswarm_wire.operator_messages import (
-    STATUS_PHASES,
-    Clock,
-    Forwarded,
-    Health,
-    Report,
-    Status,
-    Workload,
-    decode_clock,
-    decode_forwarded,
-    decode_health,
-    decode_report,
-    decode_status,
-    decode_workload,
-    encode_clock,
-    encode_forwarded,
-    encode_health,
-    encode_report,
-    encode_status,
-    encode_workload,
-)
 
 agents = st.integers(0, MAX_AGENT_ID)
 ids = st.integers(0, MAX_ID)
@@ -79,7 +59,7 @@ samples = st.builds(
     envelope.Sample, ids, st.binary(max_size=60), tuples_of(st.binary(max_size=20), envelope.MAX_COMMANDS)
 )
 reports = st.builds(
-    Report,
+    om.Report,
     agents,
     steps,
     steps,
@@ -90,18 +70,18 @@ reports = st.builds(
     tuples_of(events, 6),
 )
 printable = st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=20)
-healths = st.builds(Health, printable)
-clocks = st.builds(Clock, steps, times_s, st.booleans())
-workloads = st.builds(Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
+healths = st.builds(om.Health, printable)
+clocks = st.builds(om.Clock, steps, times_s, st.booleans())
+workloads = st.builds(om.Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
 statuses = st.builds(
-    Status,
+    om.Status,
     steps,
     steps,
     times_s,
     agents,
     agents,
     times_s,
-    st.sampled_from(STATUS_PHASES),
+    st.sampled_from(om.STATUS_PHASES),
 )
 
 _heads = (agents, centimetres, centimetres)
@@ -183,43 +163,43 @@ ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_AC
 REPORT = Codec(
     "report",
     reports,
-    encode_report,
-    decode_report,
-    _in_map(Report._fields),
+    om.encode_report,
+    om.decode_report,
+    _in_map(om.Report._fields),
 )
 HEALTH = Codec(
     "health",
     healths,
-    encode_health,
-    decode_health,
-    _in_map(Health._fields),
+    om.encode_health,
+    om.decode_health,
+    _in_map(om.Health._fields),
 )
 CLOCK = Codec(
     "clock",
     clocks,
-    encode_clock,
-    decode_clock,
-    _in_map(Clock._fields),
+    om.encode_clock,
+    om.decode_clock,
+    _in_map(om.Clock._fields),
 )
 WORKLOAD = Codec(
     "workload",
     workloads,
-    encode_workload,
-    decode_workload,
-    _in_map(Workload._fields),
+    om.encode_workload,
+    om.decode_workload,
+    _in_map(om.Workload._fields),
 )
 STATUS = Codec(
     "status",
     statuses,
-    encode_status,
-    decode_status,
-    _in_map(Status._fields),
+    om.encode_status,
+    om.decode_status,
+    _in_map(om.Status._fields),
 )
 FORWARDED = Codec(
     "forwarded",
-    st.builds(Forwarded, ids, steps, st.binary(max_size=60)),
-    encode_forwarded,
-    decode_forwarded,
+    st.builds(om.Forwarded, ids, steps, st.binary(max_size=60)),
+    om.encode_forwarded,
+    om.decode_forwarded,
     {"sequence": 1, "step": 2},
 )
 SENDER = 7

@@ -11,6 +11,7 @@ import pytest
 
 from deltaswarm_agent.board.__main__ import parser as board_parser
 from deltaswarm_orchestrator.cli import COMMANDS, parser
+from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET
 from deltaswarm_orchestrator.run.scenario import reference
 from tests.pages import ROOT, commands, files, shell
 from tests.swarms import COMMAND, wait_until
@@ -24,7 +25,7 @@ RUN_ELSEWHERE = {
     "docs/TUTORIAL.md": "test_docs_tutorial",
 }
 """The test that runs all commands of a page."""
-RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md", "docs/RECORDING.md"}
+RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md", "docs/LIVE.md", "docs/RECORDING.md"}
 HISTORY = {"CHANGELOG.md"}
 """Names commands of the past."""
 
@@ -106,6 +107,27 @@ def test_a_recording_is_exported(tmp_path: Path) -> None:
     run = "deltaswarm run smoke --in-process --set run.duration_s=20 --out runs/first"
     done = shell(f"{run} && {command}", tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.processes
+def test_a_run_is_watched(tmp_path: Path) -> None:
+    """The commands of LIVE.md, with a smaller run on any port; `top` prints what it would draw."""
+    look, begin = commands(page("docs/LIVE.md"))
+    small = begin.replace("paper-25", "smoke --set run.duration_s=1500") + " --live-port 0"
+    arguments = shlex.split(small.removeprefix("deltaswarm "))
+    run = subprocess.Popen([*COMMAND, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    try:
+        there = tmp_path / "runs" / "first.part" / LIVE_SOCKET
+        wait_until(lambda: there.exists() or run.poll() is not None, "a run to look at")
+        looked = shell(f"{look} --json", tmp_path)
+        assert looked.returncode == 0, looked.stdout + looked.stderr
+        assert json.loads(looked.stdout)["hello"]["run"] == "first"
+        _, errors = run.communicate()
+    finally:
+        run.kill()
+        run.wait()
+    assert run.returncode == 0, errors
+    assert b"ws://127.0.0.1:" in errors
 
 
 def test_the_commands_for_contributors_exist() -> None:

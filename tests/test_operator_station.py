@@ -19,6 +19,7 @@ from urllib.parse import urlsplit
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import ClientConnection, connect
+from websockets.typing import Origin
 
 from deltaswarm_operator.station import rules, server
 from deltaswarm_operator.station.__main__ import main
@@ -83,8 +84,9 @@ def test_the_page_is_served_below_a_token(feed: Feed) -> None:
     assert page.headers["Referrer-Policy"] == "no-referrer"
     assert page.headers["X-Content-Type-Options"] == "nosniff"
     text = page.body.decode()  # type: ignore[attr-defined]
+    files = [path.relative_to(server.PAGE) for path in server.PAGE.rglob("*")]
     linked = re.findall(r'(?:src|href)="([^":]+\.(?:js|css))"', text)
-    assert len(linked) >= 4
+    assert set(linked) == {name for name in map(str, files) if name.endswith((".js", ".css"))}
     for name in linked:
         answer = fetch(feed, f"/{token}/{name}")
         kind = "text/javascript" if name.endswith(".js") else "text/css"
@@ -120,8 +122,8 @@ def test_a_name_from_elsewhere_is_not_answered(feed: Feed) -> None:
 @pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:1", None])
 def test_a_page_from_elsewhere_opens_no_socket(feed: Feed, origin: str | None) -> None:
     """A browser says whose page opens a WebSocket."""
-    with pytest.raises(InvalidStatus) as refused:
-        browser(feed, origin=origin)
+    with pytest.raises(InvalidStatus) as refused, browser(feed, origin=origin):
+        pass
     assert refused.value.response.status_code == HTTPStatus.FORBIDDEN
 
 
@@ -129,8 +131,8 @@ def test_the_socket_needs_the_token(feed: Feed) -> None:
     """With another one it is not found."""
     host, token = address(feed)
     for path in ("live", f"{token[::-1]}/live", f"{token}/live/", f"{token}/lives"):
-        with pytest.raises(InvalidStatus) as refused:
-            connect(f"ws://{host}/{path}", origin=f"http://{host}")  # type: ignore[arg-type]
+        with pytest.raises(InvalidStatus) as refused, connect(f"ws://{host}/{path}", origin=Origin(f"http://{host}")):
+            pass
         assert refused.value.response.status_code in (HTTPStatus.NOT_FOUND, HTTPStatus.OK)
 
 

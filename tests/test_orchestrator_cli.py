@@ -26,7 +26,7 @@ from tests.swarms import COMMAND
 Printed = pytest.CaptureFixture[str]
 
 COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
-COMMANDS += ["bundle", "certificates"]
+COMMANDS += ["bundle", "certificates", "top"]
 
 SHORT = ["--in-process", "--set", "run.duration_s=40", "--set", "control.delta=2"]
 
@@ -274,9 +274,9 @@ def test_info_says_if_a_run_cannot_be_read(
         ("report mine", ["mine", "deltaswarm info mine"]),
         ("report .", [".", "manifest.json"]),
         ("report swept", ["swept", "table.csv", "deltaswarm sweep"]),
-        ("run .", ["scenario:", "'.'", "is a folder", "paper-25, paper-100, smoke"]),
+        ("run .", ["scenario:", "'.'", "is a folder", "paper-25"]),
         ("sweep mine", ["sweep:", "'mine'", "is a folder", "modes, "]),
-        ("sweep based.toml", ["base:", "'mine'", "is a folder", "paper-25, paper-100, smoke"]),
+        ("sweep based.toml", ["base:", "'mine'", "is a folder", "paper-25"]),
         ("run new.toml", ["schema:", "2", "1"]),
         ("bundle --platform linux_x86_64 --out mine", ["--out", "mine"]),
     ],

@@ -7,6 +7,7 @@ import argparse
 import asyncio
 import ipaddress
 import logging
+import os
 import secrets
 import signal
 import socket
@@ -14,6 +15,7 @@ import sys
 from collections.abc import Sequence
 
 from deltaswarm_operator.station.server import Station
+from deltaswarm_wire.session import PASSWORD_VARIABLE
 
 TOKEN_BYTES = 24
 """32 characters in a URL."""
@@ -24,6 +26,7 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(
         prog="python -m deltaswarm_operator.station",
         description="Serve the operator's page. Prints its URL; whoever knows the URL can watch and give orders.",
+        epilog=f"{PASSWORD_VARIABLE} in the environment is the secret part of the URL, else it is random.",
     )
     made.add_argument(
         "--channel-fd",
@@ -79,7 +82,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 async def _serve(feed: socket.socket, host: str, port: int) -> None:
-    station = Station(feed, secrets.token_urlsafe(TOKEN_BYTES))
+    station = Station(feed, os.environ.get(PASSWORD_VARIABLE) or secrets.token_urlsafe(TOKEN_BYTES))
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, station.stop)

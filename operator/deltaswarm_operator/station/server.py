@@ -9,6 +9,7 @@ import socket
 from collections.abc import Iterable
 from http import HTTPStatus
 from pathlib import Path
+from typing import ClassVar
 
 import orjson
 from websockets.asyncio.server import Server, ServerConnection, broadcast, serve
@@ -57,12 +58,21 @@ COMPRESSION = [ServerPerMessageDeflateFactory(server_max_window_bits=15, compres
 class Visitor(ServerConnection):
     """A connection; there are only so many at a time."""
 
+    all: ClassVar[set["Visitor"]] = set()
+    """Of the process, which has one station."""
+
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Take it in, or drop it at once."""
         super().connection_made(transport)
+        self.all.add(self)
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        if len(self.server.handler_tasks) > MAX_CONNECTIONS and isinstance(transport, asyncio.Transport):
+        if len(self.all) > MAX_CONNECTIONS and isinstance(transport, asyncio.Transport):
             transport.abort()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """Make room for another one."""
+        super().connection_lost(exc)
+        self.all.discard(self)
 
     @property
     def waiting_bytes(self) -> int:

@@ -23,6 +23,7 @@ COMMANDS = {
     "session": "all runs of one participant, in a balanced order",
     "replay": "show a run once more on the station's page, from its recording",
     "info": "show a finished or interrupted run, from its folder",
+    "top": "watch a run under way on a terminal",
     "why": "explain whether one agent could hear another at some time of a run",
     "export": "a run's recording as tables, ROS 2 bag, Rerun file or video",
     "bench": "measure what a swarm costs on this machine",

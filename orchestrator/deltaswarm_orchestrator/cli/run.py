@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 DEFAULT_SCENARIO = "paper-25"
 LOOPBACK = "127.0.0.1:0"
 
+LIVE_PORT = 8765
+"""The one that Foxglove suggests."""
+
 ANYWHERE = "tcp/127.0.0.1:0"
 """On this machine, any free port."""
 
@@ -39,6 +42,18 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
     command.add_argument(
         "--record", choices=RECORDS, help="what to record: nothing, what viewers show, or also every raw frame"
+    )
+    command.add_argument(
+        "--live",
+        choices=("foxglove",),
+        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1: Foxglove, "
+        "Lichtblick from 1.22 on",
+    )
+    command.add_argument(
+        "--live-port",
+        type=_port,
+        metavar="PORT",
+        help=f"where --live listens on this machine (default: {LIVE_PORT}; 0: any free port)",
     )
     command.add_argument(
         "--listen",
@@ -87,6 +102,9 @@ def add(command: argparse.ArgumentParser) -> None:
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
     command.add_argument(
+        "--researcher", action="store_true", help="also serve a page that shows the truth, at another address"
+    )
+    command.add_argument(
         "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
     )
     command.add_argument(
@@ -96,9 +114,15 @@ def add(command: argparse.ArgumentParser) -> None:
     command.set_defaults(func=run)
 
 
+def _port(text: str) -> int:
+    if not text.isdecimal() or int(text) > 65_535:
+        raise argparse.ArgumentTypeError(f"must be a port from 0 to 65535 (got {text!r})")
+    return int(text)
+
+
 def run(arguments: argparse.Namespace) -> int:
     """`deltaswarm run`."""
-    if problem := _resume_problem(arguments):
+    if problem := _live_problem(arguments) or _resume_problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     if arguments.dry_run:
@@ -112,6 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from deltaswarm_orchestrator.run.conduct import RunOptions
     from deltaswarm_orchestrator.run.conduct import run as run_scenario
+    from deltaswarm_orchestrator.run.foxglove_server import LiveError
     from deltaswarm_orchestrator.run.progress import Display, result_table
     from deltaswarm_orchestrator.run.station import Station
 
@@ -127,10 +152,15 @@ def run(arguments: argparse.Namespace) -> int:
         boards,
         arguments.checkpoint,
         Station(arguments.speed, arguments.station_listen) if arguments.station else None,
+        arguments.researcher,
         resume=arguments.resume is not None,
+        live_port=(LIVE_PORT if arguments.live_port is None else arguments.live_port) if arguments.live else None,
     )
-    with Display(scenario.run.step_s, scenario.agents.count) as display:
-        result = run_scenario(scenario, options, display)
+    try:
+        with Display(scenario.run.step_s, scenario.agents.count) as display:
+            result = run_scenario(scenario, options, display)
+    except LiveError as error:
+        raise CommandError(str(error)) from None
     for message in result.messages:
         complain(message)
     if arguments.json:
@@ -149,6 +179,15 @@ def run(arguments: argparse.Namespace) -> int:
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return OK if result.summary["valid"] else FAILED
+
+
+def _live_problem(arguments: argparse.Namespace) -> str | None:
+    """What does not go together with --live, if anything."""
+    if arguments.live and arguments.dry_run:
+        return "--live shows a run under way; --dry-run makes none"
+    if arguments.live_port is not None and not arguments.live:
+        return "--live-port is for --live foxglove, which was not given"
+    return None
 
 
 def _resume_problem(arguments: argparse.Namespace) -> str | None:

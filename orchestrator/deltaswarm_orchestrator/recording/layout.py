@@ -3,7 +3,17 @@
 from collections.abc import Iterable
 from typing import Any
 
+import orjson
+
 from deltaswarm_orchestrator.recording.schemas import ARENA_FRAME, ROOT_FRAME, SCENE_TOPICS
+
+LAYOUT = "layout.json"
+"""The file in the run's folder."""
+
+
+def layout_json(width_m: float, height_m: float) -> bytes:
+    """The file's content."""
+    return orjson.dumps(layout(width_m, height_m), option=orjson.OPT_INDENT_2)
 
 
 def layout(width_m: float, height_m: float) -> dict[str, Any]:

@@ -1,13 +1,12 @@
 """The recorder: everything about a run that is worth keeping, as MCAP, while it happens.
 
-It transcodes to protobuf, which Foxglove, Lichtblick and Rerun read. File input and output only: the caller has
-the clock of the run and the connection.
+File input and output only: `transcriber.py` makes the messages, and the caller has the clock of the run and the
+connection.
 """
 
-import math
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
 from types import TracebackType
@@ -15,29 +14,33 @@ from typing import Any, Self
 
 import orjson
 import tomli_w
-from foxglove_schemas_protobuf.Log_pb2 import Log
 from mcap.records import Channel, Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
-from deltaswarm_orchestrator.recording.layout import layout
+from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.records import records, row_of, values_of
-from deltaswarm_orchestrator.recording.scene import Scene, log_time_ns, stamp
-from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
+from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
+from deltaswarm_orchestrator.recording.sink import Viewer
+from deltaswarm_orchestrator.recording.transcriber import (
+    TopicMessage,
+    Transcriber,
+    log_message,
+    steps_between_views,
+    workload_message,
+)
 from deltaswarm_orchestrator.room import RoomError, no_room, room_for
 from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 
 RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
-SCENARIO_ATTACHMENT, LAYOUT_ATTACHMENT, MANIFEST = "scenario.toml", "layout.json", "manifest"
+SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_EVERY_S = 1.0
 """A kill loses at most what came within this wall time."""
-
-VIEW_RATE_HZ = 10.0
-"""At most so many messages per topic and second of playback are there to be looked at."""
 
 
 class Recorder:
@@ -52,6 +55,7 @@ class Recorder:
         scenario: the same, checked.
         wire: whether raw frames are kept.
         wall: a wall clock [s].
+        viewer: who is shown the same messages while the run is under way, if anybody.
     """
 
     def __init__(
@@ -61,23 +65,24 @@ class Recorder:
         scenario: Scenario,
         wire: bool = False,
         wall: Callable[[], float] = time.monotonic,
+        viewer: Viewer | None = None,
     ) -> None:
         self._wall = wall
         self._started_s = self._flushed_s = wall()
-        self._scene = Scene(scenario)
-        self._view_every = _steps_between_views(scenario.run.step_s)
+        self._viewer = viewer
+        self._transcriber = Transcriber(scenario)
+        self._view_every = steps_between_views(scenario.run.step_s)
         self._step_s = scenario.run.step_s
         self._steps = 0
         self._step = 0
         self._time_s = 0.0
-        self._open_events: dict[int, EventState] = {}
 
-        shown = orjson.dumps(layout(scenario.arena.width_m, scenario.arena.height_m), option=orjson.OPT_INDENT_2)
-        (folder / LAYOUT_ATTACHMENT).write_bytes(shown)
+        shown = layout_json(scenario.arena.width_m, scenario.arena.height_m)
+        (folder / LAYOUT).write_bytes(shown)
         self._file = _File(folder / RECORDING)
         self._wire = _File(folder / WIRE) if wire else None
         self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
-        self._file.attach(LAYOUT_ATTACHMENT, "application/json", shown)
+        self._file.attach(LAYOUT, "application/json", shown)
         for topic in TOPICS:  # announced even where nothing will be said
             self._file.channel(topic)
         self._file.flush()
@@ -101,7 +106,7 @@ class Recorder:
             if file is not None and file.name in before:
                 for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
                     if topic == "/swarm/event":
-                        self._note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
+                        self._transcriber.note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
         self.save()
 
     def save(self) -> None:
@@ -113,36 +118,21 @@ class Recorder:
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
         """One closed step: its truth, and the reports that reached the operator in it."""
         self._step, self._time_s = truth.step, truth.time_s
-        tally = truth.tally._asdict()
-        head = {"step": truth.step, "time_s": truth.time_s}
-        wall_s = round(self._wall() - self._started_s, 3)
-        self._write(
-            "/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]}
-        )  # what is absent is 0
-        self._write("/swarm/state", head | {name: tally[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
-        inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
-        for report in reports:
-            _fill(inbox.reports.add(), report)
-        self._add("/operator/inbox", inbox)
-        self._write_events(truth.events)
+        transcriber = self._transcriber
+        self._write(transcriber.figures(truth, reports, round(self._wall() - self._started_s, 3)))
+        self._write(transcriber.events(truth.events))
         if self._steps % self._view_every == 0:
-            for topic, data in self._scene.messages(truth):
-                self._file.write(topic, self._step, self._time_s, data)
+            self._write(transcriber.views(truth))
         self._steps += 1
-        self.flush_when_due()
+        self._end_of_step()
 
     def workload(self, workload: Workload) -> None:
         """What the operator counted in one step."""
-        data = OURS["Workload"](**workload._asdict()).SerializeToString()
-        self._file.write("/operator/workload", workload.step, workload.time_s, data)
-        self.flush_when_due()
+        self._write_at(workload.step, workload.time_s, "/operator/workload", workload_message(workload))
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
         """A line of a part's log; `level` as Python's logging has it, time simulated [s]."""
-        line = text.encode(errors="replace").decode()  # protobuf refuses what UTF-8 cannot encode
-        message = Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name)
-        self._file.write("/log", self._step, time_s, message.SerializeToString())
-        self.flush_when_due()
+        self._write_at(self._step, time_s, "/log", log_message(level, name, text, time_s))
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
         """A radio frame as its sender made it; kept only with `wire`."""
@@ -169,32 +159,30 @@ class Recorder:
             {name: text if isinstance(text, str) else orjson.dumps(text).decode() for name, text in manifest.items()}
         )
 
-    def _write(self, topic: str, fields: Mapping[str, Any]) -> None:
-        self._add(topic, TOPICS[topic](**fields))
+    def _write(self, messages: Iterable[TopicMessage]) -> None:
+        """Messages of the step that is under way."""
+        step, time_s, write, viewer = self._step, self._time_s, self._file.write, self._viewer
+        for topic, data in messages:
+            write(topic, step, time_s, data)
+            if viewer is not None:
+                viewer.put(topic, time_s, data)
 
-    def _add(self, topic: str, message: Any) -> None:
-        self._file.write(topic, self._step, self._time_s, message.SerializeToString())
+    def _write_at(self, step: int, time_s: float, topic: str, data: bytes) -> None:
+        self._file.write(topic, step, time_s, data)
+        if self._viewer is not None:
+            self._viewer.put(topic, time_s, data)
+        self._end_of_step()
 
-    def _write_events(self, events: Sequence[EventState]) -> None:
-        """Those that arrived, were first sensed or completed in this step."""
-        for event in events:
-            before = self._open_events.get(event.event)
-            if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
-                self._write("/swarm/event", event._asdict())
-            self._note(event)
-
-    def _note(self, event: EventState) -> None:
-        if event.completed_s is None:
-            self._open_events[event.event] = event
-        else:
-            self._open_events.pop(event.event, None)
+    def _end_of_step(self) -> None:
+        self.flush_when_due()
+        if self._viewer is not None:
+            self._viewer.tick()
 
     def _end(self, manifest: dict[str, str] | None) -> None:
         if self._file.is_closed:
             return
         with suppress(RoomError) if manifest is None else nullcontext():
-            for event in self._open_events.values():  # once more, for the work done since
-                self._write("/swarm/event", event._asdict())
+            self._write(self._transcriber.open_events())
         for file in (self._file, self._wire):
             if file:
                 with suppress(RoomError) if manifest is None else nullcontext():
@@ -272,23 +260,3 @@ class _File:
             self._writer.finish()
         if manifest is not None:
             self._part.replace(self._path)
-
-
-def _steps_between_views(step_s: float) -> int:
-    """How many steps one view stands for: 1, unless that were more views a second than allowed."""
-    return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
-
-
-def _fill(message: Any, report: Report) -> None:
-    """Field by field, which is several times as fast as to make a message from a dict."""
-    message.agent, message.sequence, message.step, message.role = report[:4]
-    message.x_m, message.y_m, message.followers = report[4:7]
-    for event in report.events:
-        sighting = message.events.add()
-        sighting.event, sighting.x_m, sighting.y_m = event
-    for row in report.members:
-        member = message.members.add()
-        member.agent, member.parent, member.x_cm, member.y_cm = row
-    for number, state in report.answers:
-        answer = message.answers.add()
-        answer.command, answer.state = number, state

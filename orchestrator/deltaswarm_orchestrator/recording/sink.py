@@ -1,4 +1,4 @@
-"""What keeps a run's record, as seen by those who feed it."""
+"""What keeps or shows a run's record, as seen by those who feed it."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -27,3 +27,13 @@ class Sink(Protocol):
 
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
         """One raw report."""
+
+
+class Viewer(Protocol):
+    """Who is shown a run's messages while it is under way; may thin them, and never makes the run wait."""
+
+    def put(self, topic: str, time_s: float, data: bytes) -> None:
+        """One message, at a simulated time [s]."""
+
+    def tick(self) -> None:
+        """Called after each step, and now and then while none is made: the moment to send what is due."""

@@ -11,13 +11,20 @@ from typing import Any
 
 from deltaswarm_orchestrator import provenance, room
 from deltaswarm_orchestrator.boards.boards import Boards, commands
+from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.recording.thinning import ViewersOnly
 from deltaswarm_orchestrator.room import RoomError
 from deltaswarm_orchestrator.run import results, resume
+from deltaswarm_orchestrator.run.feed import ResearcherFeed
 from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
+from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
+from deltaswarm_orchestrator.run.live_socket import LiveSocket
 from deltaswarm_orchestrator.run.observer import Observer
+from deltaswarm_orchestrator.run.onlookers import Onlooker, Tap
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
@@ -43,8 +50,12 @@ class RunOptions:
     """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
     station: Station | None = None
     """A page for a person who watches and commands."""
+    researcher: bool = False
+    """Another page, which shows the truth."""
     resume: bool = False
     """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
+    live_port: int | None = None
+    """Show the run live to Foxglove on this port; 0: any free one; None: not at all."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +76,9 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         FolderError: the folder cannot be had, or there is nothing in it to go on from.
         FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
+        LiveError: the run cannot be shown live.
     """
-    with stoppable() as stop:
+    with stoppable() as stop, _viewer(scenario, options, reporter) as viewer:
         if options.boards:
             options.boards.prepare(scenario)
         if options.resume:
@@ -74,9 +86,20 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
             resume.check_code(options.out, scenario)
             with ResumedFolder(options.out) as folder:
                 resume.wait_for_leftovers(folder.path)
-                return _Run(scenario, options, folder, reporter, stop, resume.newest(folder.path)).do()
+                return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).do()
         with RunFolder(options.out, force=options.force) as folder:
-            return _Run(scenario, options, folder, reporter, stop).do()
+            return _Run(scenario, options, folder, reporter, stop, viewer).do()
+
+
+@contextmanager
+def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[FoxgloveServer | None]:
+    """The server for live viewers, if the run is to have one."""
+    if options.live_port is None:
+        yield None
+        return
+    with FoxgloveServer(scenario.name, options.live_port, reporter.say) as server:
+        reporter.say(f"live: open {server.url} in Foxglove; it shows the truth, which no operator knows")
+        yield server
 
 
 class _Run:
@@ -89,6 +112,7 @@ class _Run:
         folder: RunFolder,
         reporter: Reporter,
         stop: Stop,
+        viewer: FoxgloveServer | None,
         resumed: Resumed | None = None,
     ) -> None:
         self._scenario = scenario
@@ -96,6 +120,8 @@ class _Run:
         self._folder = folder
         self._reporter = reporter
         self._stop = stop
+        self._viewer = viewer
+        self._onlookers: list[Onlooker] = [viewer] if viewer else []
         self._resumed = resumed
         self._outcome: Outcome | None = None
         self._why: list[str] = []
@@ -128,7 +154,7 @@ class _Run:
                     self._do_steps(recorder)
                 finally:
                     summary = self._conclude()
-                if recorder is not None:
+                if isinstance(recorder, Recorder):
                     recorder.close(self._manifest)
             assert self._outcome is not None
             can_go_on = not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
@@ -150,26 +176,43 @@ class _Run:
         return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
 
     @contextmanager
-    def _recorder(self) -> Iterator[Recorder | None]:
-        """The recorder that the scenario asks for, if any; it goes on where a run that is resumed does."""
+    def _recorder(self) -> Iterator[Sink | None]:
+        """The recorder that the scenario asks for, if any; it goes on where a run that is resumed does.
+
+        Without one, what shows the run to a viewer, if there is one.
+        """
         folder, scenario = self._folder.path, self._scenario
         before = resume.make_ready(folder, self._resumed) if self._resumed else {}
         if scenario.record == "off":
-            yield None
+            if self._viewer:
+                (folder / LAYOUT).write_bytes(layout_json(scenario.arena.width_m, scenario.arena.height_m))
+            yield ViewersOnly(scenario, self._viewer) if self._viewer else None
             return
-        with Recorder(folder, checked.plain(scenario), scenario, wire=scenario.record == "wire") as recorder:
+        wire, table = scenario.record == "wire", checked.plain(scenario)
+        with Recorder(folder, table, scenario, wire=wire, viewer=self._viewer) as recorder:
             if self._resumed:
                 recorder.take_over(before, self._resumed.step)
                 for file in before.values():
                     file.unlink()
             yield recorder
 
-    def _do_steps(self, recorder: Recorder | None) -> None:
-        """By real processes or in one."""
-        if self._options.in_process:
-            self._outcome = run_in_process(self._scenario, recorder, self._reporter, lambda: self._stop.by)
-            self._why += self._outcome.messages
+    def _do_steps(self, recorder: Sink | None) -> None:
+        """By real processes or in one; who wants to look on may come."""
+        if self._options.in_process and recorder is None:  # there would be nothing to see
+            self._run_in_process(None)
             return
+        with LiveSocket(self._folder.path, self._folder.target.name, self._scenario) as live:
+            self._onlookers.append(live)
+            if self._options.in_process and recorder is not None:
+                self._run_in_process(Tap(recorder, self._onlookers))
+            else:
+                self._try_processes(recorder)
+
+    def _run_in_process(self, sink: Sink | None) -> None:
+        self._outcome = run_in_process(self._scenario, sink, self._reporter, lambda: self._stop.by)
+        self._why += self._outcome.messages
+
+    def _try_processes(self, recorder: Sink | None) -> None:
         try:
             self._run_processes(recorder)
         except (LaunchError, ConnectionError) as error:
@@ -179,7 +222,7 @@ class _Run:
         except KeyboardInterrupt:
             self._why.append("a second signal came: nothing was waited for")
 
-    def _run_processes(self, recorder: Recorder | None) -> None:
+    def _run_processes(self, recorder: Sink | None) -> None:
         """Launch, watch, end.
 
         Raises:
@@ -201,6 +244,12 @@ class _Run:
                 url = swarm.start_station()
                 self._reporter.say(f"station: {url}")
                 announce(folder, url)
+            if self._options.researcher and recorder is not None:
+                page = Station()
+                feed = ResearcherFeed(page.operators_end, name, scenario)
+                self._onlookers.append(feed)
+                url = swarm.start_station(page, 1)
+                self._reporter.say(f"researcher's view, which shows what no operator knows: {url}")
             swarm.start_world(
                 folder / "scenario.toml",
                 listen=self._options.listen,
@@ -214,7 +263,8 @@ class _Run:
             first = self._resumed.step + 1 if self._resumed else 0
             link = swarm.recorder_link()
             with Observer(name, link, recorder, wire=wire, first_step=first, checkpoint_steps=every) as observer:
-                watch = Watch(swarm, observer, self._reporter, self._stop, scenario.run.step_timeout_s)
+                patience_s = scenario.run.step_timeout_s
+                watch = Watch(swarm, observer, self._reporter, self._stop, patience_s, self._onlookers)
                 try:
                     swarm.start_operator(publish_all=recorder is not None)
                     swarm.start_agents()

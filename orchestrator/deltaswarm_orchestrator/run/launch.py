@@ -6,19 +6,18 @@ import os
 import shutil
 import signal
 import socket
-import sys
 import threading
 import time
-import types
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
-from multiprocessing import forkserver
+from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Self
+from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.run import child
+from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
@@ -84,6 +83,7 @@ class Swarm:
         self._zenoh = (*_patience(scenario), *zenoh)
         self._checkpoint_steps, self._resumed = checkpoint_steps, resumed
         self._station = station
+        self._pages: set[Station] = set()
         self._restarts = Counter(resumed.restarts if resumed else {})
         self._secrets_folder = folder / SECRETS
         self._passwords: dict[str, str] = {}
@@ -169,22 +169,34 @@ class Swarm:
         argv = ["--low-latency", *argv, *self._joining()]
         self._start(OPERATOR, 0, argv, password=self._passwords[OPERATOR], channel=channel)
 
-    def start_station(self) -> str:
-        """Start the station's process; the URL of its page.
+    @property
+    def has_station(self) -> bool:
+        """Whether a person may watch and command."""
+        return self._station is not None
+
+    def start_station(self, station: Station | None = None, number: int = 0) -> str:
+        """Start the process of a page, maybe in place of one that died; return the page's URL.
+
+        Args:
+            station: the page; default: that of the person who watches and commands.
+            number: tells one page's process from another's.
 
         Raises:
             LaunchError: it did not come up, with the last lines of its log.
         """
-        assert self._station is not None
+        station = station or self._station
+        assert station is not None
+        self._pages.add(station)
         reader, writer = multiprocessing.Pipe(duplex=False)
-        argv = ["--listen", self._station.listen]
-        part = self._start(STATION, 0, argv, stdout=writer, channel=self._station.stations_end)
+        argv = ["--listen", station.listen]
+        part = self._start(STATION, number, argv, password=station.token, stdout=writer, channel=station.stations_end)
         writer.close()
         with reader:
             url = self._line_of(part, reader).strip()
         if not url:
             wait_for([part], END_WITHIN_S)
             raise LaunchError(f"the station did not come up:\n{part.log_tail()}")
+        station.listen = urlsplit(url).netloc  # one that is started in its place has the same page
         return url
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
@@ -327,6 +339,8 @@ class Swarm:
         for part in self.parts:
             part.close()
         self._kept_end.close()
+        for page in self._pages:
+            page.close()
         self._lifeline.close()
         self._forget_secrets()
 
@@ -338,39 +352,3 @@ def _patience(scenario: Scenario) -> list[tuple[str, str]]:
     """An agent that a fault freezes says nothing for long, in wall time too, and is not to be cut off for it."""
     frozen = any(fault.kind == FREEZE for fault in scenario.fault)
     return [("transport/link/tx/lease", str(FROZEN_LEASE_MS))] if frozen else []
-
-
-def kill_fork_server() -> None:
-    """Whatever state it is in; the next process that is started gets a new one."""
-    if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
-        with suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-
-
-@contextmanager
-def bare_main_module() -> Iterator[None]:
-    """Hide the program's own main module and arguments: every process started would get both.
-
-    With the module, each agent would import the whole command line; with the arguments, it would be told the run's
-    seed and scenario.
-    """
-    main, argv = sys.modules["__main__"], sys.argv
-    sys.modules["__main__"], sys.argv = types.ModuleType("__main__"), argv[:1]
-    try:
-        yield
-    finally:
-        sys.modules["__main__"], sys.argv = main, argv
-
-
-@contextmanager
-def safe_path() -> Iterator[None]:
-    """Start the fork server without the current folder on its path: a folder `operator` may be in it."""
-    before = os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ["PYTHONSAFEPATH"]
-        else:
-            os.environ["PYTHONSAFEPATH"] = before

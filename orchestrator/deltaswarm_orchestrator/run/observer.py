@@ -61,6 +61,10 @@ class Observer:
         self.heard_at = time.monotonic()
         """When the world last said how it is (monotonic wall time [s])."""
         self.newest_workload: Workload | None = None
+        self.newest_truth: Truth | None = None
+        """Of the newest closed step; None without a sink."""
+        self.messages: int | None = None if sink is None else 0
+        """Reports that the operator has counted since this observer came; None without a sink."""
         self.orders: deque[ProcessOrder] = deque()
         """What the world wants done to processes, and waits for; `confirm` each."""
         self._last_step: int | None = None
@@ -170,6 +174,7 @@ class Observer:
             return  # of an operator that has begun anew
         self.newest_workload, self.newest_step = workload, workload.step
         if self._sink is not None:
+            self.messages = (self.messages or 0) + workload.messages
             self._sink.workload(workload)
             self._confirm()
 
@@ -185,6 +190,7 @@ class Observer:
         truth = self._truths.pop(step, None)
         reports = sorted(self._reports.pop(step, []), key=lambda report: (report.agent, report.sequence))
         if self._sink is not None and truth is not None:
+            self.newest_truth = truth
             self._sink.step(truth, reports)
         self._open_step = step + 1
         if last:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import secrets
 import socket
 import webbrowser
 from dataclasses import dataclass, field
@@ -21,7 +22,7 @@ BRIEFING, ADDRESS = "operator.toml", "station.json"
 LOOPBACK = "127.0.0.1:0"
 
 
-@dataclass
+@dataclass(eq=False)
 class Station:
     """What the user wants of the station, and the two ends of its channel.
 
@@ -31,6 +32,8 @@ class Station:
 
     speed: float = 1.0
     listen: str = LOOPBACK
+    token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
+    """The secret part of the page's URL."""
     operators_end: socket.socket = field(init=False)
     stations_end: socket.socket = field(init=False)
 

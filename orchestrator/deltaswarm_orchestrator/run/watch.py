@@ -1,11 +1,14 @@
 """A run under way: take what is heard, do what the world asks for, notice who ends, hangs or says nothing."""
 
 import time
+from collections.abc import Sequence
 
 from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.part import Part
+from deltaswarm_orchestrator.run.onlookers import Onlooker
+from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import NO_ROOM
 from deltaswarm_wire.keys import OPERATOR, WORLD
@@ -14,6 +17,7 @@ POLL_S = 0.1
 SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
 
+STATION_RESTARTS = 5
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
 
@@ -21,7 +25,15 @@ RESTARTS_WITHOUT_A_STEP = 3
 class Watch:
     """Watches a swarm to its end."""
 
-    def __init__(self, swarm: Swarm, observer: Observer, reporter: Reporter, stop: Stop, patience_s: float) -> None:
+    def __init__(
+        self,
+        swarm: Swarm,
+        observer: Observer,
+        reporter: Reporter,
+        stop: Stop,
+        patience_s: float,
+        onlookers: Sequence[Onlooker] = (),
+    ) -> None:
         self.why: list[str] = []
         """Who ended too early, and how; each a line."""
         self.logs: dict[str, str] = {}
@@ -31,10 +43,12 @@ class Watch:
         self._observer = observer
         self._reporter = reporter
         self._stop = stop
+        self._onlookers = onlookers
         self._patience_s = patience_s + SILENCE_S
         self._noted: set[Part] = set()
         self._deadline = float("inf")
         """When the orchestrator waits no longer for the world to end."""
+        self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
 
@@ -61,6 +75,7 @@ class Watch:
                 break
         while observer.work(0.0):
             pass
+        self._wait_for_answers()
         if not is_stopping:  # a world that failed just now is why others did
             self._mourn(self._failed(), first=True)
 
@@ -69,6 +84,8 @@ class Watch:
         if observer.status is not None:
             workload = observer.newest_workload
             self._reporter.update(observer.status, workload.rate_60s_hz if workload else None)
+        for onlooker in self._onlookers:
+            onlooker.look(observer)
 
     def _end_soon(self) -> None:
         self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S / 2)
@@ -89,6 +106,27 @@ class Watch:
                     del self.logs[part.name]
                 else:
                     self._end_soon()
+            elif part.role == STATION:
+                self._start_station_again(part)
+
+    def _start_station_again(self, station: Part) -> None:
+        """Start a station in place of one that died; without one the run goes on."""
+        if station.number or self._station_restarts >= STATION_RESTARTS or station.exit_code == NO_ROOM:
+            return
+        self._station_restarts += 1
+        try:
+            self._swarm.start_station()
+        except LaunchError as error:
+            self.why.append(str(error))
+        else:
+            del self.logs[station.name]
+            self._swarm.write_pids()
+
+    def _wait_for_answers(self) -> None:
+        """Let the person at the station answer what is asked at the end."""
+        if self._swarm.has_station and self._swarm.part(WORLD).exit_code == 0:
+            while not self._stop.by and wait_for([self._swarm.part(OPERATOR)], POLL_S):
+                pass
 
     def _start_again(self, operator: Part) -> bool:
         """Start an operator in place of one that died; False if that does not help."""

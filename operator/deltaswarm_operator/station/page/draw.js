@@ -1,5 +1,6 @@
 /** Draws the map: only what was reported, fading with age. */
 
+import { label, Labels } from "./labels.js";
 import { heat as heatColour, inks, mark, markBase, markEvent, strength } from "./looks.js";
 import { age, number } from "./words.js";
 
@@ -11,7 +12,6 @@ import { age, number } from "./words.js";
 
 const OLD_S = 30;
 const NEW_EVENT_S = 20;
-const LABEL_STRENGTH = 0.75;
 
 /**
  * @param {Canvas} on
@@ -32,9 +32,11 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   if (layers.heat) warmth(on, view, heat, app.model.now_s);
   fixed(on, view, hello);
   if (layers.trees) trees(on, view, app);
-  for (const event of app.model.events) drawEvent(on, view, event, app, layers.labels);
-  for (const agent of app.model.agents) drawAgent(on, view, agent, app, layers.labels);
+  const labels = layers.labels ? new Labels() : null;
+  for (const event of app.model.events) drawEvent(on, view, event, app, labels);
+  for (const agent of app.model.agents) drawAgent(on, view, agent, app, labels);
   on.globalAlpha = 1;
+  labels?.draw(on);
   picked(on, view, app, hasFocus);
   ruler(on, view);
 }
@@ -160,24 +162,6 @@ function trees(on, view, { model, selection }) {
 
 /**
  * @param {Canvas} on
- * @param {string} text
- * @param {number} x
- * @param {number} y
- */
-function label(on, text, x, y) {
-  const { ink, halo } = inks();
-  on.font = "11px system-ui, sans-serif";
-  on.textAlign = "center";
-  on.lineJoin = "round";
-  on.strokeStyle = halo;
-  on.lineWidth = 3;
-  on.strokeText(text, x, y);
-  on.fillStyle = ink;
-  on.fillText(text, x, y);
-}
-
-/**
- * @param {Canvas} on
  * @param {number} x
  * @param {number} y
  * @param {number} size of the marker [px]
@@ -196,9 +180,9 @@ function ring(on, x, y, size) {
  * @param {View} view
  * @param {import("./types.js").EventRow} event
  * @param {App} app
- * @param {boolean} hasLabel
+ * @param {Labels | null} labels
  */
-function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection }, hasLabel) {
+function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection }, labels) {
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - seen_s;
   on.globalAlpha = strength(age_s);
@@ -210,9 +194,10 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
     on.lineWidth = 1.5;
     on.stroke();
   }
-  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
-  if (hasLabel) label(on, age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`, x, y + view.marker_px + 14);
-  if (selection?.kind === "event" && selection.id === id) ring(on, x, y, view.marker_px);
+  const isSelected = selection?.kind === "event" && selection.id === id;
+  const text = age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`;
+  labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
+  if (isSelected) ring(on, x, y, view.marker_px);
 }
 
 /**
@@ -220,16 +205,18 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
  * @param {View} view
  * @param {import("./types.js").AgentRow} agent
  * @param {App} app
- * @param {boolean} hasLabel
+ * @param {Labels | null} labels
  */
-function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, selection }, hasLabel) {
+function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, selection }, labels) {
   const [x, y] = view.toScreen(x_m, y_m);
   const age_s = model.now_s - said_s;
   on.globalAlpha = strength(age_s);
   mark(on, role, x, y, Boolean(own), view.marker_px);
-  on.globalAlpha = Math.max(on.globalAlpha, LABEL_STRENGTH);
-  if (hasLabel) label(on, age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`, x, y - view.marker_px - 6);
-  if (selection?.kind === "agent" && selection.id === id) ring(on, x, y, view.marker_px);
+  const isSelected = selection?.kind === "agent" && selection.id === id;
+  const text = age_s > OLD_S ? `${id} · ${age(age_s)}` : `${id}`;
+  const rank = isSelected ? 0 : role === "root" ? 1 : 3 + age_s;
+  labels?.add({ text, x, y: y - view.marker_px - 6, strength: strength(age_s), rank });
+  if (isSelected) ring(on, x, y, view.marker_px);
 }
 
 /**

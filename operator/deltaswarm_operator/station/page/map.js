@@ -271,7 +271,13 @@ export class MapPanel {
   legend() {
     const { model } = this.app;
     const roles = [...new Set(model.agents.map((agent) => agent[3]))].sort();
-    const key = JSON.stringify([roles, model.events.length > 0, model.hello?.base_m, inks().ink]);
+    const key = JSON.stringify([
+      roles,
+      model.events.length > 0,
+      model.agents.some((agent) => !agent[7]),
+      model.hello?.base_m,
+      inks().ink,
+    ]);
     if (key === this.legendOf) return;
     this.legendOf = key;
     const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));

@@ -1,0 +1,131 @@
+"""What a live viewer is shown of a run's messages: at most ten times per second of wall time, the newest of each topic.
+
+A run makes 165 steps per second or more, of which no eye sees a tenth. Lines of log and changes of events are all
+shown, since none of them stands in for another.
+"""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Sequence
+
+from deltaswarm_orchestrator.recording.transcriber import TopicMessage, Transcriber, log_message, workload_message
+from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Truth
+
+SHOW_EVERY_S = 0.1
+"""Wall time."""
+
+NEVER_THINNED = ("/log", "/swarm/event")
+
+MAX_WAITING = 1000
+"""Messages of topics that are never thinned; the oldest goes first."""
+
+Send = Callable[[str, float, bytes], None]
+"""Takes a topic, a simulated time [s] and a message; must not wait."""
+
+
+class Thinned:
+    """A `Viewer` that sends what is due.
+
+    Args:
+        send: takes each message that is shown.
+        wall: a wall clock [s].
+    """
+
+    def __init__(self, send: Send, wall: Callable[[], float] = time.monotonic) -> None:
+        self.time_s = 0.0
+        """The newest simulated time of which there is a message."""
+        self._send = send
+        self._wall = wall
+        self._due_s = wall()
+        self._newest: dict[str, tuple[float, bytes]] = {}
+        self._fresh: dict[str, None] = {}
+        """The topics that have something new, in the order in which they got it."""
+        self._waiting: deque[tuple[str, float, bytes]] = deque(maxlen=MAX_WAITING)
+        self._later: tuple[float, Callable[[], Iterable[TopicMessage]]] | None = None
+        self._shows_all = False
+
+    def put(self, topic: str, time_s: float, data: bytes) -> None:
+        """One message, at a simulated time [s]."""
+        self.time_s = max(self.time_s, time_s)
+        if topic in NEVER_THINNED:
+            self._waiting.append((topic, time_s, data))
+        else:
+            self._newest[topic] = time_s, data
+            self._fresh[topic] = None
+
+    def later(self, time_s: float, make: Callable[[], Iterable[TopicMessage]]) -> None:
+        """Messages of a simulated time [s] that are made when they are due, unless newer ones come before."""
+        self._later = time_s, make
+
+    def show_all(self) -> None:
+        """Send the newest message of every topic at the next tick: somebody has just come. From any thread."""
+        self._shows_all = True
+
+    def tick(self) -> None:
+        """Send what is due."""
+        now_s = self._wall()
+        if now_s < self._due_s:
+            return
+        if self._later is not None:
+            time_s, make = self._later
+            self._later = None
+            for topic, data in make():
+                self.put(topic, time_s, data)
+        if self._shows_all:
+            self._shows_all = False
+            self._fresh = dict.fromkeys(self._newest)
+        if not self._fresh and not self._waiting:
+            return  # still due: what comes next is shown at once
+        self._due_s = now_s + SHOW_EVERY_S
+        for topic in self._fresh:
+            self._send(topic, *self._newest[topic])
+        self._fresh.clear()
+        while self._waiting:
+            self._send(*self._waiting.popleft())
+
+
+class ViewersOnly:
+    """The `Sink` of a run that is shown and not recorded: views are made when they are due, and only then.
+
+    Args:
+        scenario: the run's.
+        viewer: who is shown the run.
+        wall: a wall clock [s].
+    """
+
+    def __init__(self, scenario: Scenario, viewer: Thinned, wall: Callable[[], float] = time.monotonic) -> None:
+        self._wall = wall
+        self._started_s = wall()
+        self._transcriber = Transcriber(scenario)
+        self._viewer = viewer
+
+    def step(self, truth: Truth, reports: Sequence[Report]) -> None:
+        """One closed step."""
+        for topic, data in self._transcriber.events(truth.events):
+            self._viewer.put(topic, truth.time_s, data)
+        self._viewer.later(truth.time_s, lambda: self._messages(truth, reports))
+        self._viewer.tick()
+
+    def _messages(self, truth: Truth, reports: Sequence[Report]) -> Iterable[TopicMessage]:
+        yield from self._transcriber.figures(truth, reports, round(self._wall() - self._started_s, 3))
+        yield from self._transcriber.views(truth)
+
+    def workload(self, workload: Workload) -> None:
+        """What the operator counted."""
+        self._viewer.put("/operator/workload", workload.time_s, workload_message(workload))
+        self._viewer.tick()
+
+    def log(self, level: int, name: str, text: str, time_s: float) -> None:
+        """Something worth a line, at a simulated time [s]."""
+        self._viewer.put("/log", time_s, log_message(level, name, text, time_s))
+
+    def radio(self, step: int, agent: int, data: bytes) -> None:
+        """Nothing: raw frames are for recordings."""
+
+    def report_bytes(self, step: int, agent: int, data: bytes) -> None:
+        """Nothing: raw reports are for recordings."""
+
+    def save(self) -> None:
+        """Nothing is kept."""

@@ -1,0 +1,107 @@
+"""From a run's steps to the protobuf messages of a recording: made once, for the file and for whoever looks on.
+
+It writes nothing: each message is a topic and its bytes, and the caller knows where they go.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from deltaswarm_orchestrator.recording.scene import Scene, stamp
+from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
+from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import EventState, Truth
+
+VIEW_RATE_HZ = 10.0
+"""At most so many messages per topic and second of playback are there to be looked at."""
+
+TopicMessage = tuple[str, bytes]
+"""A topic, and one message for it, encoded."""
+
+
+class Transcriber:
+    """Makes the messages of a run's steps, in the order in which a recording holds them.
+
+    Views and events depend on what was told before, so each step is transcribed once.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._scene = Scene(scenario)
+        self._open_events: dict[int, EventState] = {}
+
+    def figures(self, truth: Truth, reports: Sequence[Report], wall_s: float) -> Iterator[TopicMessage]:
+        """What there is to count of a step, without its events; `wall_s` is the run's wall time [s]."""
+        tally = truth.tally._asdict()
+        head = {"step": truth.step, "time_s": truth.time_s}
+        yield _encoded("/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]})  # absent is 0
+        yield _encoded("/swarm/state", head | {name: tally[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
+        inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
+        for report in reports:
+            _fill(inbox.reports.add(), report)
+        yield "/operator/inbox", inbox.SerializeToString()
+
+    def events(self, events: Sequence[EventState]) -> Iterator[TopicMessage]:
+        """Those that arrived, were first sensed or completed in this step."""
+        for event in events:
+            before = self._open_events.get(event.event)
+            if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
+                yield _event(event)
+            self.note(event)
+
+    def views(self, truth: Truth) -> Iterator[TopicMessage]:
+        """Where everything is in this step."""
+        return self._scene.messages(truth)
+
+    def open_events(self) -> list[TopicMessage]:
+        """The events that are not complete: once more at the end of a recording, for the work done since."""
+        return [_event(event) for event in self._open_events.values()]
+
+    def note(self, event: EventState) -> None:
+        """Know an event that was told before."""
+        if event.completed_s is None:
+            self._open_events[event.event] = event
+        else:
+            self._open_events.pop(event.event, None)
+
+
+def workload_message(workload: Workload) -> bytes:
+    """What the operator counted in one step, for `/operator/workload`."""
+    return bytes(OURS["Workload"](**workload._asdict()).SerializeToString())
+
+
+def log_message(level: int, name: str, text: str, time_s: float) -> bytes:
+    """A line of a part's log, for `/log`; `level` as Python's logging has it, time simulated [s]."""
+    line = text.encode(errors="replace").decode()  # protobuf refuses what UTF-8 cannot encode
+    message = Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name)
+    return bytes(message.SerializeToString())
+
+
+def steps_between_views(step_s: float) -> int:
+    """How many steps one view stands for: 1, unless that were more views a second than allowed."""
+    return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
+
+
+def _encoded(topic: str, fields: dict[str, Any]) -> TopicMessage:
+    return topic, TOPICS[topic](**fields).SerializeToString()
+
+
+def _event(event: EventState) -> TopicMessage:
+    return _encoded("/swarm/event", event._asdict())
+
+
+def _fill(message: Any, report: Report) -> None:
+    """Field by field, which is several times as fast as to make a message from a dict."""
+    message.agent, message.sequence, message.step, message.role = report[:4]
+    message.x_m, message.y_m, message.followers = report[4:7]
+    for event in report.events:
+        sighting = message.events.add()
+        sighting.event, sighting.x_m, sighting.y_m = event
+    for row in report.members:
+        member = message.members.add()
+        member.agent, member.parent, member.x_cm, member.y_cm = row
+    for number, state in report.answers:
+        answer = message.answers.add()
+        answer.command, answer.state = number, state

@@ -1,0 +1,45 @@
+"""The fork server from which all parts are started: clean of this program's own arguments and folder."""
+
+import os
+import signal
+import sys
+import types
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from multiprocessing import forkserver
+
+
+def kill_fork_server() -> None:
+    """Whatever state it is in; the next process that is started gets a new one."""
+    if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+
+
+@contextmanager
+def bare_main_module() -> Iterator[None]:
+    """Hide the program's own main module and arguments: every process started would get both.
+
+    With the module, each agent would import the whole command line; with the arguments, it would be told the run's
+    seed and scenario.
+    """
+    main, argv = sys.modules["__main__"], sys.argv
+    sys.modules["__main__"], sys.argv = types.ModuleType("__main__"), argv[:1]
+    try:
+        yield
+    finally:
+        sys.modules["__main__"], sys.argv = main, argv
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Start the fork server without the current folder on its path: a folder `operator` may be in it."""
+    before = os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["PYTHONSAFEPATH"]
+        else:
+            os.environ["PYTHONSAFEPATH"] = before

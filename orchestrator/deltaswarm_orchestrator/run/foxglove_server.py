@@ -1,0 +1,175 @@
+"""A live view of a run for Foxglove and Lichtblick: the recorder's channels over a WebSocket on loopback.
+
+The server is foxglove-sdk's and has threads of its own. It drops the oldest messages of a viewer that does not read,
+so a viewer never makes the run wait.
+"""
+
+import logging
+import os
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from types import TracebackType
+from typing import Any, Self
+
+from mcap_protobuf.schema import build_file_descriptor_set
+
+from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_orchestrator.recording.schemas import TOPICS
+from deltaswarm_orchestrator.recording.thinning import Thinned
+
+HOST = "127.0.0.1"
+
+BACKLOG_MESSAGES = 256
+"""Kept for each viewer; about two seconds' worth."""
+
+STOP_WITHIN_S = 1.0
+"""Viewers get so long to take what is on its way."""
+
+INSTALL_LIVE = "pip install 'deltaswarm[live]'"
+
+SERVER_LOG = "foxglove.websocket.server"
+
+REFUSED = (
+    "a viewer was refused: it must speak the subprotocol foxglove.sdk.v1 "
+    "(Foxglove does; Lichtblick before 1.22 does not)"
+)
+
+
+class LiveError(Exception):
+    """A run cannot be shown live; the text says why, and what to do."""
+
+
+def check_installed() -> None:
+    """Check that the extra `live` is installed.
+
+    Raises:
+        LiveError: it is not.
+    """
+    try:
+        import foxglove  # noqa: F401 (an extra)
+    except ModuleNotFoundError:
+        raise LiveError(f"--live foxglove needs foxglove-sdk: {INSTALL_LIVE}") from None
+
+
+class FoxgloveServer(Thinned):
+    """A `Viewer` that any number of Foxglove windows can look through, and leave.
+
+    Args:
+        name: shown by the viewer.
+        port: where to listen on loopback; 0 for any free port.
+        say: takes a line for the user.
+
+    Raises:
+        LiveError: foxglove-sdk is missing, or the port is taken.
+    """
+
+    def __init__(self, name: str, port: int, say: Callable[[str], None]) -> None:
+        check_installed()
+        import foxglove
+        import foxglove.websocket as websocket
+
+        super().__init__(self._show)
+        self._told_s = -1.0
+        """The simulated time that viewers were last told [s]."""
+        self._context = context = foxglove.Context()  # kept: without it, its channels lead nowhere
+        self._channels = {topic: _channel(foxglove, context, topic) for topic in TOPICS}
+        self._log_handler = _Refusals(say)
+        logging.getLogger(SERVER_LOG).addHandler(self._log_handler)
+        try:
+            self._server = foxglove.start_server(
+                name=name,
+                host=HOST,
+                port=port,
+                capabilities=[websocket.Capability.Time],
+                server_listener=_listener(websocket.ServerListener, self._welcome),
+                context=context,
+                message_backlog_size=BACKLOG_MESSAGES,
+            )
+        except RuntimeError as error:
+            self._stop_logging()
+            reason = str(error).removeprefix("FoxgloveError: ")
+            raise LiveError(f"--live-port {port}: {reason}; choose another port, or 0 for any free one") from None
+
+        self._port: int = self._server.port
+
+    @property
+    def url(self) -> str:
+        """What to give a viewer."""
+        return f"ws://{HOST}:{self._port}"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop_logging()
+        # The server would wait without end until each viewer has read what is on its way.
+        stopping = threading.Thread(target=self._server.stop, daemon=True)
+        stopping.start()
+        stopping.join(STOP_WITHIN_S)
+        if stopping.is_alive():
+            _cut_off(self._port)
+            stopping.join(STOP_WITHIN_S)
+
+    def look(self, seen: object) -> None:
+        """The run's watch comes by; also while no step is made."""
+        self.tick()
+
+    def _welcome(self) -> None:
+        self._told_s = -1.0
+        self.show_all()
+
+    def _show(self, topic: str, time_s: float, data: bytes) -> None:
+        if self.time_s > self._told_s:
+            self._told_s = self.time_s
+            self._server.broadcast_time(log_time_ns(self.time_s))
+        channel = self._channels[topic]
+        if channel.has_sinks():
+            channel.log(data, log_time=log_time_ns(time_s))
+
+    def _stop_logging(self) -> None:
+        logging.getLogger(SERVER_LOG).removeHandler(self._log_handler)
+
+
+def _channel(foxglove: Any, context: Any, topic: str) -> Any:
+    kind = TOPICS[topic]
+    data = build_file_descriptor_set(kind).SerializeToString()
+    schema = foxglove.Schema(name=kind.DESCRIPTOR.full_name, encoding="protobuf", data=data)
+    return foxglove.Channel(topic, schema=schema, message_encoding="protobuf", context=context).base
+
+
+def _cut_off(port: int) -> None:
+    """Shut every connection of this process that came in at a port of its own: viewers that do not read."""
+    for name in os.listdir("/proc/self/fd"):
+        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as found:
+            if found.family == socket.AF_INET and found.getsockname()[1] == port:
+                found.shutdown(socket.SHUT_RDWR)
+
+
+def _listener(base: Any, subscribed: Callable[[], None]) -> Any:
+    class Listener(base):  # type: ignore[misc]
+        """Called by the server's thread."""
+
+        def on_subscribe(self, client: object, channel: object) -> None:
+            """Somebody wants to see the newest of a topic, however long ago it was told."""
+            subscribed()
+
+    return Listener()
+
+
+class _Refusals(logging.Handler):
+    """Tells once of viewers that the server could not talk to, instead of a line for each."""
+
+    def __init__(self, say: Callable[[str], None]) -> None:
+        super().__init__(logging.ERROR)
+        self._say = say
+        self._has_told = False
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """One line of the server's log."""
+        if "handshake failed" in record.getMessage() and not self._has_told:
+            self._has_told = True
+            self._say(REFUSED)

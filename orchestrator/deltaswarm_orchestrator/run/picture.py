@@ -1,0 +1,100 @@
+"""The truth of a run as the datagrams `hello` and `picture`, for those who look on: the researcher's tools.
+
+They are in the form of the operator's station, with what it knows left empty and `truth` added.
+"""
+
+from typing import Any
+
+import orjson
+
+from deltaswarm_orchestrator.run.onlookers import Seen
+from deltaswarm_wire.operator_messages import Workload
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import Body, EventState, Truth
+
+PLACE_DIGITS = 3
+"""Places are rounded to a millimetre."""
+
+RESEARCHER = "researcher"
+"""The kind of a feed that shows what no operator knows."""
+
+ENDED = "ended"
+"""The phase of a world that has made its last step."""
+
+
+def hello(run: str, scenario: Scenario) -> bytes:
+    """What does not change during a run: its name, its arena, its length."""
+    arena, uplink = scenario.arena, scenario.uplink
+    return orjson.dumps(
+        {
+            "type": "hello",
+            "kind": RESEARCHER,
+            "run": run,
+            "title": f"{scenario.name}, {scenario.control.mode}",
+            "step_s": scenario.run.step_s,
+            "duration_s": scenario.run.steps * scenario.run.step_s,
+            "arena_m": [arena.width_m, arena.height_m],
+            "obstacles": [obstacle.corners_m for obstacle in arena.obstacles],
+            "base_m": uplink.base_m,
+            "range_m": uplink.range_m,
+            "agents": scenario.agents.count,
+            "thresholds_hz": [scenario.operator.threshold_hz],
+            "commands": [],
+            "speeds": [],
+            "session": None,
+        }
+    )
+
+
+def picture(seen: Seen) -> bytes | None:
+    """What there is to see of a run now; None before anything is."""
+    truth, status, workload = seen.newest_truth, seen.status, seen.newest_workload
+    newest = truth or workload or status
+    if newest is None:
+        return None
+    told: dict[str, Any] = {
+        "type": "picture",
+        "step": newest.step,
+        "time_s": newest.time_s,
+        "over": status is not None and status.phase == ENDED,
+        "agents": [],
+        "events": [],
+        "inbox": [],
+        "unread": 0,
+        "workload": _workload(workload, seen.messages),
+        "commands": [],
+        "pace": {"paused": False, "speed": 0.0},
+        "probe": None,
+        "truth": _truth(truth) if truth else None,
+    }
+    if status is not None:
+        told["status"] = status._asdict()
+    return orjson.dumps(told)
+
+
+def _truth(truth: Truth) -> dict[str, Any]:
+    return {
+        "agents": [_agent(body) for body in truth.bodies],
+        "events": [_event(event) for event in truth.events if event.completed_s is None],
+    }
+
+
+def _agent(body: Body) -> tuple[int, float, float, str, int, int]:
+    x_m, y_m = round(body.x_m, PLACE_DIGITS), round(body.y_m, PLACE_DIGITS)
+    return body.agent, x_m, y_m, body.role, body.parent, body.root
+
+
+def _event(event: EventState) -> tuple[int, float, float, float]:
+    return event.event, round(event.x_m, PLACE_DIGITS), round(event.y_m, PLACE_DIGITS), event.arrived_s
+
+
+def _workload(workload: Workload | None, messages: int | None) -> dict[str, Any]:
+    rates = workload._asdict() if workload else dict.fromkeys(("rate_1s_hz", "rate_60s_hz", "time_above_s"), 0.0)
+    return {
+        "messages": messages,
+        "rate_1s_hz": rates["rate_1s_hz"],
+        "rate_60s_hz": rates["rate_60s_hz"],
+        "senders": rates.get("senders", 0),
+        "residue": 0.0,
+        "above_s": [rates["time_above_s"]],
+    }

@@ -1,0 +1,1 @@
+"""`deltaswarm top`: a run under way, on a terminal."""

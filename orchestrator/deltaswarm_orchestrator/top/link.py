@@ -1,0 +1,121 @@
+"""The way to a run under way: which one, and its newest picture."""
+
+import select
+import socket
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import orjson
+
+from deltaswarm_orchestrator.run.folder_lock import is_held
+from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
+
+DATAGRAM_BYTES = 4 << 20
+DEPTHS = ("", "*/", "*/*/", "*/*/*/")
+"""Where runs are looked for below a folder: `runs/x.part` and the runs of a sweep."""
+
+CONNECT_WITHIN_S = 5.0
+PICTURE_WITHIN_S = 60.0
+"""A run shows nothing before its processes have been started, which takes long on a busy machine."""
+
+Message = dict[str, Any]
+
+
+class NoRunError(Exception):
+    """There is no run to look at; the text says why, and what to do."""
+
+
+@dataclass
+class Link:
+    """A connection to a run. Holds the newest of what came; nothing here waits."""
+
+    end: socket.socket
+    folder: Path
+    hello: Message = field(default_factory=dict)
+    picture: Message = field(default_factory=dict)
+    is_over: bool = False
+    """Whether the run has hung up: no picture comes any more."""
+
+    def __post_init__(self) -> None:
+        self.end.setblocking(False)
+
+    def take(self) -> bool:
+        """Take all that has come; whether there was a picture."""
+        newest: bytes | None = None
+        while not self.is_over:
+            try:
+                data = self.end.recv(DATAGRAM_BYTES)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            if not data:
+                self.is_over = True
+            elif self.hello:
+                newest = data
+            else:
+                self.hello = orjson.loads(data)
+        if newest is not None:
+            self.picture = orjson.loads(newest)
+        return newest is not None
+
+    def wait(self) -> bool:
+        """Wait for a picture; False if none comes in time, or ever."""
+        while not self.take() and not self.is_over:
+            if not select.select([self.end], [], [], PICTURE_WITHIN_S)[0]:
+                break
+        return bool(self.picture)
+
+    def as_json(self) -> str:
+        """What does not change of the run, and its newest picture."""
+        return orjson.dumps({"hello": self.hello, "picture": self.picture}).decode()
+
+
+def linked(run: Path | None, base: Path) -> Link:
+    """The connection to a run, by its folder; without one to the newest run under way below `base`.
+
+    Raises:
+        NoRunError: there is none.
+    """
+    if run is not None:
+        return _linked_to(run)
+    files = [file for depth in DEPTHS for file in base.glob(f"{depth}{LIVE_SOCKET}")]
+    for file in sorted(files, key=_made_at_s, reverse=True):
+        with suppress(OSError):  # left by a run that was killed, or another user's
+            return _link(file.parent)
+    raise NoRunError(
+        f"no run that can be looked at is under way below {base.resolve()}; "
+        "start one with `deltaswarm run`, or name the folder of one"
+    )
+
+
+def _linked_to(run: Path) -> Link:
+    part = run.with_name(f"{run.name}.part")
+    folder = part if part.is_dir() and not (run / LIVE_SOCKET).exists() else run
+    if not folder.is_dir():
+        raise NoRunError(f"{run} is not a folder; the folder of a run under way is expected")
+    try:
+        return _link(folder)
+    except PermissionError:
+        raise NoRunError(f"{folder} is another user's run; only its owner can look at it") from None
+    except OSError:
+        pass
+    if is_held(folder):
+        raise NoRunError(
+            f"{folder} is under way and cannot be looked at: it is just beginning or ending, it is neither recorded "
+            "nor has processes, or its file system has no sockets"
+        )
+    raise NoRunError(f"{folder} is not under way; to see what it was: deltaswarm info {folder}")
+
+
+def _link(folder: Path) -> Link:
+    return Link(connected(folder, CONNECT_WITHIN_S), folder)
+
+
+def _made_at_s(file: Path) -> float:
+    try:
+        return file.stat().st_mtime
+    except OSError:
+        return 0.0
