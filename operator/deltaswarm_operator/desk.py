@@ -23,6 +23,7 @@ LIVE = "live"
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
 HISTORY_ROWS = 600
+SHEET_FIELDS = ("consent", "participant", "condition")
 MAX_NOTE = 2000
 """Characters."""
 NO_CONSENT = "the run begins once the participant has consented"
@@ -189,7 +190,7 @@ class Desk:
             commands=[plain(form) for form in briefing.forms],
             speeds=SPEEDS,
             session={
-                "sheet": {"consent": probes.consent, "participant": "", "condition": ""} if probes.consent else None,
+                "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
             },
         )

@@ -54,8 +54,8 @@ class Probes:
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def begin(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is a text to consent to."""
-        if self._settings.consent and not self._is_consented:
+        """Ask for the session's sheet, if there is one that has not been filled in."""
+        if self._settings.has_sheet and not self._is_consented:
             self._asked = _Asked(SHEET, 0, 0.0, wall_s)
 
     @property
