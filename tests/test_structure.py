@@ -14,7 +14,14 @@ import pytest
 from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_wire import settings as wire_settings
-from deltaswarm_wire import settings_fault, settings_obstacles, settings_operator, settings_radio, settings_uplink
+from deltaswarm_wire import (
+    settings_downlink,
+    settings_fault,
+    settings_obstacles,
+    settings_operator,
+    settings_radio,
+    settings_uplink,
+)
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -43,11 +50,13 @@ ADAPTERS = {
     *("process.py", "run.py", "__main__.py", "output.py", "waker.py", "wires.py"),
     *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py", "logs.py"),
     *("signals.py", "waiting.py", "server.py", "channel.py", "staffed.py"),
+    *("attention.py", "replaying.py"),
 }
 """They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and
 wires.py and waker.py are the world's ends of the fabric. On a board: its air, its vehicle and the link to it, systemd,
 signals, and what it writes; in open air, what waits for the operator. server.py has
-the station's sockets, channel.py and staffed.py the operator's end of them."""
+the station's sockets, channel.py and staffed.py the operator's end of them. attention.py is
+what the world's end of the fabric has taken in, replaying.py a replay's process."""
 
 
 def modules(*folders: str) -> list[Path]:
@@ -144,7 +153,8 @@ def test_every_file_says_what_it_is(path: Path) -> None:
 SETTINGS: list[Any] = [
     found
     for module in (
-        *(wire_settings, settings_fault, settings_obstacles, settings_operator, settings_radio, settings_uplink),
+        *(wire_settings, settings_downlink, settings_fault, settings_obstacles),
+        *(settings_operator, settings_radio, settings_uplink),
         *(paper_settings, potential),
     )
     for found in vars(module).values()

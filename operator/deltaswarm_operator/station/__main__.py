@@ -15,7 +15,9 @@ import sys
 from collections.abc import Sequence
 
 from deltaswarm_operator.station.server import Station
-from deltaswarm_wire.session import PASSWORD_VARIABLE
+
+PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
+"""That of all parts of a run, named here once more: a station knows nothing of the wire."""
 
 TOKEN_BYTES = 24
 """32 characters in a URL."""

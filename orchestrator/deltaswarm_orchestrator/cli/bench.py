@@ -25,8 +25,15 @@ def add(command: argparse.ArgumentParser) -> None:
         metavar="N,N,...",
         help="with --scale (default: 25,50,100,200,400)",
     )
-    command.add_argument("--rounds", type=count, default=3, metavar="N", help="with --scale or --radio (default: 3)")
-    command.add_argument("--plot", type=Path, metavar="NAME", help="with --scale: draw NAME.png and NAME.svg")
+    command.add_argument(
+        "--coverage", action="store_true", help="measure how fast a command of the operator spreads, in one process"
+    )
+    command.add_argument(
+        "--rounds", type=count, default=3, metavar="N", help="with --scale, --radio or --coverage (default: 3)"
+    )
+    command.add_argument(
+        "--plot", type=Path, metavar="NAME", help="with --scale or --coverage: draw NAME.png, NAME.svg and NAME.pdf"
+    )
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=bench)
 
@@ -35,7 +42,7 @@ def bench(arguments: argparse.Namespace) -> int:
     """Measure, and print what was measured."""
     from deltaswarm_orchestrator.bench.doctor import can_start_parts
 
-    if not (arguments.scale or arguments.radio or can_start_parts()):
+    if not (arguments.scale or arguments.radio or arguments.coverage or can_start_parts()):
         return FAILED
     try:
         found = _measured(arguments)
@@ -48,6 +55,8 @@ def bench(arguments: argparse.Namespace) -> int:
 def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
     from deltaswarm_orchestrator.bench import bench, radio_cost, scale
 
+    if arguments.coverage:
+        return _coverage(arguments)
     if arguments.radio:
         return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
     if not arguments.scale:
@@ -58,4 +67,25 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
         from deltaswarm_orchestrator.report.plots.style import save
 
         save(drawn(found["sizes"]), arguments.plot)
+    return found
+
+
+def _coverage(arguments: argparse.Namespace) -> dict[str, Any]:
+    """How a command spreads; printed as the time until half and nine tenths of the agents know it."""
+    from deltaswarm_orchestrator.bench.coverage import measure_coverage
+
+    found = measure_coverage(arguments.rounds)
+    if arguments.plot:
+        from deltaswarm_orchestrator.report.plots.coverage import coverage
+        from deltaswarm_orchestrator.report.plots.style import save
+
+        save(coverage(found), arguments.plot)
+    if arguments.json:
+        return found
+    for row in found["rows"]:
+        shares = row.pop("share_known")
+        for share in (0.5, 0.9):
+            reached = (step * found["step_s"] for step, known in enumerate(shares) if known >= share)
+            row[f"{share:.0%}_know_after_s"] = next(reached, None)
+        row["known_at_end"] = shares[-1]
     return found

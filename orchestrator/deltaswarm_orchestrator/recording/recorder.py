@@ -153,8 +153,13 @@ class Recorder:
             if self._wire:
                 self._wire.flush()
 
-    def close(self, manifest: Mapping[str, Any]) -> None:
-        """Add the manifest, finish, and give the files their names. What is no text in it becomes JSON."""
+    def close(self, manifest: Mapping[str, Any], tables: Iterable[tuple[str, bytes]] = ()) -> None:
+        """Add the manifest and tables (name, CSV) beside it, finish, and give the files their names.
+
+        What is no text in the manifest becomes JSON.
+        """
+        for name, data in tables:
+            self._file.attach(name, "text/csv", data)
         self._end(
             {name: text if isinstance(text, str) else orjson.dumps(text).decode() for name, text in manifest.items()}
         )

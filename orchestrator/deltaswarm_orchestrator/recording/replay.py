@@ -7,12 +7,14 @@ import msgpack
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.records import RecordingError
-from deltaswarm_orchestrator.run.results import COMMANDS
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import Scenario
+
+COMMANDS = "commands.toml"
+"""The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
 
 
 def write_steps(run: Path, file: Path) -> None:

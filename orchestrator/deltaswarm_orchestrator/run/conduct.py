@@ -155,7 +155,7 @@ class _Run:
                 finally:
                     summary = self._conclude()
                 if isinstance(recorder, Recorder):
-                    recorder.close(self._manifest)
+                    recorder.close(self._manifest, results.person_tables(folder))
             assert self._outcome is not None
             can_go_on = not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
             with room.room_for(folder):

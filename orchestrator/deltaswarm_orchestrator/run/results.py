@@ -13,6 +13,7 @@ import numpy as np
 import tomli_w
 
 from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.recording.replay import COMMANDS
 from deltaswarm_wire import digest
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
@@ -25,10 +26,9 @@ EVENTS_SO_FAR = "world-events.csv"
 """A row for each change of an event, where the world has not come to write `events.csv`."""
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
-COMMANDS = "commands.toml"
-"""The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
 DEEDS = "deeds.csv"
-"""What the person at the station did; `operator.csv` in the end."""
+"""What the person at the station did, while the run is under way."""
+OPERATOR_TABLE, PROBES = "operator.csv", "probes.csv"
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
 
@@ -157,7 +157,13 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
         for name in UNMERGED:
             (folder / name).unlink(missing_ok=True)
         if (folder / DEEDS).exists():
-            (folder / DEEDS).rename(folder / "operator.csv")
+            (folder / DEEDS).rename(folder / OPERATOR_TABLE)
+
+
+def person_tables(folder: Path) -> list[tuple[str, bytes]]:
+    """What the person at the station did and answered, as tables with their names in the end; none without a person."""
+    names = {DEEDS: OPERATOR_TABLE, PROBES: PROBES}
+    return [(final, (folder / name).read_bytes()) for name, final in names.items() if (folder / name).exists()]
 
 
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

@@ -1,0 +1,66 @@
+"""How a command spreads through the swarm: the share of agents that know it, against the time since it was sent."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_wire.operator_messages import Clock
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_downlink import CommandSettings
+
+RANGES_M = (20.0, 50.0, None)
+"""Ranges of the base, which stands in the middle; None: it is heard everywhere."""
+LOSSES = (0.0, 0.3, 0.6)
+"""Share of frames lost, of the base's and of the agents'."""
+SENT_S, WATCHED_S = 60.0, 180.0
+"""The command is sent once the swarm has spread, and lives for as long as it is watched."""
+
+
+def coverage_scenario(range_m: float | None, loss: float, seed: int) -> Scenario:
+    """The paper's base scenario with one command for all."""
+    base = load_scenario("paper-25", ["record=off"], seed)
+    command = CommandSettings(SENT_S, "set delta", arguments={"delta": 4}, life_s=WATCHED_S)
+    middle_m = (base.arena.width_m / 2, base.arena.height_m / 2)
+    return replace(
+        base,
+        name="coverage",
+        run=replace(base.run, duration_s=SENT_S + WATCHED_S),
+        radio=replace(base.radio, loss=loss),
+        downlink=replace(base.downlink, base_m=middle_m, range_m=range_m, loss=loss),
+        command=(command,),
+    )
+
+
+def measure_coverage(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
+    """Mean share of agents that know the command, by seconds since it was sent, over seeds 1, 2..., in one process.
+
+    Returns:
+        `rows`, one for each range of the base and loss, with `share_known`, an entry per step.
+    """
+    rows = [
+        {
+            "range_m": range_m,
+            "loss": loss,
+            "share_known": np.mean([_shares(range_m, loss, seed) for seed in range(1, rounds + 1)], axis=0).tolist(),
+        }
+        for range_m in ranges_m
+        for loss in LOSSES
+    ]
+    return {"rounds": rounds, "step_s": coverage_scenario(None, 0.0, 1).run.step_s, "rows": rows}
+
+
+def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:
+    scenario = coverage_scenario(range_m, loss, seed)
+    swarm = InProcess(scenario)
+    steps, step_s = scenario.run.steps, scenario.run.step_s
+    shares = []
+    for step in range(steps):
+        tally = swarm.step(step, step == steps - 1)
+        swarm.close(Clock(step, tally.time_s, step == steps - 1))
+        if step * step_s >= SENT_S:
+            shares.append(sum(agent.commands.knows(0) for agent in swarm.agents) / len(swarm.agents))
+    return shares
