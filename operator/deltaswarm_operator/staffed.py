@@ -3,6 +3,7 @@
 import json
 import socket
 import time
+from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ from deltaswarm_operator.deeds import DeedTables
 from deltaswarm_operator.desk import Desk
 from deltaswarm_wire.commands import encode_pace, encode_turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_wire.settings_downlink import FIRST_STEP
 from deltaswarm_wire.settings_operator import Briefing
 
 SHOW_EVERY_S = 0.1
@@ -56,6 +58,8 @@ class StaffedDesk:
         self._tables = DeedTables(folder, go_on=go_on)
         self._channel = None if end is None else Channel(end, on_intent)
         self._pace = self.desk.pace
+        self._turns: deque[bytes] = deque(maxlen=FIRST_STEP)
+        """The newest turns, which the world may not have had when this process was killed."""
         self._show_due = self._hello_due = 0.0
 
     @property
@@ -66,6 +70,9 @@ class StaffedDesk:
     def begin(self) -> None:
         """Before the first step."""
         self.desk.begin(time.monotonic())
+        if self.is_awaited:
+            for turn in self._turns:  # the world leaves out those that it has
+                self._send_turn(turn)
         if self._channel is not None:
             self._pace = self.desk.pace
             self._send_pace(encode_pace(self._pace))
@@ -75,7 +82,8 @@ class StaffedDesk:
         """A step is closed; answer with the operator's turn."""
         turn = self.desk.close(clock, workload, reports, time.monotonic())
         if self.is_awaited or turn.commands:
-            self._send_turn(encode_turn(turn))
+            self._turns.append(encode_turn(turn))
+            self._send_turn(self._turns[-1])
         if clock.last:
             self._show_due = 0.0
         self.show()
@@ -126,11 +134,13 @@ class StaffedDesk:
     def go_on(self, step: int, state: str | None) -> None:
         """Go on for an operator that was killed after a step."""
         if state is not None:
-            self.desk.go_on(step, json.loads(state))
+            found = json.loads(state)
+            self.desk.go_on(step, found["desk"])
+            self._turns += [bytes.fromhex(turn) for turn in found["turns"]]
 
     def state(self) -> str:
         """All that is needed to go on, as JSON: one text, since it may be long and is written often."""
-        return json.dumps(self.desk.state())
+        return json.dumps({"desk": self.desk.state(), "turns": [turn.hex() for turn in self._turns]})
 
     @property
     def totals(self) -> dict[str, Any]:
