@@ -1,23 +1,18 @@
 """The station's page in a real browser: what it shows, what people do in it, and what they do not lose."""
 
-import os
 import re
 import shutil
-import subprocess
 from collections.abc import Callable, Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from selenium.webdriver.remote.webelement import WebElement
-from selenium.webdriver.support.ui import Select, WebDriverWait
+from selenium.webdriver.support.ui import Select
 
-from deltaswarm_operator.station.server import PAGE
-from tests.station_feed import PATIENCE_S, Feed, Message, Player, Swarm
+from tests.station_browser import Page
+from tests.station_feed import PATIENCE_S, Feed, Swarm
 
 CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
 
@@ -26,9 +21,6 @@ pytestmark = pytest.mark.processes
 needs_browser = pytest.mark.skipif(
     not (CHROMIUM and DRIVER), reason="chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
 )
-
-CHECKS = ["--noEmit", "--allowJs", "--checkJs", "--strict", "--noUncheckedIndexedAccess", "--noUnusedLocals"]
-CHECKS += ["--target", "es2022", "--module", "es2022", "--lib", "es2022,dom,dom.iterable"]
 
 
 @pytest.fixture(scope="module")
@@ -42,54 +34,6 @@ def driver() -> Iterator[webdriver.Chrome]:
     made = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
     yield made
     made.quit()
-
-
-class Page:
-    """The page as a person has it, and the operator behind it."""
-
-    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed) -> None:
-        self.driver = driver
-        self.feed = feed
-        self.player = Player(feed, swarm)
-        driver.get(feed.url)
-        self.until(lambda: self.text("status") != "connecting")
-
-    def until(self, holds: Callable[[], Any]) -> Any:
-        """Wait for something to hold."""
-        return WebDriverWait(self.driver, PATIENCE_S, 0.05).until(lambda _: holds())
-
-    def at(self, name: str) -> WebElement:
-        """An element by its id."""
-        return self.driver.find_element(By.ID, name)
-
-    def all(self, selector: str) -> list[WebElement]:
-        """Elements by a CSS selector."""
-        return self.driver.find_elements(By.CSS_SELECTOR, selector)
-
-    def text(self, name: str) -> str:
-        """An element's text, whether or not it is on the screen."""
-        return str(self.at(name).get_property("textContent"))
-
-    def texts(self, selector: str) -> list[str]:
-        """The texts of all elements, at one moment."""
-        script = "return [...document.querySelectorAll(arguments[0])].map((found) => found.textContent)"
-        return list(self.driver.execute_script(script, selector))  # type: ignore[no-untyped-call]
-
-    def press(self, *keys: str) -> None:
-        """Keys, to whatever has the focus."""
-        ActionChains(self.driver).send_keys(*keys).perform()
-
-    def asked(self, kind: str) -> Message:
-        """What the page sent, without the browser's number."""
-        intent = self.player.heard(lambda intent: intent["type"] == kind)
-        return {name: value for name, value in intent.items() if name not in ("from", "id")}
-
-    def click_map(self, x_m: float, y_m: float) -> None:
-        """Click at a place of the arena, by the scale that the fitted map has."""
-        size = self.at("map").size
-        scale = min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
-        x, y = round((x_m - 50) * scale), round((50 - y_m) * scale)
-        ActionChains(self.driver).move_to_element_with_offset(self.at("map"), x, y).click().perform()
 
 
 @pytest.fixture
@@ -439,30 +383,3 @@ def test_the_end_of_the_run_is_told(page: Page) -> None:
     assert page.text("time") == "1:40"
     page.at("pause").click()
     page.until(lambda: page.text("said") == "Not sent: there is no connection.")
-
-
-@pytest.mark.skipif(not shutil.which("tsc"), reason="tsc is not installed (Debian: node-typescript)")
-def test_the_pages_types_hold() -> None:
-    """JSDoc, checked strictly."""
-    files = [str(PAGE / "types.d.ts"), *map(str, sorted(PAGE.glob("*.js")))]
-    done = subprocess.run(["tsc", *CHECKS, *files], cwd=os.sep, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stdout
-
-
-def test_the_pages_files_are_short_and_set_no_html() -> None:
-    """Each says what it is; what comes from a run is only ever set as text."""
-    for path in sorted([*PAGE.glob("*.js"), *PAGE.glob("*.css"), *PAGE.glob("*.html")]):
-        text = path.read_text()
-        assert text.count("\n") < 350, path.name
-        assert path.suffix == ".html" or text.startswith(("/** ", "/* ")), path.name
-        assert not re.search(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\(|new Function", text), (
-            path.name
-        )
-        assert not re.search(r"https?://", text), path.name
-
-
-def test_what_is_vendored_has_its_licence() -> None:
-    """And its version is in its first line."""
-    vendor: Path = PAGE / "vendor"
-    assert "(v1.6." in (vendor / "uPlot.iife.min.js").read_text()[:100]
-    assert "MIT" in (vendor / "uPlot.LICENSE").read_text()

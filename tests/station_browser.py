@@ -1,0 +1,60 @@
+"""The station's page in a browser, as a person has it."""
+
+from collections.abc import Callable
+from typing import Any
+
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from tests.station_feed import PATIENCE_S, Feed, Message, Player, Swarm
+
+
+class Page:
+    """The page as a person has it, and the operator behind it."""
+
+    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed) -> None:
+        self.driver = driver
+        self.feed = feed
+        self.player = Player(feed, swarm)
+        driver.get(feed.url)
+        self.until(lambda: self.text("status") != "connecting")
+
+    def until(self, holds: Callable[[], Any]) -> Any:
+        """Wait for something to hold."""
+        return WebDriverWait(self.driver, PATIENCE_S, 0.05).until(lambda _: holds())
+
+    def at(self, name: str) -> WebElement:
+        """An element by its id."""
+        return self.driver.find_element(By.ID, name)
+
+    def all(self, selector: str) -> list[WebElement]:
+        """Elements by a CSS selector."""
+        return self.driver.find_elements(By.CSS_SELECTOR, selector)
+
+    def text(self, name: str) -> str:
+        """An element's text, whether or not it is on the screen."""
+        return str(self.at(name).get_property("textContent"))
+
+    def texts(self, selector: str) -> list[str]:
+        """The texts of all elements, at one moment."""
+        script = "return [...document.querySelectorAll(arguments[0])].map((found) => found.textContent)"
+        return list(self.driver.execute_script(script, selector))  # type: ignore[no-untyped-call]
+
+    def press(self, *keys: str) -> None:
+        """Keys, to whatever has the focus."""
+        ActionChains(self.driver).send_keys(*keys).perform()
+
+    def asked(self, kind: str) -> Message:
+        """What the page sent, without the browser's number."""
+        intent = self.player.heard(lambda intent: intent["type"] == kind)
+        return {name: value for name, value in intent.items() if name not in ("from", "id")}
+
+    def click_map(self, x_m: float, y_m: float) -> None:
+        """Click at a place of the arena, by the scale that the fitted map has."""
+        size = self.at("map").size
+        scale = min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
+        x, y = round((x_m - 50) * scale), round((50 - y_m) * scale)
+        ActionChains(self.driver).move_to_element_with_offset(self.at("map"), x, y).click().perform()
