@@ -2,6 +2,8 @@
 
 import os
 import re
+import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -24,6 +26,21 @@ def files(page: str) -> dict[str, str]:
     """The TOML blocks whose first line names a file."""
     found = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", page, flags=re.DOTALL)
     return {name: f"# {text}" for name, text in found}
+
+
+def serve(command: str, folder: Path) -> None:
+    """Run a command that serves a page until it is interrupted, interrupt it once the page is there; it ends well."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    process = subprocess.Popen(shlex.split(command), cwd=folder, env=environment, stdout=subprocess.PIPE, text=True)
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        process.communicate()
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 0, command
 
 
 def shell(script: str, folder: Path, **variables: str) -> subprocess.CompletedProcess[str]:

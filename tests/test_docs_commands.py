@@ -20,6 +20,7 @@ RUN_ELSEWHERE = {
     "README.md": "test_docs_readme",
     "agent/README.md": "test_boards_docs",
     "docs/CONTROLLERS.md": "test_docs_controllers",
+    "docs/STATION.md": "test_docs_station",
     "docs/STUDIES.md": "test_docs_studies",
     "docs/SWEEPS.md": "test_docs_readme",
     "docs/TUTORIAL.md": "test_docs_tutorial",

@@ -1,4 +1,4 @@
-"""The files of the station's page: typed, short, and without a way for a run to write HTML."""
+"""The files of the station's page: typed, short, without HTML made from data, and what is vendored is licensed."""
 
 import os
 import re

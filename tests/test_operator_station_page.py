@@ -1,7 +1,6 @@
 """The station's page in a real browser: what it shows, what people do in it, and what they do not lose."""
 
 import re
-import shutil
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -11,10 +10,8 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
-from tests.station_browser import Page
 from tests.station_feed import PATIENCE_S, Feed, Swarm
-
-CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+from tests.station_page import CHROMIUM, DRIVER, Page, start_browser
 
 pytestmark = pytest.mark.processes
 
@@ -26,12 +23,7 @@ needs_browser = pytest.mark.skipif(
 @pytest.fixture(scope="module")
 def driver() -> Iterator[webdriver.Chrome]:
     """One browser for all tests; each has a station of its own, and so an origin of its own."""
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM or ""
-    for switch in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1366,768"):
-        options.add_argument(switch)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    made = webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    made = start_browser()
     yield made
     made.quit()
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import (
-    MAX_LIFE_S,
     Command,
     CommandForm,
     Relayed,
@@ -78,13 +77,13 @@ class CommandRelay:
             self.rejected += 1
             return None
         number = command.number
-        if number in self._numbers or number < self._forgotten_below:
+        if left_steps == 0 or number in self._numbers or number < self._forgotten_below:
             return None
         if self._verify is not None and not self._verify(signed):
             self.rejected += 1
             return None
         self._remember(number)
-        left_steps = min(left_steps, round(min(command.life_s, MAX_LIFE_S) / self._step_s))
+        left_steps = min(left_steps, self._steps(command.life_s))
         form = named(self._forms, command.name)
         accepted = form is not None and form.problem(command.target, command.arguments) is None
         known = _Known(signed, command, now + left_steps, now, self._steps(FIRST_INTERVAL_S))
@@ -98,6 +97,7 @@ class CommandRelay:
             newest = sorted(self._numbers)[MAX_KNOWN // 2 :]
             self._forgotten_below = newest[0]
             self._numbers = set(newest)
+            self._known = {number: known for number, known in self._known.items() if number >= newest[0]}
 
     def _steps(self, seconds: float) -> int:
         return max(1, round(seconds / self._step_s))
@@ -115,7 +115,7 @@ class CommandRelay:
             del self._known[number]
         items: list[bytes] = []
         for _, known in sorted(self._known.items(), reverse=True):
-            if known.send_at > now or known.ends <= now or len(items) == MAX_COMMANDS:
+            if known.send_at > now or known.ends <= now + 1 or len(items) == MAX_COMMANDS:
                 continue
             item = encode_relayed(Relayed(known.ends - now - 1, known.signed))
             room_bytes -= len(item) + 3

@@ -66,7 +66,8 @@ class ArgumentForm:
         if self.kind == "choice":
             return None if value in self.choices else f"{self.name} must be one of {', '.join(self.choices)}"
         if self.kind == "text":
-            return None if isinstance(value, str) else f"{self.name} must be a text"
+            fits = isinstance(value, str) and len(value) <= MAX_TEXT and value.isprintable()
+            return None if fits else f"{self.name} must be a text of at most {MAX_TEXT} printable characters"
         kinds = (int,) if self.kind == "integer" else (int, float)
         if type(value) in kinds and self.low <= value <= self.high:
             return None
@@ -87,7 +88,7 @@ class CommandForm:
         if target.kind not in self.targets:
             return f"{self.name} must be for {' or '.join(self.targets)} (got {target.kind})"
         names = {argument.name for argument in self.arguments}
-        if names != arguments.keys():
+        if not isinstance(arguments, Mapping) or names != arguments.keys():
             return f"{self.name} must have the arguments {', '.join(sorted(names)) or 'none'}"
         problems = (argument.problem(arguments[argument.name]) for argument in self.arguments)
         return next((problem for problem in problems if problem), None)
@@ -128,11 +129,17 @@ class Command(NamedTuple):
 
 
 def encode_command(command: Command) -> bytes:
-    """`[version, number, name, [kind, number...], {argument: value}, life_s]`. Raises WireError."""
+    """`[version, number, name, [kind, number...], {argument: value}, life_s]`.
+
+    Raises:
+        WireError: nobody could decode it.
+    """
     target = (command.target.kind, *map(float, command.target.numbers))
-    arguments = dict(sorted(command.arguments.items()))
+    arguments = dict(sorted(_arguments(command.arguments).items()))
     items = (PROTOCOL_VERSION, command.number, command.name, target, arguments, float(command.life_s))
-    return pack(items, MAX_COMMAND_BYTES)
+    data = pack(items, MAX_COMMAND_BYTES)
+    decode_command(data)
+    return data
 
 
 def decode_command(data: bytes) -> Command:
@@ -155,6 +162,10 @@ def make_target(raw: Any) -> Target:
     numbers = tuple([number(value, -MAX_ABS_M, MAX_ABS_M, "command.target") for value in rows[1:]])
     if len(numbers) != TARGET_NUMBERS[kind]:
         raise WireError("command.target", f"have {TARGET_NUMBERS[kind]} numbers for {kind}", len(numbers))
+    if kind in (TREE, AGENT) and not (numbers[0].is_integer() and 0 <= numbers[0] < BASE):
+        raise WireError("command.target", "be the number of an agent", numbers[0])
+    if kind == CIRCLE and numbers[2] < 0:
+        raise WireError("command.target", "have a radius of at least 0 m", numbers[2])
     return Target(kind, numbers)
 
 

@@ -3,6 +3,7 @@
 They are few, so all but a forwarded report are maps with named fields.
 """
 
+import struct
 from functools import lru_cache
 from itertools import chain
 from typing import Any, NamedTuple
@@ -73,15 +74,17 @@ class Report(NamedTuple):
     answers: tuple[Answer, ...] = ()
 
 
-_ROWS: dict[str, tuple[type[Any], int, tuple[tuple[int, int], ...]]] = {
+_ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
     "members": (
         ReportedMember,
         MAX_MEMBERS,
+        "HHii",
         ((0, MAX_AGENT_ID), (0, MAX_AGENT_ID), (-MAX_ABS_CM, MAX_ABS_CM), (-MAX_ABS_CM, MAX_ABS_CM)),
     ),
-    "answers": (Answer, MAX_ANSWERS, ((0, MAX_ID), (HEARD, REFUSED))),
+    "answers": (Answer, MAX_ANSWERS, "IB", ((0, MAX_ID), (HEARD, REFUSED))),
 }
-"""Fields of rows in a flat array, which a report without any leaves out: rows, most of them, bounds of their items."""
+"""Fields of rows in a flat array, which a report without any leaves out: rows, most of them, C types that their
+items fit, and their bounds."""
 _REPORT_FIELDS = tuple(name for name in Report._fields if name not in _ROWS)
 
 
@@ -115,14 +118,36 @@ def decode_report(data: bytes) -> Report:
 
 
 def _rows(raw: Any, name: str) -> tuple[Any, ...]:
-    kind, most, bounds = _ROWS[name]
+    kind, most, codes, bounds = _ROWS[name]
     width, field = len(bounds), f"report.{name}"
     flat = arrays(raw, most * width, field)
     if len(flat) % width:
         raise WireError(field, f"be rows of {width} items", f"{len(flat)} items")
-    for at, value in enumerate(flat):
-        integer(value, *bounds[at % width], field)
-    return tuple([kind(*flat[at : at + width]) for at in range(0, len(flat), width)])
+    count = len(flat) // width
+    if not _fits(flat, codes * count) or name == "answers":
+        for at, value in enumerate(flat):
+            integer(value, *bounds[at % width], field)
+    return tuple([_new(kind, row) for row in zip(*[iter(flat)] * width, strict=True)])
+
+
+_new: Any = tuple.__new__  # a NamedTuple's own constructor costs several times as much
+_ONLY_INT = {int}
+
+
+def _fits(values: list[Any], codes: str) -> bool:
+    """Whether all are integers of their C types: the quickest check of many at once."""
+    if set(map(type, values)) != _ONLY_INT:
+        return False
+    try:
+        _layout(codes).pack(*values)
+    except struct.error:
+        return False
+    return True
+
+
+@lru_cache(512)
+def _layout(codes: str) -> struct.Struct:
+    return struct.Struct("<" + codes)
 
 
 class Forwarded(NamedTuple):

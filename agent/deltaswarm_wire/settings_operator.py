@@ -25,6 +25,13 @@ class ProbeSettings:
     tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
     tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
     consent: str = key("", "a text that a participant must agree to before the run begins")
+    participant: str = key("", "the participant's code, to begin the session's sheet with")
+    condition: str = key("", "the condition, to begin the session's sheet with")
+
+    @property
+    def has_sheet(self) -> bool:
+        """Whether a sheet is filled in before the run begins."""
+        return bool(self.consent or self.participant)
 
 
 OFF, NONE, THRESHOLD = "off", "none", "threshold"

@@ -57,6 +57,13 @@ class Commander:
         self._forms = forms
         self._sign = sign
         self._queue: list[Command] = []
+        self._under_way = 0
+        """Commands of turns that may wait in the world: of those at most `MAX_IN_TURN` leave in a step."""
+
+    @property
+    def has_room(self) -> bool:
+        """Whether one more command may wait."""
+        return len(self._queue) + self._under_way < MAX_QUEUE
 
     def give(
         self, name: str, target: Target, arguments: Mapping[str, Value], now_s: float, life_s: float = LIFE_S
@@ -72,7 +79,7 @@ class Commander:
             raise ValueError(f"the command must be one that the controller accepts: {known} (got {name!r:.40})")
         if problem := form.problem(target, arguments):
             raise ValueError(problem)
-        if len(self._queue) >= MAX_QUEUE:
+        if not self.has_room:
             raise ValueError(f"at most {MAX_QUEUE} commands may wait to be sent")
         command = Command(len(self.sent), name, target, dict(arguments), life_s)
         encode_command(command)
@@ -83,14 +90,20 @@ class Commander:
     def take(self) -> tuple[Signed, ...]:
         """The commands of the next turn, as they are sent."""
         taken, self._queue = self._queue[:MAX_IN_TURN], self._queue[MAX_IN_TURN:]
+        self._under_way += len(taken)
         bodies = [encode_command(command) for command in taken]
         return tuple([Signed(body, self._sign(body)) for body in bodies])
+
+    def close_step(self) -> None:
+        """A step is closed: commands have left."""
+        self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:
         """Note what a report answers."""
         for number, state in report.answers:
-            if number < len(self.sent):
-                self.sent[number].answers[report.agent] = state
+            if number < len(self.sent):  # a report may be delayed: a command that is done stays so
+                answers = self.sent[number].answers
+                answers[report.agent] = max(state, answers.get(report.agent, HEARD))
 
     def rows(self, now_s: float) -> list[list[Any]]:
         """The newest commands and their fate, for the station."""
@@ -103,10 +116,13 @@ class Commander:
             rows.append([*told, *counts, expires_s, sent.state(now_s)])
         return rows
 
-    def state(self) -> list[Any]:
+    def state(self) -> dict[str, Any]:
         """All that is needed to go on, as JSON has it."""
-        return [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
+        sent = [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
+        return {"sent": sent, "queued": len(self._queue)}
 
-    def go_on(self, state: Sequence[Any]) -> None:
-        """Go on from what another's `state` said: all its commands have been sent."""
-        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in state]
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from what another's `state` said."""
+        sent, queued = state["sent"], state["queued"]
+        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in sent]
+        self._queue = [one.command for one in self.sent[len(sent) - queued :]]

@@ -14,7 +14,6 @@ from deltaswarm_operator.person import Person, Read
 from deltaswarm_operator.picture import Item, Picture, item_row
 from deltaswarm_operator.probes import ISA, Probes
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import Pace, Target, Turn, make_target, named
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_downlink import FIRST_STEP
@@ -24,8 +23,10 @@ LIVE = "live"
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
 HISTORY_ROWS = 600
+SHEET_FIELDS = ("consent", "participant", "condition")
 MAX_NOTE = 2000
 """Characters."""
+NO_CONSENT = "the run begins once the participant has consented"
 RESIDUE_S = 60.0
 """An item that is unread for longer is residue of an earlier load [simulated s]."""
 
@@ -86,6 +87,7 @@ class Desk:
     def close(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
         """Take in a closed step; the operator's turn."""
         self._step, self._is_over, self._workload = clock.step, clock.last, workload
+        self.commander.close_step()
         for report in reports:
             self.commander.hear(report)
         items = self.picture.take(reports, clock.time_s)
@@ -105,7 +107,7 @@ class Desk:
 
     def _follow_script(self, step: int) -> None:
         """Give the commands that are to leave the base in this step; those that are too early leave in the first."""
-        while self._script and round(self._script[0].at_s / self._briefing.step_s) <= step:
+        while self._is_scripted(step) and self.commander.has_room:
             scripted = self._script.popleft()
             target = Target(scripted.target, scripted.numbers)
             self._command(scripted.name, target, scripted.arguments, scripted.life_s)
@@ -135,26 +137,36 @@ class Desk:
     def _note(self, kind: str, detail: Any) -> None:
         self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
 
+    def _is_scripted(self, step: int) -> bool:
+        """Whether the next command of the script is to leave the base up to this step."""
+        return bool(self._script) and round(self._script[0].at_s / self._briefing.step_s) <= step
+
     def state(self) -> dict[str, Any]:
         """All that is needed to go on, as JSON has it.
 
         The picture is needed only by a simulated person: a human sees it filled by the next reports.
         """
-        state: dict[str, Any] = {"commands": self.commander.state()}
+        state: dict[str, Any] = {
+            "commands": self.commander.state(),
+            "script": len(self._script),
+            "pace": list(self.pace),
+            "probes": self.probes.state(),
+        }
         if self.person is not None:
             state |= {"person": self.person.state(), "picture": self.picture.state()}
         return state
 
     def go_on(self, step: int, state: Mapping[str, Any]) -> None:
-        """Go on after a step; `state` is what another desk's `state` said."""
+        """Go on after a step from what another's `state` said."""
         self._step = step
-        self.commander.go_on(state.get("commands", ()))
-        self.probes.go_on(step * self._briefing.step_s)
-        if self.person is not None and "person" in state:
+        self.commander.go_on(state["commands"])
+        if self.person is not None:
             self.person.go_on(state["person"])
             self.picture.go_on(state["picture"])
-        while self._script and round(self._script[0].at_s / self._briefing.step_s) <= step + FIRST_STEP:
+        while len(self._script) > state["script"]:
             self._script.popleft()
+        self.pace = Pace(*state["pace"])
+        self.probes.go_on(state["probes"])
 
     # The station
 
@@ -178,7 +190,7 @@ class Desk:
             commands=[plain(form) for form in briefing.forms],
             speeds=SPEEDS,
             session={
-                "sheet": {"consent": probes.consent, "participant": "", "condition": ""} if probes.consent else None,
+                "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
             },
         )
@@ -225,9 +237,9 @@ class Desk:
         to = raw.get("from")
         try:
             return act(self, raw, to, wall_s)
-        except (ValueError, TypeError, KeyError, WireError) as error:
+        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             self.rejected += 1
-            why = str(error) if isinstance(error, ValueError | WireError) else f"{kind}: something is missing or wrong"
+            why = str(error) if isinstance(error, ValueError) else f"{kind}: something is missing or wrong"
             return [_json(type="refused", to=to, id=str(raw.get("id", kind))[:64], why=why)]
 
     def _intend_command(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
@@ -238,6 +250,8 @@ class Desk:
         return [_json(type="accepted", to=to, id=str(raw.get("id", ""))[:64], number=number)]
 
     def _intend_pace(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        if self.probes.is_sheet_open and "speed" not in raw:
+            raise ValueError(NO_CONSENT)
         if "speed" in raw:
             speed = float(raw["speed"])
             if not 0.0 <= speed <= 1000.0:
@@ -276,7 +290,7 @@ class Desk:
 
     def _intend_sheet(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
         if raw.get("consent") is not True:
-            raise ValueError("the run begins once the participant has consented")
+            raise ValueError(NO_CONSENT)
         self.probes.take_sheet()
         self._note("sheet", {name: str(raw.get(name, ""))[:64] for name in ("participant", "condition")})
         self.pace = self.pace._replace(hold_step=-1)

@@ -73,6 +73,8 @@ class Picture:
         """Events by a short number, in the order in which they were first told: their ids are long and mean nothing."""
         self._told: dict[int, tuple[str, frozenset[int]]] = {}
         """By sender, the role and the events of its newest report."""
+        self._newest_s: dict[int, float] = {}
+        """By sender, the time of its newest report."""
 
     def take(self, reports: Iterable[Report], now_s: float) -> list[Item]:
         """Take in the reports of a closed step; the items that are new in the inbox."""
@@ -85,9 +87,9 @@ class Picture:
 
     def _take(self, report: Report) -> Item | None:
         said_s = report.step * self._step_s
-        before = self.agents.get(report.agent)
-        if before is not None and before.is_own and before.said_s > said_s:
+        if self._newest_s.get(report.agent, said_s) > said_s:
             return None  # an older report that was delayed
+        self._newest_s[report.agent] = said_s
         report = report._replace(
             events=tuple([event._replace(event=self._number(event.event)) for event in report.events])
         )
@@ -116,16 +118,19 @@ class Picture:
         """Places and trees, as a root tells them; who is no longer named has left."""
         root, agents = report.agent, self.agents
         is_root = report.role == "root"
+        is_silent_of_members = is_root and report.followers > 0 and not report.members
         named = {member.agent for member in report.members}
         for agent, known in tuple(agents.items()):
-            if known.root == root and agent != root and agent not in named and (not is_root or report.members):
+            if known.root == root and agent != root and agent not in named and not is_silent_of_members:
                 agents[agent] = known._replace(role=LEFT, parent=NOBODY, root=NOBODY)
-        agents[root] = KnownAgent(
-            report.x_m, report.y_m, report.role, NOBODY, root if is_root else NOBODY, said_s, is_own=True
-        )
+        before = agents.get(root)
+        if before is None or before.said_s <= said_s:
+            agents[root] = KnownAgent(
+                report.x_m, report.y_m, report.role, NOBODY, root if is_root else NOBODY, said_s, is_own=True
+            )
         for member in report.members:
             known_member = agents.get(member.agent)
-            if known_member is None or known_member.said_s <= said_s:
+            if known_member is None or (known_member.said_s, known_member.is_own) <= (said_s, False):
                 agents[member.agent] = KnownAgent(
                     member.x_cm / 100, member.y_cm / 100, "member", member.parent, root, said_s, is_own=False
                 )
@@ -140,6 +145,8 @@ class Picture:
             known = self.events.get(number)
             if known is None and len(self.events) >= MAX_EVENTS:
                 continue
+            if known is not None and known.seen_s > said_s:
+                continue  # this report was delayed, and the event has been seen since
             first_s = said_s if known is None else known.first_s
             self.events[number] = KnownEvent(x_m, y_m, first_s, said_s, report.agent)
 
@@ -157,6 +164,7 @@ class Picture:
         """All that is needed to go on, as JSON has it."""
         return {
             "now_s": self.now_s,
+            "numbers": list(self._numbers.items()),
             "agents": [[agent, *known] for agent, known in self.agents.items()],
             "events": [[event, *known] for event, known in self.events.items()],
             "inbox": self.inbox,
@@ -167,6 +175,7 @@ class Picture:
     def go_on(self, state: Mapping[str, Any]) -> None:
         """Go on from what another's `state` said."""
         self.now_s = state["now_s"]
+        self._numbers = dict(state["numbers"])
         self.agents = {agent: KnownAgent(*known) for agent, *known in state["agents"]}
         self.events = {event: KnownEvent(*known) for event, *known in state["events"]}
         self.inbox = [item_of(row) for row in state["inbox"]]

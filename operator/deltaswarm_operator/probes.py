@@ -4,6 +4,7 @@ ISA (instantaneous self-assessment): workload from 1 to 5, at fixed intervals of
 come in time is missing. NASA-TLX: six scales from 0 to 100, raw, and if asked for the 15 pairwise weights.
 """
 
+import math
 from collections.abc import Mapping
 from random import Random
 from typing import Any, NamedTuple
@@ -44,6 +45,7 @@ class Probes:
         self._isa_due_s = self._next_isa_s(0.0)
         self._asked: _Asked | None = None
         self._is_over = False
+        self._is_consented = False
 
     def _next_isa_s(self, after_s: float) -> float:
         every_s = self._settings.isa_every_s
@@ -52,9 +54,24 @@ class Probes:
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def begin(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is a text to consent to."""
-        if self._settings.consent:
+        """Ask for the session's sheet, if there is one that has not been filled in."""
+        if self._settings.has_sheet and not self._is_consented:
             self._asked = _Asked(SHEET, 0, 0.0, wall_s)
+
+    @property
+    def is_sheet_open(self) -> bool:
+        """Whether the session's sheet waits to be filled in."""
+        return self._asked is not None and self._asked.kind == SHEET
+
+    def state(self) -> dict[str, Any]:
+        """All that is needed to go on, as JSON has it."""
+        due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
+        return {"isa_number": self._isa_number, "isa_due_s": due_s, "consented": self._is_consented}
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Go on from what another's `state` said; a question that was open then is not asked again."""
+        self._isa_number, self._is_consented = state["isa_number"], state["consented"]
+        self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
     def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
         """Ask what is due at a simulated time; a question that was not answered in time is missing."""
@@ -65,12 +82,6 @@ class Probes:
             self._is_over = True
         elif now_s >= self._isa_due_s and self._asked is None:
             self._asked = _Asked(ISA, self._isa_number, now_s, wall_s)
-            self._isa_number += 1
-            self._isa_due_s = self._next_isa_s(self._isa_due_s)
-
-    def go_on(self, now_s: float) -> None:
-        """Go on at a simulated time: what was due until then has been asked."""
-        while self._isa_due_s <= now_s:
             self._isa_number += 1
             self._isa_due_s = self._next_isa_s(self._isa_due_s)
 
@@ -119,9 +130,10 @@ class Probes:
 
     def take_sheet(self) -> None:
         """The session's sheet has been filled in. Raises ValueError: it is not open."""
-        if self._asked is None or self._asked.kind != SHEET:
+        if not self.is_sheet_open:
             raise ValueError("the session's sheet is not open")
         self._asked = None
+        self._is_consented = True
 
     def _add(self, asked: _Asked, answers: Mapping[str, int], wall_s: float) -> None:
         latency_s = round(wall_s - asked.asked_wall_s, 3)

@@ -193,8 +193,8 @@ class OperatorProcess:
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
             elif arrival is Arrival.INTENT:
-                if self._desk is not None:
-                    self._desk.take(sample)
+                if self._desk is not None and self._desk.take(sample) and self.meter.step >= 0:
+                    self._output.save(self.meter.state(), self._desk.state())
             else:
                 return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
 

@@ -5,6 +5,7 @@ Pure: the steps of a run go in, the station's datagrams come out. Nothing is sho
 
 import copy
 import json
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -98,12 +99,12 @@ class Replay:
             raw: Any = json.loads(data)
             kind = raw["type"]
             if kind == "seek":
-                self.seek(float(raw["time_s"]))
+                self.seek(finite(raw["time_s"]))
             elif kind == "pace" and "speed" in raw:
-                self.speed = max(0.0, float(raw["speed"]))
+                self.speed = max(0.0, finite(raw["speed"]))
             elif kind == "pace" and "steps" in raw:
                 self.is_paused = True
-                self.seek(self._now_s + int(raw["steps"]) * self._step_s)
+                self.seek(self._now_s + finite(raw["steps"]) * self._step_s)
             elif kind == "pace":
                 self.is_paused = bool(raw["paused"])
             elif kind in ("catch_up", "read"):
@@ -114,3 +115,14 @@ class Replay:
         except (ValueError, TypeError, KeyError):
             return []
         return []
+
+
+def finite(value: Any) -> float:
+    """A number of somebody at the page. Raises ValueError or TypeError: it is none, or beyond every float."""
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise ValueError("a number must be finite")
+    return found

@@ -76,13 +76,19 @@ class StaffedDesk:
         turn = self.desk.close(clock, workload, reports, time.monotonic())
         if self.is_awaited or turn.commands:
             self._send_turn(encode_turn(turn))
+        if clock.last:
+            self._show_due = 0.0
         self.show()
 
-    def take(self, intent: bytes | None) -> None:
-        """Do what somebody at the station wants; None: the station has gone, and the run goes on without it."""
+    def take(self, intent: bytes | None) -> bool:
+        """Do what somebody at the station wants; whether `state` should be saved for it.
+
+        None: the station has gone, and the run goes on without it.
+        """
         desk, channel = self.desk, self._channel
         if channel is None:
-            return
+            return False
+        given = len(desk.commander.sent)
         if intent is None:
             self._channel = None
             if desk.pace.hold_step >= 0:  # nobody could let it go on
@@ -92,11 +98,13 @@ class StaffedDesk:
                 channel.send(answer)
         if not self.is_awaited and (turn := desk.turn()).commands:
             self._send_turn(encode_turn(turn))
+        has_news = len(desk.commander.sent) > given or desk.pace != self._pace
         if desk.pace != self._pace:
             self._pace = desk.pace
             self._send_pace(encode_pace(self._pace))
         self._show_due = 0.0
         self.show()
+        return has_news
 
     def show(self) -> None:
         """Send the station a picture, if one is due, and write down what the person did."""
@@ -116,8 +124,9 @@ class StaffedDesk:
         return self._channel is not None and self.desk.probes.open(time.monotonic()) is not None
 
     def go_on(self, step: int, state: str | None) -> None:
-        """Go on for an operator that was killed after a step: what it commanded has been sent."""
-        self.desk.go_on(step, json.loads(state) if state else {})
+        """Go on for an operator that was killed after a step."""
+        if state is not None:
+            self.desk.go_on(step, json.loads(state))
 
     def state(self) -> str:
         """All that is needed to go on, as JSON: one text, since it may be long and is written often."""

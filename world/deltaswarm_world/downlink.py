@@ -6,7 +6,8 @@ by themselves. The base's frames are no part of the books of agents' frames.
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -20,15 +21,20 @@ from deltaswarm_world.environment import generator
 LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
 """Each model has its own chance, as on the air."""
 
-MAX_FRAME_BYTES = 1400
-"""A base's frame fits into an agent's frame, whatever else the agent hears."""
+MAX_FRAME_BYTES = 800
+"""Of relayed commands: one frame of the base fits into an agent's frame, whatever else the agent hears."""
+
+NEVER = -1
 
 
-class _Alive(NamedTuple):
+@dataclass
+class _Alive:
     """A command that is repeated up to the step `ends`."""
 
     signed: Signed
     ends: int
+    sent_at: int = NEVER
+    """The step of the newest frame with it."""
 
 
 class Downlink:
@@ -68,14 +74,17 @@ class Downlink:
         self._alive = [alive for alive in self._alive if alive.ends > step]
         arriving: list[tuple[int, bytes]] = []
         if self._alive and (self._new or step >= self._repeat_at):
-            self._new, self._repeat_at = False, step + self._repeat_steps
+            self._repeat_at = step + self._repeat_steps
             sample = self._sample(step)
+            self._new = any(alive.sent_at == NEVER for alive in self._alive)
             arriving = [(agent, sample) for agent in self._in_reach(time_s, positions_m)]
         if self._delays is not None:
             packets = [(agent, Packet(BASE, self.frames_sent, data)) for agent, data in arriving]
             arrived = self._delays.send(step, packets, self._delays.draw(len(packets)).tolist())
             arrived += self._delays.take(step)
-            arriving = [(agent, packet.data) for agent, packet in sorted(arrived)]
+            newest = {agent: packet.data for agent, packet in sorted(arrived)}
+            self.dropped["overtaken"] += len(arrived) - len(newest)
+            arriving = list(newest.items())
         heard = []
         for agent, data in arriving:
             if listening[agent]:
@@ -86,15 +95,16 @@ class Downlink:
         return heard
 
     def _sample(self, step: int) -> bytes:
-        """The base's next radio frame: the newest commands that fit."""
+        """The base's next radio frame: of the commands that fit, those that were not sent for longest."""
         items: list[bytes] = []
         room = MAX_FRAME_BYTES
-        for signed, ends in reversed(self._alive):
-            item = encode_relayed(Relayed(ends - step, signed))
+        for alive in sorted(self._alive, key=lambda alive: alive.sent_at):
+            item = encode_relayed(Relayed(alive.ends - step, alive.signed))
             room -= len(item) + 3
             if room < 0 or len(items) == MAX_COMMANDS:
                 break
             items.append(item)
+            alive.sent_at = step
         self.frames_sent += 1
         return encode_sample(Sample(self.frames_sent, None, tuple(items)))
 
@@ -118,5 +128,6 @@ class Downlink:
         return {
             "frames_sent": self.frames_sent,
             "frames_heard": self.frames_heard,
+            "in_flight": self._delays.waiting if self._delays else 0,
             "dropped": {reason: count for reason, count in sorted(self.dropped.items()) if count},
         }

@@ -8,7 +8,7 @@ a script can repeat the run.
 from collections import deque
 from typing import Any
 
-from deltaswarm_wire.commands import Signed, Turn, decode_command
+from deltaswarm_wire.commands import MAX_IN_TURN, Signed, Turn, decode_command
 from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 OFF, AWAITED, LIVE = "off", "awaited", "live"
@@ -48,9 +48,12 @@ class Turns:
         return self.mode != AWAITED or self.newest >= step - FIRST_STEP
 
     def leaving(self, step: int, step_s: float) -> list[Signed]:
-        """The commands that leave the base in this step, in the order in which they were given."""
-        leaving = []
-        while self._waiting and self._waiting[0][0] <= step:
+        """The commands that leave the base in this step, in the order in which they were given.
+
+        No more than a script's turn has room for: what a person gave during a pause must be repeatable.
+        """
+        leaving: list[Signed] = []
+        while self._waiting and self._waiting[0][0] <= step and len(leaving) < MAX_IN_TURN:
             _, signed = self._waiting.popleft()
             leaving.append(signed)
             command = decode_command(signed.body)

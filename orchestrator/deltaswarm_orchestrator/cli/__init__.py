@@ -20,6 +20,7 @@ COMMANDS = {
     "report": "write a page about a sweep that has no study",
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "station": "open the page of a run that is under way, for the person who watches and commands",
+    "session": "all runs of one participant, in a balanced order",
     "replay": "show a run once more on the station's page, from its recording",
     "info": "show a finished or interrupted run, from its folder",
     "top": "watch a run under way on a terminal",
@@ -65,7 +66,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         complain(f"there is no command {command!r}; did you mean {close[0]!r}?")
         return USAGE
     arguments = parser(command).parse_args(argv)
-    if command != "run":  # which has its own way with signals
+    if command not in ("run", "session"):  # which has its own way with signals
         raise_on_signals()
     try:
         code = int(arguments.func(arguments))

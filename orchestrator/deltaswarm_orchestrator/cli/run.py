@@ -182,7 +182,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _live_problem(arguments: argparse.Namespace) -> str | None:
-    """What does not go together with --live, if anything."""
+    """What does not go together with --live or --station, if anything."""
+    if arguments.station and arguments.in_process:
+        return "--station must be given without --in-process: the station is a process of its own"
     if arguments.live and arguments.dry_run:
         return "--live shows a run under way; --dry-run makes none"
     if arguments.live_port is not None and not arguments.live:

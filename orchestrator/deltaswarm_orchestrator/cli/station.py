@@ -1,11 +1,10 @@
 """`deltaswarm station`."""
 
 import argparse
-import webbrowser
 from pathlib import Path
 
 from deltaswarm_orchestrator.exits import FAILED, OK, complain
-from deltaswarm_orchestrator.run.station import address
+from deltaswarm_orchestrator.run.station import address, open_browser
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -22,5 +21,5 @@ def station(arguments: argparse.Namespace) -> int:
         complain(f"{arguments.run}: no run with a station is under way there; see: deltaswarm replay {arguments.run}")
         return FAILED
     print(url)
-    webbrowser.open(url)
+    open_browser(url)
     return OK

@@ -116,30 +116,34 @@ class Swarm:
             StoppedError: somebody asked for the end.
         """
         credentials = self._secrets_folder / "credentials"
-        reader, writer = multiprocessing.Pipe(duplex=False)
         argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
         argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
         argv += ["--listen", for_boards] if for_boards else []
         argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
-        argv += self._told_of_boards() + self._told_of_checkpoints()
+        argv += [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
+        argv += self._told_of_checkpoints()
         argv += ["--resume", str(self._resumed.step)] if self._resumed else []
-        argv += ["--station"] if self._station else []
-        part = self._start(
-            WORLD,
-            0,
-            [*argv, *self._overrides(), *(["--truth"] if record else []), *(["--wire"] if wire else [])],
-            stdout=writer,
-        )
-        writer.close()
-        with reader:
-            self.endpoints = self._line_of(part, reader).split()
-        if not self.endpoints:
-            wait_for([part], END_WITHIN_S)
-            raise LaunchError(f"the world did not come up:\n{part.log_tail()}")
+        flags = {"--station": self._station, "--truth": record, "--wire": wire}
+        argv += [flag for flag, is_set in flags.items() if is_set]
+        self.endpoints = self._start_and_hear(WORLD, 0, [*argv, *self._overrides()]).split()
         self.endpoint = self.endpoints[0]
         pairs = (line.partition(":") for line in credentials.read_text().splitlines())
         self._passwords = {user: password for user, _, password in pairs}
         self._forget_secrets()  # the router has read them, and a killed orchestrator could not
+
+    def _start_and_hear(
+        self, role: str, number: int, argv: list[str], *, password: str = "", channel: socket.socket | None = None
+    ) -> str:
+        """Start a part that says where it listens; its first line. Raises as `start_world`."""
+        reader, writer = multiprocessing.Pipe(duplex=False)
+        part = self._start(role, number, argv, password=password, stdout=writer, channel=channel)
+        writer.close()
+        with reader:
+            line = self._line_of(part, reader).strip()
+        if not line:
+            wait_for([part], END_WITHIN_S)
+            raise LaunchError(f"the {role} did not come up:\n{part.log_tail()}")
+        return line
 
     def _line_of(self, part: Part, reader: Connection) -> str:
         """The first line that a part prints; what there is of it once the part has ended."""
@@ -187,17 +191,15 @@ class Swarm:
         station = station or self._station
         assert station is not None
         self._pages.add(station)
-        reader, writer = multiprocessing.Pipe(duplex=False)
         argv = ["--listen", station.listen]
-        part = self._start(STATION, number, argv, password=station.token, stdout=writer, channel=station.stations_end)
-        writer.close()
-        with reader:
-            url = self._line_of(part, reader).strip()
-        if not url:
-            wait_for([part], END_WITHIN_S)
-            raise LaunchError(f"the station did not come up:\n{part.log_tail()}")
+        url = self._start_and_hear(STATION, number, argv, password=station.token, channel=station.stations_end)
         station.listen = urlsplit(url).netloc  # one that is started in its place has the same page
         return url
+
+    def give_up_station(self) -> None:
+        """Let the operator notice that there is no station any more, so that no pause lasts for ever."""
+        if self._station is not None:
+            self._station.stations_end.close()
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
         """Start all agents that are no boards, or those given; each gets its own number, password and log.
@@ -209,12 +211,9 @@ class Swarm:
         for agent in (agent for agent in everyone if agent not in self._boards) if agents is None else agents:
             settings = self._folder / "agents" / f"{agent}.toml"  # written by the world
             argv = ["--id", str(agent), "--settings", str(settings), "--low-latency", *self._joining()]
-            if self._restarts[agent]:
-                argv += ["--restart", str(self._restarts[agent])]
-            if self._checkpoint_steps:
-                argv += ["--checkpoints", str(self._folder / checkpoint.FOLDER)]
-            if resumed:
-                argv += ["--resume", str(resumed.step)]
+            argv += ["--restart", str(self._restarts[agent])] if self._restarts[agent] else []
+            argv += ["--checkpoints", str(self._folder / checkpoint.FOLDER)] if self._checkpoint_steps else []
+            argv += ["--resume", str(resumed.step)] if resumed else []
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
     def password(self, user: str) -> str:
@@ -224,9 +223,6 @@ class Swarm:
     def recorder_link(self) -> RouterLink:
         """How the orchestrator itself joins."""
         return RouterLink(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
-
-    def _told_of_boards(self) -> list[str]:
-        return [f"--boards={','.join(map(str, self._boards))}"] if self._boards else []
 
     def _told_of_checkpoints(self) -> list[str]:
         return ["--checkpoint", str(self._checkpoint_steps)] if self._checkpoint_steps else []

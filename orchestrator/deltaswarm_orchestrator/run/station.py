@@ -26,7 +26,7 @@ LOOPBACK = "127.0.0.1:0"
 class Station:
     """What the user wants of the station, and the two ends of its channel.
 
-    Both stay open here, so that either process can be started again. `speed`: simulated per wall second, 0 as fast as
+    The operator's stays open here, so that it can be started again. `speed`: simulated per wall second, 0 as fast as
     the machine goes. `listen`: HOST:PORT of the page.
     """
 
@@ -60,6 +60,11 @@ def announce(folder: Path, url: str) -> None:
     file = folder / ADDRESS
     file.touch(mode=0o600)
     file.write_text(json.dumps({"url": url}) + "\n")
+    open_browser(url)
+
+
+def open_browser(url: str) -> None:
+    """Open a page where there is a browser with a window; one in the terminal would take it over."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
 

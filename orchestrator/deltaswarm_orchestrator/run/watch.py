@@ -18,6 +18,9 @@ SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
 
 STATION_RESTARTS = 5
+ANSWER_WITHIN_S = 920.0
+"""An operator that still asks its person something after the last step ends before this."""
+
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
 
@@ -75,9 +78,18 @@ class Watch:
                 break
         while observer.work(0.0):
             pass
-        self._wait_for_answers()
+        if swarm.has_station and swarm.part(WORLD).exit_code == 0:
+            self._let_person_answer()
         if not is_stopping:  # a world that failed just now is why others did
             self._mourn(self._failed(), first=True)
+
+    def _let_person_answer(self) -> None:
+        """At a station the operator may have something to ask after the last step; it ends by itself."""
+        station = self._swarm.part(STATION)
+        deadline = time.monotonic() + ANSWER_WITHIN_S
+        while station.exit_code is None and not self._stop.by and time.monotonic() < deadline:
+            if not wait_for([self._swarm.part(OPERATOR)], POLL_S):
+                break
 
     def _show(self) -> None:
         observer = self._observer
@@ -111,22 +123,19 @@ class Watch:
 
     def _start_station_again(self, station: Part) -> None:
         """Start a station in place of one that died; without one the run goes on."""
-        if station.number or self._station_restarts >= STATION_RESTARTS or station.exit_code == NO_ROOM:
+        if station.number:
             return
         self._station_restarts += 1
         try:
+            if self._station_restarts > STATION_RESTARTS:
+                raise LaunchError(f"the station is not started again after {STATION_RESTARTS} times")
             self._swarm.start_station()
         except LaunchError as error:
             self.why.append(str(error))
+            self._swarm.give_up_station()
         else:
             del self.logs[station.name]
             self._swarm.write_pids()
-
-    def _wait_for_answers(self) -> None:
-        """Let the person at the station answer what is asked at the end."""
-        if self._swarm.has_station and self._swarm.part(WORLD).exit_code == 0:
-            while not self._stop.by and wait_for([self._swarm.part(OPERATOR)], POLL_S):
-                pass
 
     def _start_again(self, operator: Part) -> bool:
         """Start an operator in place of one that died; False if that does not help."""

@@ -103,6 +103,7 @@ def read_file(name: str) -> tuple[dict[str, Any], Path]:
         SettingsError: there is no such file, or it is no TOML.
     """
     table, path = scenarios.read_toml("sweep", name, BUILT_IN)
+    table.pop("session", None)  # for participants: it makes no other run
     return (table, Path()) if path is None else ({"name": path.stem, **table}, path.parent)
 
 

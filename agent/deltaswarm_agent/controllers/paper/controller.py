@@ -1,6 +1,7 @@
 """One step of an agent under the paper's control structures: the order in which the rules apply."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar
 
 from deltaswarm_agent.controller import STAND, ControllerContext, Decision, OperatorReport, Percept, Velocity
@@ -34,6 +35,7 @@ from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.messages import NOBODY, Event, Standing
 from deltaswarm_wire.operator_messages import MAX_REPORTED, ReportedMember
 
+_member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple.__new__, ReportedMember)
 _SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
 
 
@@ -220,6 +222,6 @@ class PaperController:
         if agent.state is ATTENDING and agent.target is not None:
             return OperatorReport((agent.target,))
         if agent.state is ROOT and agent.beliefs and type(frame) is Member:
-            members = tuple([ReportedMember(*row[:4]) for row in frame.table]) if agent.settings.report_members else ()
+            members = tuple([_member(row[:4]) for row in frame.table]) if agent.settings.report_members else ()
             return OperatorReport(tuple(agent.beliefs.active()[:MAX_REPORTED]), len(frame.table), members)
         return None

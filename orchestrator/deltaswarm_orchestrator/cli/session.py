@@ -1,0 +1,86 @@
+"""`deltaswarm session`."""
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.cli import run as cli_run
+from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+
+RECORD = "session.json"
+
+
+def add(command: argparse.ArgumentParser) -> None:
+    """The arguments of `deltaswarm session`."""
+    command.description = "Do all runs of one participant, one after the other, each with a station: training first."
+    command.add_argument("session", metavar="FILE", help="a TOML file with a table [session]")
+    command.add_argument("--participant", type=whole(1), required=True, metavar="N", help="number, from 1 on")
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
+    command.add_argument("--plan", action="store_true", help="print the order of the runs, and run nothing")
+    command.set_defaults(func=session)
+
+
+def session(arguments: argparse.Namespace) -> int:
+    """Do what is left of a participant's session; runs that are complete are not done again."""
+    participant: int = arguments.participant
+    if participant > MAX_PARTICIPANT:
+        complain(f"--participant must be at most {MAX_PARTICIPANT} (got {participant})")
+        return FAILED
+    settings, beside = load_session(arguments.session)
+    planned = plan(settings, participant, beside)
+    if arguments.plan:
+        print("\n".join(f"{place} {one.label}" for place, one in enumerate(planned)))
+        return OK
+    out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
+    folder = out / f"participant-{participant:03}"
+    folder.mkdir(parents=True, exist_ok=True)
+    _write(folder, participant, planned)
+    for place, one in enumerate(planned):
+        if _done(folder, one):
+            continue
+        print(f"run {place} of {len(planned) - 1}: {one.label}")
+        code = _do(one, folder)
+        _write(folder, participant, planned)
+        if code != OK:
+            complain(
+                f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
+            )
+            return code
+    print(folder)
+    return OK
+
+
+def _do(one: PlannedRun, folder: Path) -> int:
+    """As `deltaswarm run --station` does it."""
+    name = free_folder(one.folder, [path.name for path in folder.iterdir()])
+    parser = argparse.ArgumentParser()
+    cli_run.add(parser)
+    return cli_run.run(parser.parse_args([*one.arguments, "--out", str(folder / name)]))
+
+
+def _summaries(folder: Path, one: PlannedRun) -> dict[str, dict[str, Any]]:
+    """The summaries of the attempts at a run, by folder."""
+    names = [path.name for path in folder.iterdir() if path.name == one.folder or _is_again(path.name, one.folder)]
+    files = {name: folder / name / "summary.json" for name in sorted(names)}
+    return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
+
+
+def _is_again(name: str, first: str) -> bool:
+    return name.startswith(f"{first}-") and name.removeprefix(f"{first}-").isdecimal()
+
+
+def _done(folder: Path, one: PlannedRun) -> bool:
+    return any(summary["complete"] for summary in _summaries(folder, one).values())
+
+
+def _write(folder: Path, participant: int, planned: list[PlannedRun]) -> None:
+    """The order of the conditions, and what became of each."""
+    rows = []
+    for place, one in enumerate(planned):
+        attempts = _summaries(folder, one)
+        found = [{"folder": name, "complete": s["complete"], "digest": s["digest"]} for name, s in attempts.items()]
+        rows.append({"place": place, "condition": one.label, "attempts": found})
+    (folder / RECORD).write_text(json.dumps({"participant": participant, "runs": rows}, indent=2) + "\n")

@@ -1,0 +1,144 @@
+"""Sessions: which runs one participant does, in which order. Pure but for reading the session's file.
+
+The order is a row of a Williams design, a Latin square balanced for what a condition leaves behind: over the rows each
+condition comes equally often at each place, and equally often right after each other one (Williams 1949).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from json import dumps
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.run import scenario as scenarios
+from deltaswarm_wire import checked
+from deltaswarm_wire.checked import Problem, SettingsError, key
+from deltaswarm_wire.seeds import agent_seed
+
+MAX_CONDITIONS, MAX_PARTICIPANT = 50, 9999
+TRAINING = "training"
+
+
+@dataclass(frozen=True)
+class ConditionSettings:
+    """A table `[[session.condition]]`, or `[session.training]`: one run."""
+
+    label: str = key("", "its name, in folders and on the sheet; say nothing there that gives the question away")
+    scenario: str = key("paper-25", "the scenario: a TOML file or a built-in one")
+    set: tuple[str, ...] = key((), "scenario keys as key=value, as with `deltaswarm run --set`")
+
+    def problems(self) -> list[Problem]:
+        """A label becomes a folder's name."""
+        if self.label and self.label.isprintable() and "/" not in self.label and self.label.strip(" .") == self.label:
+            return []
+        return [Problem("label", repr(self.label), "must be a name that a folder can have")]
+
+
+@dataclass(frozen=True)
+class SessionSettings:
+    """The table `[session]` of a session's file, or of a study's."""
+
+    seed: int = key(1, "the seeds of all runs are derived from it", low=0, high=2**63 - 1)
+    speed: float = key(1.0, "simulated per wall second; 0: as fast as possible", low=0, high=1000)
+    consent: str = key("", "a text file that a participant must agree to before the first run")
+    training: ConditionSettings = key(
+        ConditionSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
+    )
+    condition: tuple[ConditionSettings, ...] = key((), "the runs, whose order is balanced over participants")
+
+    def problems(self) -> list[Problem]:
+        """Conditions must be there and be told apart."""
+        labels = [condition.label for condition in (self.training, *self.condition)]
+        found = []
+        if not 1 <= len(self.condition) <= MAX_CONDITIONS:
+            allowed = f"must be 1 to {MAX_CONDITIONS} tables [[session.condition]]"
+            found.append(Problem("condition", f"{len(self.condition)}", allowed))
+        if len(set(labels)) < len(labels):
+            found.append(Problem("condition", ", ".join(labels), "must have different labels"))
+        return found
+
+
+@dataclass(frozen=True)
+class PlannedRun:
+    """One run of a participant: its condition, its folder's name, the arguments of `deltaswarm run`."""
+
+    label: str
+    folder: str
+    arguments: tuple[str, ...]
+
+
+def square(count: int) -> list[list[int]]:
+    """The rows of a Williams design of so many conditions: `count` rows if it is even, else twice as many."""
+    first = [0, *(place // 2 + 1 if place % 2 == 0 else count - place // 2 - 1 for place in range(count - 1))]
+    rows = [[(condition + shift) % count for condition in first] for shift in range(count)]
+    return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
+
+
+def order_of(participant: int, count: int) -> list[int]:
+    """In which order a participant (1, 2, ...) does so many conditions."""
+    rows = square(count)
+    return rows[(participant - 1) % len(rows)]
+
+
+def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
+    """All runs of a participant, the training first; files are looked for `beside`.
+
+    Raises:
+        SettingsError: a scenario cannot be run so, or the text of consent cannot be read.
+    """
+    order = order_of(participant, len(settings.condition))
+    conditions = [settings.training, *(settings.condition[index] for index in order)]
+    consent = _text(settings.consent, beside)
+    return [
+        _planned(condition, place, participant, settings, beside, consent if place == 0 else "")
+        for place, condition in enumerate(conditions)
+    ]
+
+
+def _planned(
+    condition: ConditionSettings, place: int, participant: int, settings: SessionSettings, beside: Path, consent: str
+) -> PlannedRun:
+    name = condition.scenario
+    if name not in scenarios.BUILT_IN:
+        name = str((beside / name).resolve())
+    own = {"participant": f"P{participant:03}", "condition": f"{place} {condition.label}", "consent": consent}
+    sets = [*condition.set, *(f"operator.probes.{key}={dumps(value)}" for key, value in own.items())]
+    seed = _seed(settings.seed, participant, place)
+    scenarios.load_scenario(name, sets, seed)
+    words = [name, "--station", "--speed", f"{settings.speed:g}", "--seed", str(seed)]
+    arguments = (*words, *(word for one in sets for word in ("--set", one)))
+    return PlannedRun(condition.label, f"{place}-{condition.label.replace(' ', '-')}", arguments)
+
+
+def _seed(seed: int, participant: int, place: int) -> int:
+    """All train with the same arrivals; from there on no two runs have the same."""
+    return agent_seed(seed, 0 if place == 0 else participant * (MAX_CONDITIONS + 1) + place)
+
+
+def _text(name: str, beside: Path) -> str:
+    if not name:
+        return ""
+    try:
+        return (beside / name).read_text()
+    except (OSError, ValueError) as error:
+        raise SettingsError([Problem("session.consent", repr(name), f"must be a text file: {error}")]) from None
+
+
+def load_session(file: str) -> tuple[SessionSettings, Path]:
+    """The session of a file, and the folder that its paths start from.
+
+    Raises:
+        SettingsError: every mistake in it.
+    """
+    table, path = scenarios.read_toml("session", file, {})
+    assert path is not None
+    own: Any = table.get("session")
+    if own is None:
+        raise SettingsError([Problem("session", "missing", "must be a table [session]")])
+    return checked.load(SessionSettings, own, "session"), path.parent
+
+
+def free_folder(name: str, taken: Sequence[str]) -> str:
+    """A name that no folder has: an interrupted run keeps its own."""
+    names = (name, *(f"{name}-{number}" for number in range(2, 10_000)))
+    return next(one for one in names if one not in taken and f"{one}.part" not in taken)

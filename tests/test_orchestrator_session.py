@@ -1,0 +1,150 @@
+"""Sessions: the order of conditions is balanced, and each run is one of `deltaswarm run --station`."""
+
+import json
+from collections import Counter
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_operator.desk import Desk
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli import run as cli_run
+from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
+from deltaswarm_orchestrator.studies.study import load_study
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, ProbeSettings
+
+FILE = """
+schema = 1
+
+[session]
+speed = 5.0
+consent = "consent.txt"
+
+[session.training]
+label = "training"
+scenario = "smoke"
+set = ["run.duration_s=60"]
+"""
+CONDITION = '\n[[session.condition]]\nlabel = "{0}"\nscenario = "smoke"\nset = ["control.delta={1}"]\n'
+
+counts = st.integers(1, 12)
+
+
+def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
+    """A session's file, and its text of consent."""
+    file = folder / "deltas.toml"
+    labels = "ABCDEFGHIJKL"[:conditions]
+    file.write_text(FILE + more + "".join(CONDITION.format(label, 2 + n) for n, label in enumerate(labels)))
+    (folder / "consent.txt").write_text('You may stop at any time.\nSay "stop".\n')
+    return file
+
+
+@given(counts)
+def test_each_row_has_every_condition_once(count: int) -> None:
+    """Whoever takes part does each once."""
+    rows = square(count)
+    assert len(rows) == (count if count % 2 == 0 else 2 * count)
+    assert all(sorted(row) == list(range(count)) for row in rows)
+
+
+@given(counts)
+def test_places_and_successions_are_balanced(count: int) -> None:
+    """Each condition comes equally often at each place, and equally often right after each other one."""
+    rows = square(count)
+    places = Counter((place, condition) for row in rows for place, condition in enumerate(row))
+    assert set(places.values()) == {len(rows) // count}
+    pairs = Counter(pair for row in rows for pair in pairwise(row))
+    assert len(pairs) == count * (count - 1)
+    assert set(pairs.values()) <= {1 if count % 2 == 0 else 2}
+
+
+@given(st.integers(1, 500), counts)
+def test_participants_go_through_the_rows_in_turn(participant: int, count: int) -> None:
+    """The same participant has always the same order, and the next one the next row."""
+    rows = square(count)
+    order = rows[(participant - 1) % len(rows)]
+    assert order_of(participant, count) == order_of(participant + len(rows), count) == order
+
+
+def test_a_plan_begins_with_training_and_asks_for_consent_once(tmp_path: Path) -> None:
+    """The sheet is prefilled, files are found beside the session's, and no two runs have the same seed but training."""
+    settings, beside = load_session(str(a_file(tmp_path)))
+    seven, eight = plan(settings, 7, beside), plan(settings, 8, beside)
+    assert [run.label for run in seven] == ["training", *("ABC"[index] for index in order_of(7, 3))]
+    assert all("--station" in run.arguments for run in seven)
+    assert ['operator.probes.participant="P007"' in run.arguments for run in seven] == [True] * 4
+    asked = [any("You may stop" in word for word in run.arguments) for run in seven]
+    assert asked == [True, False, False, False]
+    seeds = [[run.arguments[run.arguments.index("--seed") + 1] for run in runs] for runs in (seven, eight)]
+    assert seeds[0][0] == seeds[1][0]
+    assert len({*seeds[0], *seeds[1]}) == 7
+
+
+def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
+    """Without a text of consent too."""
+    probes = ProbeSettings(participant="P007", condition="1 A")
+    desk = Desk(Briefing(operator=OperatorSettings(probes=probes)))
+    desk.begin(0.0)
+    assert desk.pace.hold_step == 0
+    sheet = json.loads(desk.hello("run"))["session"]["sheet"]
+    assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
+    desk.intend(json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
+    assert desk.pace.hold_step == -1
+
+
+def test_a_study_file_may_hold_a_session(tmp_path: Path) -> None:
+    """It makes no other run."""
+    file = a_file(tmp_path)
+    file.write_text(file.read_text() + "\n[sweep.axes]\nradio.loss = [0.0, 0.5]\n")
+    assert len(load_study(str(file)).sweep.variants) == 2
+    assert len(load_session(str(file))[0].condition) == 3
+
+
+@pytest.mark.parametrize(
+    ("conditions", "more", "path"),
+    [
+        (0, "", "session.condition"),
+        (1, '[[session.condition]]\nlabel = "A"\n', "session.condition"),
+        (1, '[[session.condition]]\nlabel = "a/b"\n', "session.condition[0].label"),
+    ],
+)
+def test_a_wrong_file_is_told_by_name(tmp_path: Path, conditions: int, more: str, path: str) -> None:
+    """Before a participant sits there."""
+    with pytest.raises(SettingsError) as told:
+        load_session(str(a_file(tmp_path, conditions, more)))
+    assert path in [problem.path for problem in told.value.problems]
+
+
+def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the command for runs; what is complete is not done again, and the record says all."""
+    done: list[str] = []
+
+    def pretend(arguments: object) -> int:
+        folder: Path = vars(arguments)["out"]
+        assert vars(arguments)["station"]
+        done.append(folder.name)
+        folder.mkdir()
+        is_whole = len(done) != 2
+        (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
+        return 0 if is_whole else 1
+
+    monkeypatch.setattr(cli_run, "run", pretend)
+    command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
+    assert main([*command, "--plan"]) == 0
+    order = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
+    assert main(command) == 1
+    assert "to go on" in capsys.readouterr().err
+    assert main(command) == 0
+    second = f"1-{order[1]}"
+    assert done == ["0-training", second, f"{second}-2", f"2-{order[2]}", f"3-{order[3]}"]
+    record = json.loads((tmp_path / "out" / "participant-007" / "session.json").read_text())
+    assert [run["condition"] for run in record["runs"]] == order
+    assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]
+    assert main(command) == 0
+    assert len(done) == 5
