@@ -8,7 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-HEX_COLUMNS = 47
+HEX_BYTES = 16
+HEX_COLUMNS = 3 * HEX_BYTES - 1
 
 
 @dataclass(frozen=True)
@@ -73,7 +74,9 @@ class Annotator:
         elif code == 0xC4:
             length = self._take(1)
             yield self._line(head + length, f"{name}: {length[0]} bytes")
-            yield self._line(self._take(length[0]), "as its sender made them")
+            for start in range(0, length[0], HEX_BYTES):
+                row = self._take(min(HEX_BYTES, length[0] - start))
+                yield self._line(row, "and so on" if start else "as its sender made them")
         elif code in _NUMBERS:
             body = self._take(struct.calcsize(_NUMBERS[code]))
             yield self._line(head + body, f"{name}: {struct.unpack(_NUMBERS[code], body)[0]}")

@@ -9,14 +9,33 @@ import pytest
 
 from deltaswarm_agent import process, shell
 from deltaswarm_agent.board import inbox
-from deltaswarm_wire import access, codec, envelope, keys, messages, operator_messages, session, settings
+from deltaswarm_wire import access, codec, commands, envelope, keys, messages, operator_messages, session, settings
+from deltaswarm_wire.commands import (
+    Command,
+    Pace,
+    Relayed,
+    Signed,
+    Target,
+    Turn,
+    decode_command,
+    decode_pace,
+    decode_relayed,
+    decode_turn,
+    encode_command,
+    encode_pace,
+    encode_relayed,
+    encode_turn,
+)
 from deltaswarm_wire.envelope import Sample
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.messages import Act, Event, Frame, Standing
 from deltaswarm_wire.operator_messages import (
+    DONE,
+    Answer,
     Clock,
     Health,
     Report,
+    ReportedMember,
     Status,
     Workload,
     decode_clock,
@@ -32,10 +51,13 @@ from deltaswarm_wire.operator_messages import (
 )
 from tests.annotating import Example, Page, Shape, assert_is_the_codes, message
 
-SOURCES = (access, codec, envelope, messages, operator_messages, session, settings, shell, inbox, process)
+SOURCES = (access, codec, commands, envelope, messages, operator_messages, session, settings, shell, inbox, process)
 
 _EVENTS = Shape("events", Event._fields, "nested")
 _SAMPLE = Sample(77, bytes.fromhex("93 03 cd 13 88 cd 10 68"))
+_COMMAND = Command(5, "hold", Target("circle", (50.0, 48.0, 20.0)), {"for_s": 300.0}, 120.0)
+_SIGNED = Signed(encode_command(_COMMAND))
+_RELAYED = Relayed(95, _SIGNED)
 
 EXAMPLES = {
     "frame": Example(
@@ -68,14 +90,45 @@ EXAMPLES = {
     "radio": Example(
         _SAMPLE, envelope.encode_sample, envelope.decode_sample, message("radio", ("version", "counter", "payload"))
     ),
+    "relay": Example(
+        Sample(78, None, (encode_relayed(_RELAYED),)),
+        envelope.encode_sample,
+        envelope.decode_sample,
+        message("relay", ("version", "counter", "payload", Shape("commands"))),
+    ),
+    "relayed": Example(
+        _RELAYED, encode_relayed, decode_relayed, message("relayed", ("left_steps", "command", "signature"))
+    ),
+    "command": Example(
+        _COMMAND,
+        encode_command,
+        decode_command,
+        message(
+            "command",
+            ("version", *Command._fields),
+            target=message("target", ("kind", "x_m", "y_m", "radius_m")),
+            arguments=Shape("arguments"),
+        ),
+    ),
     "sent": Example(
         inbox.Sent(31.5, 50.25, 48.0), inbox.encode_sent, inbox.decode_sent, message("sent", inbox.Sent._fields)
     ),
     "report": Example(
-        Report(4, 31, 12, "root", 50.25, 48.0, 2, (Event(3, 52.5, 47.0),)),
+        Report(
+            *(4, 31, 12, "root", 50.25, 48.0, 2),
+            (Event(3, 52.5, 47.0),),
+            (ReportedMember(7, 4, 5200, 4650), ReportedMember(11, 7, 4810, 5100)),
+            (Answer(5, DONE),),
+        ),
         encode_report,
         decode_report,
-        message("report", Report._fields, events=_EVENTS),
+        message(
+            "report",
+            Report._fields,
+            events=_EVENTS,
+            members=Shape("members", ReportedMember._fields, "flat"),
+            answers=Shape("answers", Answer._fields, "flat"),
+        ),
     ),
     "health": Example(
         Health("no battery"),
@@ -101,6 +154,13 @@ EXAMPLES = {
         decode_workload,
         message("workload", Workload._fields),
     ),
+    "turn": Example(
+        Turn(12, (_SIGNED,)),
+        encode_turn,
+        decode_turn,
+        message("turn", Turn._fields, commands=Shape("commands", Signed._fields, "nested")),
+    ),
+    "pace": Example(Pace(5.0, -1), encode_pace, decode_pace, message("pace", Pace._fields)),
 }
 
 PAGE = Page(Path(__file__).parent.parent / "agent" / "PROTOCOL.md", EXAMPLES)
@@ -124,10 +184,11 @@ def test_a_number_of_the_page_is_the_codes(name: str, number: str) -> None:
 
 
 def test_the_page_names_all_limits_of_what_travels() -> None:
-    """Of the envelope, the messages, and the attachment in open air."""
+    """Of the envelope, the messages, the commands, and the attachment in open air."""
     named = {name for name, _ in PAGE.constants()}
-    limits = {name for source in (envelope, messages) for name in vars(source) if name.startswith("MAX_")}
-    assert {*limits, "MAX_SENT_BYTES", "FORGET_SENDER_S", "PROTOCOL_VERSION"} <= named
+    sources = (envelope, messages, operator_messages, commands)
+    limits = {name for source in sources for name in vars(source) if name.startswith("MAX_")} - {"MAX_ABS_CM"}
+    assert {*limits, "MAX_SENT_BYTES", "FORGET_SENDER_S", "PROTOCOL_VERSION", "BASE"} <= named
 
 
 def test_keys_and_names_of_the_page_are_the_codes() -> None:
@@ -137,7 +198,7 @@ def test_keys_and_names_of_the_page_are_the_codes() -> None:
     for key in (*(demo.agent(7, leaf) for leaf in leaves), demo.token(keys.AGENT, 7), demo.token(keys.WORLD)):
         assert f"`{key}`" in text
     assert f"`{keys.HEALTH}`" in text
-    for key in (demo.clock, demo.truth, demo.status, demo.workload, demo.orders, demo.done):
+    for key in (demo.clock, demo.truth, demo.status, demo.workload, demo.orders, demo.done, demo.turn, demo.pace):
         assert f"`{key.removeprefix(demo.root + '/')}`" in text
     assert f"`{access.user_name(keys.AGENT, 7)}`" in text
     for name in ("Frame", "Radio", "Report", "Act"):

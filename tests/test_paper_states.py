@@ -35,7 +35,7 @@ ROUGH = (
 SEEDS = (28, 16, *range(1, 28))
 """The first two show nearly all; more are taken until all is seen."""
 
-ROUGH_STEPS, KILL_EVERY_STEPS = 1500, 100
+ROUGH_STEPS, KILL_EVERY_STEPS, RECALL_EVERY_S = 1500, 100, 50
 
 PAIR = (
     "arena.width_m=12",
@@ -112,6 +112,18 @@ def two_roots(watch: Watch) -> None:
         watch.check(crew)
 
 
+def recalled(watch: Watch) -> None:
+    """A rough run, in which the operator recalls all trees again and again."""
+    orders = [
+        f'{{at_s={at_s}, name="recall", target="tree", numbers=[{root}], arguments={{pause_s=0}}}}'
+        for at_s in range(100, ROUGH_STEPS, RECALL_EVERY_S)
+        for root in range(12)
+    ]
+    crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
+    for _ in play(crew, ROUGH_STEPS):
+        watch.check(crew)
+
+
 @pytest.fixture(scope="module")
 def taken() -> Iterator[dict[Step, int]]:
     """All changes of state in as many rough runs as it takes to see each, at most those of SEEDS."""
@@ -119,6 +131,7 @@ def taken() -> Iterator[dict[Step, int]]:
     with pytest.MonkeyPatch.context() as patch:
         watch.install(patch)
         two_roots(watch)
+        recalled(watch)
         for seed in SEEDS:
             rough(seed, watch)
             if len(watch.steps) >= len(TRANSITIONS):
