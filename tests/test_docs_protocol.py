@@ -69,7 +69,10 @@ EXAMPLES = {
         _SAMPLE, envelope.encode_sample, envelope.decode_sample, message("radio", ("version", "counter", "payload"))
     ),
     "sent": Example(
-        inbox.Sent(31.5, 50.25, 48.0), inbox.encode_sent, inbox.decode_sent, message("sent", inbox.Sent._fields)
+        envelope.Sent(31.5, 50.25, 48.0),
+        envelope.encode_sent,
+        envelope.decode_sent,
+        message("sent", envelope.Sent._fields),
     ),
     "report": Example(
         Report(4, 31, 12, "root", 50.25, 48.0, 2, (Event(3, 52.5, 47.0),)),
