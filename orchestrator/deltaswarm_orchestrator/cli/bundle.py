@@ -23,7 +23,6 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--operator-key",
         type=_public_key,
-        default="",
         metavar="HEX",
         help="public key of the operator: into the example of a board's file; adds cryptography",
     )
@@ -44,6 +43,6 @@ def bundle(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
-    names = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key)
+    names = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
     print("\n".join([*(f"  {name}" for name in names), str(out)]))
     return OK
