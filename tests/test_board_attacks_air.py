@@ -10,11 +10,10 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.board.inbox import Sent, encode_sent
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.codec import pack
-from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.envelope import Sample, Sent, encode_sample, encode_sent
 from deltaswarm_wire.keys import RADIO, REPORT, Keys
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, encode_report

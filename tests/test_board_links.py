@@ -9,12 +9,13 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent.board.driver import Driver
-from deltaswarm_agent.board.inbox import Inbox, Sent, encode_sent
+from deltaswarm_agent.board.inbox import Inbox
 from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame, Relocating
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.checked import load
+from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.settings import AgentSettings
 from tests.cable import cable
 from tests.cores import Core, opened

@@ -47,7 +47,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
     assert main(["board", str(a_file(tmp_path, **table))]) == 2
     told = capsys.readouterr().err.splitlines()
     for part in (
-        "id must be an integer from 0 to 65535 (got 70000)",
+        "id must be an integer from 0 to 65534 (got 70000)",
         "agnet: unknown key; did you mean 'agent'?",
         "agent.step_s must",
         "(got 'hybird'; did you mean 'hybrid'?)",

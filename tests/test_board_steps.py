@@ -18,15 +18,12 @@ from deltaswarm_agent.board.inbox import (
     Allowance,
     Inbox,
     Lateness,
-    Sent,
-    decode_sent,
-    encode_sent,
 )
 from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.body import NOWHERE, Sensed
 from deltaswarm_agent.shell import FORGET_SENDER_S, Receiver
 from deltaswarm_wire.codec import WireError
-from deltaswarm_wire.envelope import Sample, encode_sample
+from deltaswarm_wire.envelope import Sample, Sent, decode_sent, encode_sample, encode_sent
 from tests.cores import Core, agent_settings, event
 
 delays = st.lists(st.floats(0, 5), min_size=1, max_size=60)

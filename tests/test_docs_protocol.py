@@ -111,7 +111,10 @@ EXAMPLES = {
         ),
     ),
     "sent": Example(
-        inbox.Sent(31.5, 50.25, 48.0), inbox.encode_sent, inbox.decode_sent, message("sent", inbox.Sent._fields)
+        envelope.Sent(31.5, 50.25, 48.0),
+        envelope.encode_sent,
+        envelope.decode_sent,
+        message("sent", envelope.Sent._fields),
     ),
     "report": Example(
         Report(

@@ -11,7 +11,7 @@ from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import add_link_arguments, link_of, program
-from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugins import controller_settings
@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
         description="Run one agent in a world.",
         epilog=f"On a board with its own body: {name} board FILE; see its --help.",
     )
-    made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {MAX_AGENT_ID}")
+    made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE - 1}")
     made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
     made.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
@@ -52,8 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
-        if not 0 <= arguments.id <= MAX_AGENT_ID:
-            raise ValueError(f"--id must be from 0 to {MAX_AGENT_ID} (got {arguments.id})")
+        if not 0 <= arguments.id < BASE:
+            raise ValueError(f"--id must be from 0 to {BASE - 1} (got {arguments.id})")
         if arguments.resume is not None and arguments.checkpoints is None:
             raise ValueError("--resume needs --checkpoints")
         config = AgentConfig(

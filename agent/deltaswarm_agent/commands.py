@@ -30,6 +30,9 @@ ANSWERED_S = 600.0
 MAX_KNOWN = 4096
 """Numbers of commands that an agent remembers; when it has more, those below its newest ones count as known."""
 
+AHEAD_S = 128.0
+"""Numbers may run ahead of the operator's clock by so much: several commands in one second."""
+
 Verify = Callable[[Signed], bool]
 
 
@@ -52,18 +55,20 @@ class CommandRelay:
     Args:
         step_s: length of a step [s].
         forms: the commands that the agent's controller accepts.
-        verify: whether a command's signature is the operator's; without it every command is believed.
+        verify: whether a command's signature is the operator's; without it every command is believed. With it numbers
+            are seconds by the operator's clock, so a newer command shows that the life of an older one is over.
     """
 
     def __init__(self, step_s: float, forms: Sequence[CommandForm], verify: Verify | None = None) -> None:
         self.rejected = 0
-        """Items that broke the protocol, or whose signature is not the operator's."""
+        """Items that broke the protocol, whose signature is not the operator's, or whose life ended long ago."""
         self._step_s = step_s
         self._forms = forms
         self._verify = verify
         self._known: dict[int, _Known] = {}
         self._numbers: set[int] = set()
         self._forgotten_below = 0
+        self._newest = 0
 
     def hear(self, items: Sequence[bytes], now: int) -> list[Command]:
         """Take in what a frame relays; the commands that are new to this agent and that its controller accepts."""
@@ -79,9 +84,12 @@ class CommandRelay:
         number = command.number
         if left_steps == 0 or number in self._numbers or number < self._forgotten_below:
             return None
-        if self._verify is not None and not self._verify(signed):
-            self.rejected += 1
-            return None
+        if self._verify is not None:
+            is_over = number + command.life_s + AHEAD_S < self._newest
+            if is_over or not self._verify(signed):
+                self.rejected += 1
+                return None
+        self._newest = max(self._newest, number)
         self._remember(number)
         left_steps = min(left_steps, self._steps(command.life_s))
         form = named(self._forms, command.name)

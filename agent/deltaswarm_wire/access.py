@@ -10,6 +10,7 @@ certificate.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
 
 TLS = "tls"
@@ -58,11 +59,12 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
 def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     """Build the same for a board or an operator in open air with TLS links, for these agents.
 
-    An agent sends only its own samples; the operator, which may be a router, also forwards those of others.
+    An agent sends only its own samples; the operator, which may be a router, also forwards those of others. So only the
+    operator sends the base's radio frames.
     """
     book = _RuleBook(named_over=())
     heard = [keys.all_radio, keys.all_reports, keys.all_health]
-    names = {user_name(AGENT, agent): agent for agent in agents}
+    names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE}
     for name, agent in names.items():
         own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
         book.allow(name, own, [], heard_by=[], token=keys.token(AGENT, agent))

@@ -6,19 +6,26 @@ The payload belongs to the sender's controller. The sender is known from the key
 from typing import NamedTuple
 
 from deltaswarm_wire.codec import (
+    MAX_ABS_M,
     MAX_ID,
     MAX_RADIO_BYTES,
     PROTOCOL_VERSION,
     WireError,
+    array,
     arrays,
     integer,
+    number,
     pack,
     unpack,
     version,
 )
+from deltaswarm_wire.messages import MAX_TIME_S
 
 MAX_COMMANDS = 8
 """Operator commands that one frame can relay."""
+
+MAX_SENT_BYTES = 32
+"""Maximum size of a radio sample's attachment."""
 
 
 class Sample(NamedTuple):
@@ -64,3 +71,26 @@ def _commands(raw: object) -> tuple[bytes, ...]:
         if type(command) is not bytes:
             raise WireError("radio.commands", "be bytes", type(command).__name__)
     return tuple(commands)
+
+
+class Sent(NamedTuple):
+    """A radio sample's attachment: sending time by the sender's clock [s since its start], and position [m]."""
+
+    sent_s: float
+    x_m: float
+    y_m: float
+
+
+def encode_sent(sent: Sent) -> bytes:
+    """`[sent_s, x_m, y_m]`."""
+    return pack(sent)
+
+
+def decode_sent(data: bytes) -> Sent:
+    """Check and decode. Raises WireError."""
+    sent_s, x_m, y_m = array(unpack(data, MAX_SENT_BYTES), 3, "sent")
+    return Sent(
+        number(sent_s, 0.0, MAX_TIME_S, "sent.sent_s"),
+        number(x_m, -MAX_ABS_M, MAX_ABS_M, "sent.x_m"),
+        number(y_m, -MAX_ABS_M, MAX_ABS_M, "sent.y_m"),
+    )

@@ -90,7 +90,7 @@ class PersonSettings:
     def problems(self) -> list[Problem]:
         """A policy must be able to act."""
         if self.commands and not self.delta_step:
-            return [Problem("delta_step", "0", "the policy 'threshold' changes delta: it must not be 0")]
+            return [Problem("delta_step", "0", "must not be 0 with the policy 'threshold'")]
         return []
 
 

@@ -11,6 +11,7 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
+from deltaswarm_operator.commanding import add_arguments, commanding_of
 from deltaswarm_operator.open_air import OpenAirConfig, run_open_air
 from deltaswarm_operator.output import TABLE
 from deltaswarm_operator.process import OperatorConfig, run_operator
@@ -76,7 +77,8 @@ def open_air_parser() -> argparse.ArgumentParser:
     """The command line of the operator without a world."""
     made = argparse.ArgumentParser(
         prog="deltaswarm operator --no-world",
-        description="Monitor boards in open air: which are alive, and how much they report. Interrupt it to stop.",
+        description="Monitor boards in open air: which are alive, and how much they report. With a key that the boards "
+        "know, command them. Interrupt it to stop.",
     )
     made.add_argument(NO_WORLD, action="store_true", help=argparse.SUPPRESS)
     _add_measuring(made, "length of a row's step [wall s] (default: 1)")
@@ -107,6 +109,7 @@ def open_air_parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--status-every-s", type=float, default=10.0, metavar="S", help="interval of status lines [s] (default: 10)"
     )
+    add_arguments(made)
     add_tls_arguments(made)
     add_zenoh_argument(made)
     return made
@@ -178,12 +181,14 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
             raise ValueError(f"--credentials {arguments.credentials} {error}") from None
         pairs += [("transport/auth/usrpwd/user", OPERATOR), ("transport/auth/usrpwd/password", password)]
         pairs.append(("transport/auth/usrpwd/dictionary_file", str(arguments.credentials)))
+    settings, step_s = _settings(arguments), _step_s(arguments)
     return OpenAirConfig(
+        commanding=commanding_of(arguments, settings, step_s),
         run=arguments.run,
         link=link,
         pairs=pairs,
-        settings=_settings(arguments),
-        step_s=_step_s(arguments),
+        settings=settings,
+        step_s=step_s,
         out=arguments.out,
         status_every_s=arguments.status_every_s,
     )

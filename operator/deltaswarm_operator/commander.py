@@ -1,5 +1,6 @@
 """The operator's commands: numbered, checked against what the controller accepts, followed by agents' answers."""
 
+from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -44,18 +45,30 @@ class Sent:
         return KNOWN if self.answers else SENT
 
 
+def _number(sent: Sent) -> int:
+    return sent.command.number
+
+
 class Commander:
     """All commands of one run, in order.
 
     Args:
         forms: the commands that the controller accepts.
         sign: the signature of an encoded command; without it there is none.
+        first: None: commands are numbered from 0. Else a command's number is this and the time at which it is given
+            [s], so that agents that remember an earlier operator's commands take those of a later one for new.
     """
 
-    def __init__(self, forms: Sequence[CommandForm], sign: Callable[[bytes], bytes] = lambda body: b"") -> None:
+    def __init__(
+        self,
+        forms: Sequence[CommandForm],
+        sign: Callable[[bytes], bytes] = lambda body: b"",
+        first: int | None = None,
+    ) -> None:
         self.sent: list[Sent] = []
         self._forms = forms
         self._sign = sign
+        self._first = first
         self._queue: list[Command] = []
         self._under_way = 0
         """Commands of turns that may wait in the world: of those at most `MAX_IN_TURN` leave in a step."""
@@ -81,11 +94,15 @@ class Commander:
             raise ValueError(problem)
         if not self.has_room:
             raise ValueError(f"at most {MAX_QUEUE} commands may wait to be sent")
-        command = Command(len(self.sent), name, target, dict(arguments), life_s)
+        command = Command(self._next_number(now_s), name, target, dict(arguments), life_s)
         encode_command(command)
         self._queue.append(command)
         self.sent.append(Sent(command, now_s))
         return command
+
+    def _next_number(self, now_s: float) -> int:
+        after = self.sent[-1].command.number + 1 if self.sent else 0
+        return after if self._first is None else max(after, self._first + int(now_s))
 
     def take(self) -> tuple[Signed, ...]:
         """The commands of the next turn, as they are sent."""
@@ -101,18 +118,19 @@ class Commander:
     def hear(self, report: Report) -> None:
         """Note what a report answers."""
         for number, state in report.answers:
-            if number < len(self.sent):  # a report may be delayed: a command that is done stays so
-                answers = self.sent[number].answers
+            index = bisect_left(self.sent, number, key=_number)
+            if index < len(self.sent) and _number(self.sent[index]) == number:
+                answers = self.sent[index].answers  # a report may be delayed: a command that is done stays so
                 answers[report.agent] = max(state, answers.get(report.agent, HEARD))
 
     def rows(self, now_s: float) -> list[list[Any]]:
-        """The newest commands and their fate, for the station."""
+        """The newest commands and their fate, for the station, which counts them from 0."""
         rows = []
-        for sent in self.sent[-SHOWN:]:
+        for index, sent in [*enumerate(self.sent)][-SHOWN:]:
             command = sent.command
             counts = [sent.count(HEARD, DONE, REFUSED), sent.count(DONE), sent.count(REFUSED)]
             expires_s = sent.sent_s + command.life_s
-            told = [command.number, command.name, str(command.target), command.arguments, sent.sent_s]
+            told = [index, command.name, str(command.target), command.arguments, sent.sent_s]
             rows.append([*told, *counts, expires_s, sent.state(now_s)])
         return rows
 

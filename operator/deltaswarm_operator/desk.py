@@ -52,11 +52,17 @@ def _person(briefing: Briefing) -> Person | None:
 
 
 class Desk:
-    """One operator's desk."""
+    """One operator's desk.
 
-    def __init__(self, briefing: Briefing, sign: Callable[[bytes], bytes] = lambda body: b"") -> None:
+    Args:
+        briefing: what the operator is told.
+        commander: numbers and signs commands; default: from 0 on, unsigned.
+        in_air: in open air: time has no pace, and a command leaves the base at once.
+    """
+
+    def __init__(self, briefing: Briefing, commander: Commander | None = None, *, in_air: bool = False) -> None:
         self.picture = Picture(briefing.step_s)
-        self.commander = Commander(briefing.forms, sign)
+        self.commander = commander or Commander(briefing.forms)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
         self.person = _person(briefing)
         self.pace = Pace(briefing.speed, -1)
@@ -65,6 +71,8 @@ class Desk:
         self.rejected = 0
         """Intents of the station that were dropped."""
         self._briefing = briefing
+        self._in_air = in_air
+        self._first_step = 1 if in_air else FIRST_STEP
         self._script = deque(sorted(briefing.command, key=lambda command: command.at_s))
         self._step = -1
         self._is_over = False
@@ -96,7 +104,7 @@ class Desk:
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self._history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
         self.probes.tick(clock.time_s, clock.last, wall_s)
-        self._follow_script(clock.step + FIRST_STEP)
+        self._follow_script(clock.step + self._first_step)
         if self.person is not None:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
         return self.turn()
@@ -132,7 +140,7 @@ class Desk:
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
         command = self.commander.give(name, target, arguments, self.picture.now_s, *life_s)
         self._note("command", [command.number, name, str(target), dict(arguments)])
-        return command.number
+        return len(self.commander.sent) - 1
 
     def _note(self, kind: str, detail: Any) -> None:
         self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
@@ -188,7 +196,7 @@ class Desk:
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
             commands=[plain(form) for form in briefing.forms],
-            speeds=SPEEDS,
+            speeds=() if self._in_air else SPEEDS,
             session={
                 "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
@@ -250,6 +258,8 @@ class Desk:
         return [_json(type="accepted", to=to, id=str(raw.get("id", ""))[:64], number=number)]
 
     def _intend_pace(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
+        if self._in_air:
+            raise ValueError("in open air nobody sets the pace")
         if self.probes.is_sheet_open and "speed" not in raw:
             raise ValueError(NO_CONSENT)
         if "speed" in raw:

@@ -1,18 +1,27 @@
-"""The operator without a world: monitors boards in open air, by its own clock. Uses Zenoh, as `process.py`."""
+"""The operator without a world: monitors boards in open air, by its own clock, and may command them.
+
+Uses Zenoh, as `process.py`.
+"""
 
 import logging
 import queue
+import socket
 import time
 from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_operator.commanding import Commanding
+from deltaswarm_operator.fielded import FieldedDesk
 from deltaswarm_operator.output import Output
+from deltaswarm_operator.page import Page
 from deltaswarm_operator.presence import OpenAirMeter
 from deltaswarm_operator.process import stop_on_signals
 from deltaswarm_operator.waiting import Arrival, Inbox, sender_of, whose_key
-from deltaswarm_wire.keys import AGENT, Keys, parse_token
+from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.keys import AGENT, RADIO, Keys, parse_token
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
 from deltaswarm_wire.settings_operator import OperatorSettings
@@ -38,6 +47,8 @@ class OpenAirConfig:
     out: Path
     status_every_s: float
     """Interval of status lines."""
+    commanding: Commanding | None = None
+    """A desk with commands, a station or both."""
 
 
 WAKES_EVERY_S = 1.0
@@ -45,9 +56,16 @@ WAKES_EVERY_S = 1.0
 
 
 class OpenAirOperator:
-    """The operator over an open session."""
+    """The operator over an open session. `station` is its end of the channel to the station, if there is one."""
 
-    def __init__(self, config: OpenAirConfig, session: zenoh.Session, inbox: Inbox, output: Output) -> None:
+    def __init__(
+        self,
+        config: OpenAirConfig,
+        session: zenoh.Session,
+        inbox: Inbox,
+        output: Output,
+        station: socket.socket | None = None,
+    ) -> None:
         self.meter = OpenAirMeter(config.settings, config.step_s)
         self._config = config
         self._inbox = inbox
@@ -64,6 +82,15 @@ class OpenAirOperator:
                 keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
             ),
         ]
+        self.desk: FieldedDesk | None = None
+        if config.commanding is not None:
+            radio = session.declare_publisher(
+                keys.agent(BASE, RADIO),
+                encoding=zenoh.Encoding("application/msgpack;deltaswarm.Radio.v1"),
+                congestion_control=zenoh.CongestionControl.DROP,
+                reliability=zenoh.Reliability.BEST_EFFORT,
+            )
+            self.desk = FieldedDesk(config.run, config.commanding, config.out, radio.put, inbox.put_intent, station)
 
     def _into_inbox(self, arrival: Arrival) -> Any:
         return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
@@ -72,28 +99,42 @@ class OpenAirOperator:
     def totals(self) -> dict[str, Any]:
         """The meter's totals, with refused samples per sender."""
         refused = {whose_key(agent): count for agent, count in self._inbox.refused.items()}
-        return {**self.meter.totals, "refused_on": refused}
+        return {**self.meter.totals, "refused_on": refused, **(self.desk.totals if self.desk else {})}
 
     def run(self) -> None:
         """Process the inbox and close steps until stopped."""
         while True:
             now_s = self._now_s()
             workload = self.meter.close(now_s, len(self._inbox))
+            if self.desk:
+                self.desk.go_on(now_s, workload)
             if workload is not None:
                 self._write((*workload, len(self.meter.alive), len(self.meter.ill)))
                 if now_s >= self._status_due_s:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
             try:
-                arrival, sample = self._inbox.get(min(WAKES_EVERY_S, self.meter.wait_s(self._now_s())))
+                arrival, sample = self._inbox.get(self._wait_s(self._now_s()))
             except queue.Empty:
                 continue
             if arrival is Arrival.STOP:
                 return
             if arrival is Arrival.TOKEN:
                 self._take_token(sample)
+            elif arrival is Arrival.INTENT:
+                self._take_intent(sample)
             else:
                 self._take(arrival, sample)
+
+    def _wait_s(self, now_s: float) -> float:
+        wait_s = min(WAKES_EVERY_S, self.meter.wait_s(now_s))
+        return wait_s if self.desk is None else min(wait_s, self.desk.wait_s(now_s))
+
+    def _take_intent(self, intent: bytes | None) -> None:
+        if intent is None:
+            log.warning("the station has ended; the operator continues without it")
+        if self.desk:
+            self.desk.take(intent, self._now_s())
 
     def _write(self, row: Sequence[Any]) -> None:
         """Write a row. A full disk ends the table, but not the status lines."""
@@ -135,6 +176,8 @@ class OpenAirOperator:
     def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
         before = self.meter.is_doubled(agent)
         reason = self.meter.hear(agent, data, sent, self._now_s())
+        if reason is None and agent is not None and self.desk:
+            self.desk.hear(self.meter.agents[agent].newest)
         if (is_doubled := self.meter.is_doubled(agent)) != before:
             what = "several processes report as agent %d: does another board have its number?"
             log.warning(what if is_doubled else "only one process reports as agent %d again", agent)
@@ -162,11 +205,23 @@ def run_open_air(config: OpenAirConfig) -> int:
 
     Raises:
         ValueError: the user's own Zenoh settings are refused.
+        OSError: the station does not come up.
     """
     zenoh.init_log_from_env_or("error")
     inbox = Inbox()
     stop_on_signals(inbox.stop)
     settings = configured(zenoh.Config, config.pairs, config.link)
+    listen = config.commanding.listen if config.commanding else None
+    with ExitStack() as stack:
+        station = None
+        if listen is not None:
+            page = stack.enter_context(Page(listen))
+            station = page.end
+            print(page.url, flush=True)
+        return _run_session(config, settings, inbox, station)
+
+
+def _run_session(config: OpenAirConfig, settings: zenoh.Config, inbox: Inbox, station: socket.socket | None) -> int:
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
@@ -174,10 +229,12 @@ def run_open_air(config: OpenAirConfig) -> int:
         return 1
     try:
         with session, Output(config.out, COLUMNS) as output:
-            operator = OpenAirOperator(config, session, inbox, output)
+            operator = OpenAirOperator(config, session, inbox, output, station)
             log.info("the operator monitors run %s", config.run)
             operator.run()
             totals = operator.totals
+            if operator.desk:
+                operator.desk.finish()
             output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused.total(), **totals})
     except OSError as error:
         log.error("the table in %s is incomplete: %s", config.out, error)

@@ -12,11 +12,13 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
+from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.output import Output
 from deltaswarm_operator.staffed import ANSWER_WITHIN_S, StaffedDesk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import encode_pace, encode_turn
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken
@@ -107,16 +109,17 @@ class OperatorProcess:
         awaited = [self._taken, self._workload] if config.publish_all else [self._taken]
         self._desk: StaffedDesk | None = None
         if config.briefing is not None:
-            turn, pace = self._publisher(keys.turn, "Turn"), self._publisher(keys.pace, "Pace")
-            awaited += [turn, pace]
+            turns, paces = self._publisher(keys.turn, "Turn"), self._publisher(keys.pace, "Pace")
+            awaited += [turns, paces]
             self._desk = StaffedDesk(
                 config.run,
-                config.briefing,
+                Desk(config.briefing),
                 config.out,
-                turn.put,
-                pace.put,
+                lambda turn: turns.put(encode_turn(turn)),
+                lambda pace: paces.put(encode_pace(pace)),
                 lambda intent: inbox.put((Arrival.INTENT, intent)),
                 config.station,
+                is_awaited=config.briefing.is_awaited,
                 go_on=output.state is not None,
             )
             if output.state is not None:

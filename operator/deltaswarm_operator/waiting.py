@@ -19,6 +19,7 @@ class Arrival(Enum):
     REPORT = "report"
     HEALTH = "health"
     TOKEN = "token"
+    INTENT = "intent"
     STOP = "stop"
 
 
@@ -60,6 +61,11 @@ class Inbox:
     def stop(self) -> None:
         """Stop the main thread after the waiting samples. Safe in a signal handler: it takes no lock."""
         self._queue.put((Arrival.STOP, None))
+
+    def put_intent(self, intent: bytes | None) -> None:
+        """Add what somebody at the station wants, if there is room; None: the station has gone."""
+        if intent is None or len(self) < MAX_TOKENS:
+            self._queue.put((Arrival.INTENT, intent))
 
     def put(self, arrival: Arrival, sample: Any) -> None:
         """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later."""

@@ -38,7 +38,8 @@ class Rhythm:
     def begin(self) -> None:
         """A step begins: the next one is due after its share of the wall's time."""
         now_s = self._monotonic()
-        self._last_begin_s = max(self._due_s(), now_s - self._tick_s()) if self._pace.speed else now_s
+        due_s = self._due_s()
+        self._last_begin_s = due_s if self._pace.speed and now_s - due_s <= self._tick_s() else now_s
 
     def _is_held(self, step: int) -> bool:
         return 0 <= self._pace.hold_step <= step

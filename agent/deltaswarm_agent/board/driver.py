@@ -78,6 +78,11 @@ class Driver:
         self._max_std_m = max_std_m
         self._failures = 0
 
+    @property
+    def refused_commands(self) -> int:
+        """Relayed commands that are malformed, not the operator's, or over."""
+        return self._shell.commands.rejected
+
     def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
         """Sense, decide, move. With a fault of the body, stand, send nothing, and return None.
 

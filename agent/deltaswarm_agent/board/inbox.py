@@ -9,9 +9,9 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from deltaswarm_wire.codec import MAX_ABS_M, MAX_RADIO_BYTES, WireError, array, number, pack, unpack
-from deltaswarm_wire.envelope import decode_sample
-from deltaswarm_wire.messages import MAX_TIME_S, Heard
+from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
+from deltaswarm_wire.envelope import decode_sample, decode_sent
+from deltaswarm_wire.messages import Heard
 
 MAX_NEIGHBOURS = 256
 """Maximum number of senders in one step; bounds the memory that strangers can use."""
@@ -33,9 +33,6 @@ TOO_MANY = f"over {MAX_RATE_HZ:g} per second"
 
 MAX_TOLD = 256
 """Maximum number of logged pairs of sender and reason; the rest is only counted."""
-
-MAX_SENT_BYTES = 32
-"""Maximum size of a radio sample's attachment."""
 
 
 @dataclass
@@ -60,14 +57,6 @@ class _Arrival(NamedTuple):
     arrived_s: float
     place_m: tuple[float, float] | None
     data: bytes
-
-
-class Sent(NamedTuple):
-    """A radio sample's attachment: sending time by the sender's clock [s since its start], and position [m]."""
-
-    sent_s: float
-    x_m: float
-    y_m: float
 
 
 class Lateness:
@@ -116,21 +105,6 @@ class Allowance:
             self._left.pop(next(iter(self._left)))  # the least recent sender
         self._left[sender] = (max(0.0, left - 1.0), now_s)
         return left >= 1.0
-
-
-def encode_sent(sent: Sent) -> bytes:
-    """`[sent_s, x_m, y_m]`."""
-    return pack(sent)
-
-
-def decode_sent(data: bytes) -> Sent:
-    """Check and decode. Raises WireError."""
-    sent_s, x_m, y_m = array(unpack(data, MAX_SENT_BYTES), 3, "sent")
-    return Sent(
-        number(sent_s, 0.0, MAX_TIME_S, "sent.sent_s"),
-        number(x_m, -MAX_ABS_M, MAX_ABS_M, "sent.x_m"),
-        number(y_m, -MAX_ABS_M, MAX_ABS_M, "sent.y_m"),
-    )
 
 
 class Inbox:

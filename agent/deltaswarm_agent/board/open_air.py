@@ -9,10 +9,11 @@ import socket
 import threading
 import time
 
-from deltaswarm_agent.board.inbox import Inbox, Sent, encode_sent
+from deltaswarm_agent.board.inbox import Inbox
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
+from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys, parse_agent_key
 from deltaswarm_wire.messages import Heard
 from deltaswarm_wire.operator_messages import Health, encode_health

@@ -20,12 +20,14 @@ from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_agent.board.signals import Stop, stop_on_signals
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
+from deltaswarm_agent.commands import Verify
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
 from deltaswarm_wire.messages import Heard
+from deltaswarm_wire.signing import SigningError, verifier
 
 if TYPE_CHECKING:
     from deltaswarm_agent.board.recording import FrameRecorder
@@ -71,6 +73,7 @@ class BoardRun:
             )
         if self.settings.log.record != "off":
             _recorder_class()
+        _verify(self.settings)
         return OpenAir(self.settings)
 
 
@@ -91,7 +94,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     options = options_of(body_class, settings.body.options)
     seed, agent = settings.agent.seed, settings.id
     step_s = settings.agent.step_s
-    shell = Shell(agent, step_s, make_controller(agent, settings.agent))
+    shell = Shell(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
     told = settings.body
@@ -195,6 +198,7 @@ class _Loop:
         driver = self._driver
         text = f"{driver.role} at ({driver.place_m[0]:.2f}, {driver.place_m[1]:.2f}) m"
         text += f", step {step}, skipped {skipped}, body faulty in {driver.faulty_steps}; {self._air.counts}"
+        text += f"; commands refused {driver.refused_commands}" if driver.refused_commands else ""
         text += f"; not well: {self._fault}" if self._fault else ""
         log.info("%s", text)
         self._air.health(self._fault)
@@ -214,6 +218,17 @@ def _has_come(stop: Stop, wait_s: float) -> bool:
 def _end_in_time() -> None:
     """Make sure that the process exits soon; if it hangs, with tracebacks and exit code 1."""
     faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
+
+
+def _verify(settings: BoardSettings) -> Verify:
+    """Whose commands the agent believes: the operator's, if its key is known, else nobody's."""
+    public = settings.air.operator_key
+    if not public:
+        return lambda _: False
+    try:
+        return verifier(public, settings.run)
+    except SigningError as error:
+        raise SettingsError([Problem("air.operator_key", repr(public), str(error))]) from None
 
 
 def _recorder_class() -> "type[FrameRecorder]":

@@ -11,12 +11,13 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, SettingsError, key
-from deltaswarm_wire.codec import MAX_AGENT_ID
+from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import BODIES, controller_settings
 from deltaswarm_wire.session import Pairs, RouterLink, Tls, air_pairs, tls_pairs
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
+from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
 
 MODES = ("peer", "client")
 RECORDS = ("off", "mcap")
@@ -68,6 +69,9 @@ class AirSettings:
     )
     stale_s: float = key(3.0, "drop frames delayed by this much more than usual [s]", above=0, high=3600)
     agents: str = key("", "admitted agents, such as 0-24, identified by certificate; empty: any agent")
+    operator_key: str = key(
+        "", "public key of the operator, whose commands are obeyed; empty: every command is refused"
+    )
     credentials_file: str = key("", "`user:password` lines, readable by its owner only; the agent uses its own line")
     tls: TlsSettings = key(TlsSettings, "certificates")
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
@@ -88,6 +92,8 @@ class AirSettings:
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
                     found.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
         found += self._unknown_agents()
+        if self.operator_key and not is_public_key(self.operator_key):
+            found.append(Problem("operator_key", repr(self.operator_key), PUBLIC_KEY_RULE))
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
             found += [problem] if problem else []
@@ -180,7 +186,7 @@ class LogSettings:
 class BoardSettings:
     """One agent on one board."""
 
-    id: int = key(0, "the agent's number", low=0, high=MAX_AGENT_ID)
+    id: int = key(0, "the agent's number", low=0, high=BASE - 1)
     run: str = key("field", "name of the run, shared by all its parts")
     agent: AgentSettings = key(AgentSettings, "its task, as the world writes it into agent.toml")
     air: AirSettings = key(AirSettings, "link to neighbours and operator")
@@ -218,6 +224,8 @@ class BoardSettings:
             )
         if self.air.agents:
             found.append(Problem("air.agents", repr(self.air.agents), "must be left out: the world admits its agents"))
+        if self.air.operator_key:
+            found.append(Problem("air.operator_key", repr(self.air.operator_key), "must be left out with a world"))
         if self.log.record != "off":
             found.append(
                 Problem("log.record", repr(self.log.record), "must be off: the world's recorder has the frames")

@@ -16,7 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print the names of scenarios, sweeps, studies, controllers and bodies, each with what it is."""
+    """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with what it is."""
     found = known()
     if arguments.json:
         print(json.dumps(found))
@@ -30,7 +30,8 @@ def known() -> dict[str, dict[str, str]]:
     """Every name that a command or a settings file may use, by kind, with a line about it."""
     from deltaswarm_orchestrator.run.scenario import files_in
     from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
-    from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS
+    from deltaswarm_wire.commands import forms_of
+    from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS, find_controller
 
     def about(*folders: str) -> dict[str, str]:
         texts = {name: file.read_text() for name, file in files_in(*folders).items()}
@@ -44,5 +45,6 @@ def known() -> dict[str, dict[str, str]]:
         "sweeps": about("sweeps/built_in"),
         "studies": about(*STUDY_FOLDERS),
         "controllers": plugins(CONTROLLERS, CONTROLLER_GROUP),
+        "commands": {form.name: form.help for mode in CONTROLLERS for form in forms_of(find_controller(mode))},
         "bodies": plugins(BODIES, BODY_GROUP),
     }

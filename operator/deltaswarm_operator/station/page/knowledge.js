@@ -64,7 +64,7 @@ export class KnowledgePanel {
     const total = model.hello?.agents ?? 0;
     setText(
       element("agents-count"),
-      model.picture?.truth ? `${agents.length} agents` : `${agents.length} of ${total} heard of`,
+      model.picture?.truth ? `${agents.length} agents` : `${agents.length}${total ? ` of ${total}` : ""} heard of`,
     );
     setText(element("events-count"), String(events.length));
   }

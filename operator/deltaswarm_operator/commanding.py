@@ -1,0 +1,138 @@
+"""What the command line of an operator in open air says of commands and of the station."""
+
+import argparse
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_wire import checked
+from deltaswarm_wire.codec import MAX_ABS_M
+from deltaswarm_wire.commands import CommandForm, forms_of, named
+from deltaswarm_wire.plugins import controller_settings, find_controller
+from deltaswarm_wire.settings import AgentSettings
+from deltaswarm_wire.settings_downlink import CommandSettings
+from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, ProbeSettings, begun_with
+from deltaswarm_wire.settings_radio import Place
+from deltaswarm_wire.signing import Sign, signer
+
+LOOPBACK = "127.0.0.1:0"
+NO_KEY = "needs --command-key FILE, whose public part the boards know; make one: deltaswarm certificates --operator-key"
+
+
+@dataclass(frozen=True)
+class Commanding:
+    """A desk in open air."""
+
+    briefing: Briefing
+    sign: Sign | None
+    """What signs commands; None: there are none, somebody only watches."""
+    board_step_s: float
+    """Length of the boards' steps [s]."""
+    listen: str | None
+    """HOST:PORT of the station's page; None: no station."""
+
+
+@dataclass(frozen=True)
+class _Script:
+    """A file of commands."""
+
+    command: tuple[CommandSettings, ...] = checked.key((), "commands, by the time since the operator's start")
+
+
+def add_arguments(made: argparse.ArgumentParser) -> None:
+    """Add the options of commands and station."""
+    told = made.add_argument_group("commands and station")
+    told.add_argument("--station", action="store_true", help="serve a page to watch and command; prints its address")
+    told.add_argument(
+        "--station-listen", metavar="HOST:PORT", help=f"address of the page (default: {LOOPBACK}, any free port)"
+    )
+    told.add_argument("--controller", metavar="MODE", help="the boards' controller, which accepts the commands")
+    told.add_argument("--command-key", type=Path, metavar="FILE", help="private key that signs the commands")
+    told.add_argument("--commands", type=Path, metavar="FILE", help="[[command]] tables; at_s since the start [s]")
+    told.add_argument(
+        "--task", type=Path, metavar="FILE", help="a board's file: its table [agent] has arena, step and controller"
+    )
+    told.add_argument("--base", type=_place, metavar="X,Y", help="where the base is, for boards with air.range_m [m]")
+
+
+def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, step_s: float) -> Commanding | None:
+    """What the arguments say; None: the operator only counts.
+
+    Raises:
+        ValueError, OSError: they contradict each other, or name a file that is wrong.
+    """
+    if arguments.station_listen and not arguments.station:
+        raise ValueError("--station-listen needs --station")
+    for option in ("--controller", "--commands"):
+        if getattr(arguments, option.removeprefix("--")) and not arguments.command_key:
+            raise ValueError(f"{option} {NO_KEY}")
+    if not arguments.station and not arguments.commands:
+        if option := next((name for name in ("command_key", "task", "base") if getattr(arguments, name)), ""):
+            raise ValueError(f"--{option.replace('_', '-')} needs --station or --commands")
+        return None
+    task = _task(arguments.task, arguments.controller)
+    forms: tuple[CommandForm, ...] = ()
+    if arguments.command_key:
+        if not arguments.controller and not arguments.task:
+            raise ValueError("--command-key needs --controller or --task, which say what boards accept")
+        forms = begun_with(forms_of(find_controller(task.control.mode, "--controller")), task.control.options)
+    briefing = Briefing(
+        title=f"open air, {task.control.mode}" if forms else "open air",
+        step_s=step_s,
+        width_m=task.width_m,
+        height_m=task.height_m,
+        obstacles=task.obstacles,
+        base_m=arguments.base,
+        agents=len(arguments.agents),
+        operator=OperatorSettings(settings.threshold_hz, probes=ProbeSettings(isa_every_s=0.0)),
+        forms=forms,
+        command=_script(arguments.commands, forms),
+    )
+    sign = signer(arguments.command_key, arguments.run) if arguments.command_key else None
+    listen = (arguments.station_listen or LOOPBACK) if arguments.station else None
+    return Commanding(briefing, sign, task.step_s, listen)
+
+
+def _task(file: Path | None, mode: str | None) -> AgentSettings:
+    """The boards' task, with another controller if one is given."""
+    table: Any = tomllib.loads(file.read_text()) if file else {}
+    table = table.get("agent", {})
+    if mode:
+        control = {"mode": mode} | ({} if not file else _options_of(table, mode))
+        table = {**table, "control": control}
+    task = checked.load(AgentSettings, table, "agent")
+    controller_settings(task.control.mode, task.control.options, task, "agent.control")
+    return task
+
+
+def _options_of(table: Any, mode: str) -> dict[str, Any]:
+    """A file's options of its controller, which another controller does not have."""
+    control = table.get("control", {})
+    return dict(control) if control.get("mode") == mode else {}
+
+
+def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandSettings, ...]:
+    """Commands of a file, checked against what the controller accepts."""
+    if file is None:
+        return ()
+    commands = checked.load(_Script, tomllib.loads(file.read_text())).command
+    for number, given in enumerate(commands):
+        form = named(forms, given.name)
+        if form is None:
+            known = ", ".join(form.name for form in forms) or "none"
+            raise ValueError(f"{file}: command.{number}.name must be one of {known} (got {given.name!r:.40})")
+        if problem := form.problem(given.command(0).target, given.arguments):
+            raise ValueError(f"{file}: command.{number}: {problem}")
+    return commands
+
+
+def _place(text: str) -> Place:
+    x_m, sign, y_m = text.partition(",")
+    try:
+        place = (float(x_m), float(y_m))
+    except ValueError:
+        place = None
+    if not sign or place is None or not all(abs(value) <= MAX_ABS_M for value in place):
+        raise argparse.ArgumentTypeError(f"must be X,Y in metres (got {text!r})")
+    return place

@@ -1,0 +1,98 @@
+"""A desk in open air: commands go out as radio frames of the base, by the operator's own clock."""
+
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_operator.base import Base
+from deltaswarm_operator.commander import Commander
+from deltaswarm_operator.commanding import Commanding
+from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.staffed import StaffedDesk
+from deltaswarm_wire.commands import Turn
+from deltaswarm_wire.envelope import Sent, encode_sent
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+
+MAX_REPORTS_OF_ONE = 16
+"""Reports of one agent in a step that the desk takes in: the newest. Without admission control anyone may send."""
+
+
+class FieldedDesk:
+    """A desk with its base. Times are those since the operator's start [s].
+
+    Args:
+        run: the run's name.
+        commanding: what the command line says.
+        folder: for the tables of what the person did.
+        put: publishes a radio frame of the base, with its attachment.
+        on_intent: is called in the channel's thread; `take` then wants the intent in the main one.
+        station: the channel's end, if there is a station.
+    """
+
+    def __init__(
+        self,
+        run: str,
+        commanding: Commanding,
+        folder: Path,
+        put: Callable[..., None],
+        on_intent: Callable[[bytes | None], None],
+        station: socket.socket | None,
+    ) -> None:
+        started = int(time.time())  # Unix time: an operator that starts again numbers frames and commands higher
+        self.base = Base(commanding.board_step_s, started)
+        self._base_m = commanding.briefing.base_m
+        self._step_s = commanding.briefing.step_s
+        self._put = put
+        self._reports: dict[int, deque[Report]] = {}
+        self._now_s = 0.0
+        sign = commanding.sign or _sign_nothing
+        desk = Desk(commanding.briefing, Commander(commanding.briefing.forms, sign, started), in_air=True)
+        self._staffed = StaffedDesk(run, desk, folder, self._send, lambda pace: None, on_intent, station)
+        self._staffed.begin()
+
+    def hear(self, report: Report | None) -> None:
+        """Take in an accepted report; its step is by its board's clock, so what counts is when it arrived."""
+        if report is not None:
+            self._reports.setdefault(report.agent, deque(maxlen=MAX_REPORTS_OF_ONE)).append(report)
+
+    def go_on(self, now_s: float, workload: Workload | None) -> None:
+        """Close a step, if one has ended, show the picture and send the frame that is due."""
+        self._now_s = now_s
+        if workload is None:
+            self._staffed.show()
+        else:
+            arrived = [report._replace(step=workload.step) for of_one in self._reports.values() for report in of_one]
+            self._reports.clear()
+            self._staffed.close(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
+        frame = self.base.frame(now_s)
+        if frame is not None:
+            self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
+
+    def wait_s(self, now_s: float) -> float:
+        """Time until `go_on` wants to be called again, at the latest [s]."""
+        waits = [wait_s for wait_s in (self._staffed.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
+        return min(waits, default=self._step_s)
+
+    def take(self, intent: bytes | None, now_s: float) -> None:
+        """Do what somebody at the station wants; None: the station has gone."""
+        self._now_s = now_s
+        self._staffed.take(intent)
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """What the operator's totals have besides the workload."""
+        return {**self._staffed.totals, "commands": len(self._staffed.desk.commander.sent), "frames": self.base.frames}
+
+    def finish(self) -> None:
+        """Nothing comes any more."""
+        self._staffed.finish()
+
+    def _send(self, turn: Turn) -> None:
+        self.base.send(turn.commands, self._now_s)
+
+
+def _sign_nothing(body: bytes) -> bytes:
+    return b""

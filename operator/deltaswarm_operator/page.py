@@ -1,0 +1,66 @@
+"""The station's process as a child of the operator in open air."""
+
+import os
+import select
+import socket
+import subprocess
+import sys
+import time
+from types import TracebackType
+from typing import Self
+
+READY_WITHIN_S = 60.0
+ENDS_WITHIN_S = 3.0
+
+
+class Page:
+    """The station's process. It ends with the operator, however that ends: its feed closes.
+
+    Raises:
+        OSError: it did not come up; the text is for the user, and the station has said why.
+    """
+
+    def __init__(self, listen: str) -> None:
+        self.end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        """The operator's end of the channel."""
+        command = [sys.executable, "-P", "-m", "deltaswarm_operator.station", "--listen", listen]
+        with theirs:
+            self._process = subprocess.Popen(
+                [*command, "--channel-fd", str(theirs.fileno())], pass_fds=[theirs.fileno()], stdout=subprocess.PIPE
+            )
+        try:
+            self.url = self._first_line()
+        except BaseException:
+            self.close()
+            raise
+
+    def _first_line(self) -> str:
+        assert self._process.stdout is not None
+        said, line, deadline = self._process.stdout.fileno(), b"", time.monotonic() + READY_WITHIN_S
+        while not line.endswith(b"\n"):
+            left_s = deadline - time.monotonic()
+            more = os.read(said, 4096) if left_s > 0 and select.select([said], [], [], left_s)[0] else b""
+            if not more:
+                raise OSError("the station did not come up; see its message above")
+            line += more
+        return line.decode().strip()
+
+    def close(self) -> None:
+        """Close the channel and end the process."""
+        self.end.close()
+        self._process.terminate()
+        try:
+            self._process.wait(ENDS_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
