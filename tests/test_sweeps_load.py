@@ -11,15 +11,10 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep, make_sweep
 from deltaswarm_orchestrator.sweeps.plan import MAX_RUNS, Sweep
 from deltaswarm_wire.checked import SettingsError
+from tests.complaints import names
 from tests.sweeping import described, made, mistakes, written
 
 Printed = pytest.CaptureFixture[str]
-
-
-def facts(line: str) -> str:
-    """Where a mistake is, and what was found: `key: found`, without what is allowed and the advice."""
-    said = re.fullmatch(r"(\S+) must .* \(got (.*)\)", line, re.DOTALL)
-    return f"{said[1]}: {said[2]}" if said else line.partition(";")[0]
 
 
 def labels(sweep: dict[str, Any]) -> list[str]:
@@ -151,11 +146,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         {"variants": [{"control.delta": 2}, {"control.delay": 3}]},
         "control.delay",
     ),
-    "unknown setting": ({**AXES, "repeat": 3}, "sweep.repeat: unknown key; did you mean 'repeats'?"),
+    "unknown setting": ({**AXES, "repeat": 3}, "sweep.repeat"),
     "empty list": ({"axes": {"control.delta": []}}, "sweep.axes.control.delta: []"),
     "no list": ({"axes": {"control": {"delta": 3}}}, "sweep.axes.control.delta: 3"),
     "table of tables": ({"axes": {"a": {"b": {"c": 1}}}}, "sweep.axes.a.b.c: 1"),
-    "empty table": ({"axes": {"control": {}}}, "sweep.axes.control: an empty table"),
+    "empty table": ({"axes": {"control": {}}}, "sweep.axes.control"),
     "lengths": (
         {"paired": [{"control.delta": [2, 3], "radio.loss": [0.1]}]},
         "sweep.paired[0]",
@@ -170,16 +165,16 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "axis and pair": (
         {**AXES, "paired": [{"control.delta": [4]}]},
-        "sweep.paired[0].control.delta: also given elsewhere",
+        "sweep.paired[0].control.delta",
     ),
     "table and key in it": (
         {"axes": {"control": [{"delta": 3}], "control.delta": [2]}},
-        "sweep.axes.control.delta: control varies too",
+        "sweep.axes.control.delta",
     ),
-    "nothing": ({"repeats": 3}, "sweep: nothing varies; [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"),
-    "seed": ({"axes": {"seed": [1, 2]}}, "sweep.axes.seed: cannot vary"),
-    "record": ({"variants": [{"record": "off"}]}, "sweep.variants.record: cannot vary"),
-    "name": ({"axes": {"name": ["a", "b"]}}, "sweep.axes.name: cannot vary"),
+    "nothing": ({"repeats": 3}, "sweep"),
+    "seed": ({"axes": {"seed": [1, 2]}}, "sweep.axes.seed"),
+    "record": ({"variants": [{"record": "off"}]}, "sweep.variants.record"),
+    "name": ({"axes": {"name": ["a", "b"]}}, "sweep.axes.name"),
     "third variant": (
         {"variants": [{"control.delta": 2}, {"control.delta": 3}, {"control.delta": 0}]},
         "control.delta: 0",
@@ -204,9 +199,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "one value twice": ({"axes": {"control.delta": [2, 2]}}, "sweep: 2 variants called 'delta=2'"),
     "only labels": (
         {**AXES, "paired": [{"label": ["a", "b"]}]},
-        "sweep.paired[0]: only a label",
+        "sweep.paired[0]",
     ),
-    "no pairs": ({**AXES, "paired": [{}]}, "sweep.paired[0]: no keys"),
+    "no pairs": ({**AXES, "paired": [{}]}, "sweep.paired[0]"),
     "label as axis": (
         {"axes": {**AXES["axes"], "label": ["a"]}},
         "sweep.axes.label",
@@ -217,15 +212,15 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
     ),
     "label of two lines": (
         {"paired": [{"label": ["a\nb"], "control.delta": [2]}]},
-        "sweep.paired[0].label: a\\nb",
+        "sweep.paired[0].label",
     ),
     "axes no table": ({"axes": [1]}, "sweep.axes: [1]"),
     "paired no list": ({"paired": {"control.delta": [1]}}, "sweep.paired: {'control.delta': [1]}"),
     "variants no tables": ({"variants": [1, "a"]}, "sweep.variants[0]: 1"),
-    "huge number": ({"axes": {"control.delta": [10**5000]}}, "control.delta: int; an integer at least 1"),
+    "huge number": ({"axes": {"control.delta": [10**5000]}}, "control.delta: int"),
     "huge number, no list": ({"axes": {"control.delta": 10**5000}}, "sweep.axes.control.delta: int"),
-    "beyond 64 bits": ({"axes": {"control.delta": [2**70]}}, f"control.delta: {2**70}; an integer at least 1"),
-    "not a number": ({"axes": {"radio.loss": [float("nan")]}}, "radio.loss: nan; a number at least 0"),
+    "beyond 64 bits": ({"axes": {"control.delta": [2**70]}}, f"control.delta: {2**70}"),
+    "not a number": ({"axes": {"radio.loss": [float("nan")]}}, "radio.loss: nan"),
     "grid not there": (
         {"variants": [{"events.density.kind": "grid", "events.density.file": "/no/such.csv"}]},
         "events.density.file: '/no/such.csv' cannot be read",
@@ -235,9 +230,9 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
 
 @pytest.mark.parametrize(("sweep", "message"), WRONG.values(), ids=WRONG)
 def test_a_mistake_is_said_in_one_clear_line(sweep: dict[str, Any], message: str) -> None:
-    """Where and what was found; and nothing else is complained of but what follows from it."""
+    """It names the key and what was found; nothing else is reported except what follows from it."""
     found = mistakes(described(sweep))
-    assert any(facts(line).startswith(facts(message)) for line in found), found
+    assert any(names(line, message) for line in found), found
     assert len(found) <= 2
     assert all(len(line) < 400 for line in found)
 
@@ -247,23 +242,22 @@ def test_all_mistakes_are_told_at_once() -> None:
     sweep = {"axes": {"control.delta": 3, "seed": [1]}}
     found = mistakes(described(sweep, scenario={"radio": {"los": 1.0}, "seed": 4}))
     assert len(found) == 4
-    assert "radio.los: unknown key; did you mean 'loss'?" in found
-    assert "scenario.seed: seed" in map(facts, found)
+    for said in ("radio.los: 'loss'", "scenario.seed"):
+        assert any(names(line, said) for line in found), found
 
 
 def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
     """Neither in its own tables nor in the scenarios; and what follows from it alone is not told besides."""
     axes = {"control.delat": [3], "radio.range_m": [9.0, -1.0]}
     table = described({"axes": axes, "repeats": 0, "reps": 3}, scenario={"radio": {"los": 1.0}}, nmae="x")
-    assert sorted(map(facts, mistakes(table))) == [
-        "control.delat: unknown key",
-        "nmae: unknown key",
-        "radio.los: unknown key",
-        "radio.range_m: -1.0",
-        "sweep.repeats: 0",
-        "sweep.reps: unknown key",
-    ]
-    assert mistakes(described({"axis": axes})) == ["sweep.axis: unknown key; did you mean 'axes'?"]
+    said = (
+        *("control.delat: 'delta'", "nmae: 'name'", "radio.los: 'loss'"),
+        *("radio.range_m: -1.0", "sweep.repeats: 0", "sweep.reps: 'repeats'"),
+    )
+    found = sorted(mistakes(table))
+    assert [names(line, one) for line, one in zip(found, said, strict=True)] == [True] * 6, found
+    [line] = mistakes(described({"axis": axes}))
+    assert names(line, "sweep.axis: 'axes'")
     assert len(mistakes(described({"axes": axes}, bsae="x", base="no-such"))) == 2
 
 
@@ -275,46 +269,47 @@ def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
         ({"base": "x" * 5000}, "base: 'xxx"),
         ({"base": "a\0b"}, "base: 'a\\x00b' is not there"),
         ({"base": 3}, "base: 3"),
-        ({"name": "a/b"}, "name: 'a/b'; 1 to 48 ASCII letters"),
-        ({"name": ".."}, "name: '..'; 1 to 48 ASCII letters"),
-        ({"scenario": {"record": "views"}}, "scenario.record: record"),
-        ({"scenario": {"control": {"delta": 2}}}, "scenario.control.delta: control.delta"),
-        ({"scenario": {"foo": {}}}, "scenario.foo: an empty table"),
-        ({"scenario": {"control.rho": 1, "control": {"rho": 2}}}, "scenario.control.rho: given twice"),
+        ({"name": "a/b"}, "name: 'a/b'"),
+        ({"name": ".."}, "name: '..'"),
+        ({"scenario": {"record": "views"}}, "scenario.record"),
+        ({"scenario": {"control": {"delta": 2}}}, "scenario.control.delta"),
+        ({"scenario": {"foo": {}}}, "scenario.foo"),
+        ({"scenario": {"control.rho": 1, "control": {"rho": 2}}}, "scenario.control.rho"),
         ({"sweep": 4}, "sweep: 4"),
-        ({"axes": {}}, "axes: unknown key; known are schema, name, base, scenario, sweep"),
+        ({"axes": {}}, "axes"),
     ],
     ids=str,
 )
 def test_mistakes_beside_the_axes_are_said_too(other: dict[str, Any], message: str) -> None:
     """In the base scenario, in what all share, in the file's own keys."""
     (line,) = mistakes({**described(AXES), **other})
-    assert facts(line).startswith(facts(message))
+    assert names(line, message), line
 
 
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("control.delta=9", "--set: control.delta"),
-        ("seed=3", "--set: seed"),
+        ("control.delta=9", "--set"),
+        ("seed=3", "--set"),
         ("novalue", "--set: 'novalue'"),
-        ("radio.loss=2", "radio.loss: 2; a number at least 0 and at most 1 is allowed"),
+        ("radio.loss=2", "radio.loss: 2"),
     ],
 )
 def test_an_override_that_would_do_nothing_is_refused(override: str, message: str) -> None:
     """Rather than overridden in silence by the sweep itself."""
     with pytest.raises(SettingsError) as caught:
         make_sweep(described(AXES), overrides=["radio.range_m=9", override])
-    assert [facts(str(problem)) for problem in caught.value.problems] == [facts(message)]
+    [problem] = caught.value.problems
+    assert names(str(problem), message), problem
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "(got missing)"),
-        ("schema = 1\n", "[[sweep.variants]]"),
-        ("schema = \n", "Invalid value (at line 1, column 10)"),
-        ("schema = 1\n[sweep.axes]\ncontrol.dleta = [2]\n", "control.dleta: unknown key; did you mean 'delta'?"),
+        ("", "schema"),
+        ("schema = 1\n", "[sweep.axes]"),
+        ("schema = \n", "(at line 1, column 10)"),
+        ("schema = 1\n[sweep.axes]\ncontrol.dleta = [2]\n", "control.dleta"),
         ("schema = 1\n[sweep]\naxes.control.delta = " + "[" * 2000, "TOML"),
         ("schema = 1\n[sweep.axes]\n" + ".".join("a" * 3000) + " = [1]", "unknown key"),
         ("schema = 1\n[scenario]\n" + ".".join("a" * 3000) + " = 1\n[sweep.axes]\nradio.loss=[0.1]", "unknown key"),

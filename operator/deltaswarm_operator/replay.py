@@ -103,8 +103,8 @@ class Replay:
             elif kind == "pace" and "speed" in raw:
                 self.speed = max(0.0, finite(raw["speed"]))
             elif kind == "pace" and "steps" in raw:
-                self.is_paused = True
                 self.seek(self._now_s + finite(raw["steps"]) * self._step_s)
+                self.is_paused = True
             elif kind == "pace":
                 self.is_paused = bool(raw["paused"])
             elif kind in ("catch_up", "read"):

@@ -39,11 +39,14 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
     """The briefing and the steps in a file. Raises ValueError: it holds none."""
     with file.open("rb") as stream:
         values = msgpack.Unpacker(stream, max_buffer_size=16 * MAX_ORDINARY_BYTES)
-        briefing = checked.load(Briefing, next(values))
-        steps = [
-            RecordedStep(Clock(*clock), Workload(*workload), tuple([decode_report(report) for report in reports]))
-            for clock, workload, reports in values
-        ]
+        try:
+            briefing = checked.load(Briefing, next(values, None))
+            steps = [
+                RecordedStep(Clock(*clock), Workload(*workload), tuple([decode_report(report) for report in reports]))
+                for clock, workload, reports in values
+            ]
+        except (TypeError, msgpack.UnpackException) as error:
+            raise ValueError(f"{file}: {error}") from None
     if not steps:
         raise ValueError(f"{file}: there is no step in it")
     return briefing, steps

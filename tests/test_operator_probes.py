@@ -1,0 +1,60 @@
+"""What a person at the station is asked: when, and which answers count."""
+
+from random import Random
+from typing import Any
+
+import pytest
+
+from deltaswarm_operator.probes import SCALES, Probes
+from deltaswarm_wire.settings_operator import ProbeSettings
+
+
+def probes(**settings: Any) -> Probes:
+    return Probes(ProbeSettings(**settings), Random(1))
+
+
+def test_isa_is_asked_at_its_times_and_missing_without_an_answer() -> None:
+    """The answer's latency is wall time; an answer to another question is refused."""
+    asked = probes(isa_every_s=100, isa_wait_s=30)
+    asked.tick(99.0, False, 9.0)
+    assert asked.open(9.0) is None
+    asked.tick(100.0, False, 10.0)
+    assert asked.open(10.0) == {"kind": "isa", "number": 0, "asked_s": 100.0, "left_s": 30.0}
+    for number, answer in ((1, 3), (0, 0), (0, 6), (0, 2.0), (0, True), (0, None)):
+        with pytest.raises(ValueError, match=r".+"):
+            asked.answer_isa(number, answer, 11.0)
+    asked.answer_isa(0, 3, 14.5)
+    with pytest.raises(ValueError, match=r".+"):
+        asked.answer_isa(0, 3, 15.0)
+    asked.tick(200.0, False, 20.0)
+    assert asked.open(49.9)
+    assert asked.open(50.0) is None
+    asked.tick(300.0, False, 60.0)
+    asked.tick(301.0, True, 61.0)
+    assert [(row.number, row.value, row.latency_s) for row in asked.rows] == [
+        (0, 3, 4.5),
+        (1, None, None),
+        (2, None, None),
+    ]
+
+
+def test_nasa_tlx_wants_every_scale_and_15_weights() -> None:
+    """Once, after the last step."""
+    asked = probes(tlx=True, tlx_weights=True, isa_every_s=0)
+    scales, weights = dict.fromkeys(SCALES, 50), dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
+    with pytest.raises(ValueError, match=r".+"):
+        asked.answer_tlx(scales, weights, 0.0)
+    asked.tick(9.0, True, 5.0)
+    wrong_scales: list[Any] = [None, [], {}, {**scales, "x": 1}, {**scales, "effort": 101}, {**scales, "effort": True}]
+    wrong_weights: list[Any] = [None, {**weights, "mental": 4}, {**weights, "mental": 6}, {**weights, "mental": 5.0}]
+    for wrong in [(one, weights) for one in wrong_scales] + [(scales, one) for one in wrong_weights]:
+        with pytest.raises(ValueError, match=r".+"):
+            asked.answer_tlx(*wrong, 6.0)
+    asked.answer_tlx(scales, weights, 7.0)
+    assert [(row.item, row.value, row.latency_s) for row in asked.rows[:2]] == [
+        ("mental", 50, 2.0),
+        ("physical", 50, 2.0),
+    ]
+    assert len(asked.rows) == 12
+    asked.tick(9.0, True, 8.0)
+    assert asked.open(8.0) is None
