@@ -68,6 +68,8 @@ reports = st.builds(
     metres,
     agents,
     tuples_of(events, 6),
+    tuples_of(st.builds(om.ReportedMember, agents, agents, centimetres, centimetres), 6),
+    tuples_of(st.builds(om.Answer, ids, st.integers(om.HEARD, om.REFUSED)), 4),
 )
 printable = st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=20)
 healths = st.builds(om.Health, printable)

@@ -18,9 +18,9 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_wire.checked import load, plain
-from deltaswarm_wire.codec import MAX_ABS_M, MAX_AGENT_ID, MAX_ID
+from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event
-from deltaswarm_wire.operator_messages import Report, Workload
+from deltaswarm_wire.operator_messages import HEARD, REFUSED, Answer, Report, ReportedMember, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Tally, Truth
 from tests.swarms import PATIENCE_S
@@ -32,6 +32,7 @@ times = st.floats(0, MAX_TIME_S)
 places = st.floats(-MAX_ABS_M, MAX_ABS_M)
 counts = st.integers(0, MAX_ID)
 agents = st.integers(0, MAX_AGENT_ID)
+centimetres = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
 not_yet = st.none()
 
 reports = st.builds(
@@ -44,6 +45,8 @@ reports = st.builds(
     places,
     agents,
     st.lists(st.builds(Event, counts, places, places), max_size=3).map(tuple),
+    st.lists(st.builds(ReportedMember, agents, agents, centimetres, centimetres), max_size=3).map(tuple),
+    st.lists(st.builds(Answer, counts, st.integers(HEARD, REFUSED)), max_size=3).map(tuple),
 )
 events = st.builds(EventState, st.integers(0, 5), places, places, times, times | not_yet, times | not_yet, times)
 

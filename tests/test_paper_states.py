@@ -13,6 +13,7 @@ from deltaswarm_agent.controllers.paper.frames import _encoded, decode
 from deltaswarm_agent.controllers.paper.states import FREE, PAPER_SECTION, TRANSITIONS, Cause, State, diagram
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.envelope import decode_sample
+from deltaswarm_wire.operator_messages import Clock
 from tests.cores import controllers_of, play, swarm
 
 PAGE = Path(__file__).parent.parent / "agent/deltaswarm_agent/controllers/paper/STATES.md"
@@ -120,7 +121,8 @@ def recalled(watch: Watch) -> None:
         for root in range(12)
     ]
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
-    for _ in play(crew, ROUGH_STEPS):
+    for step, tally in enumerate(play(crew, ROUGH_STEPS)):
+        crew.close(Clock(step, tally.time_s, last=False))
         watch.check(crew)
 
 

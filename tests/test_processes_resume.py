@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 from collections.abc import Iterator
@@ -131,7 +132,7 @@ def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -
         assert f"deltaswarm run --resume {swarm.out}" in errors
         assert not swarm.summary()["complete"]
     told = subprocess.run([*COMMAND, "info", str(swarm.out)], capture_output=True, text=True, check=True)
-    assert f"after step {newest_in(swarm.out)}" in told.stdout
+    assert re.search(rf"checkpoint .*step {newest_in(swarm.out)}\b", told.stdout)
     process = subprocess.run([*COMMAND, "run", "--resume", str(swarm.out)], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
     same_as_undisturbed(swarm)
@@ -194,5 +195,7 @@ def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(
     manifest = json.loads((run / "manifest.json").read_text())
     (run / "manifest.json").write_text(json.dumps(manifest | {"code": "another"}))
     assert main(["run", "--resume", str(run)]) == 2
-    assert "another" in capsys.readouterr().err
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "code" in line
+    assert str(run) in line
     assert sorted(path.name for path in run.iterdir()) == sorted([*names, "checkpoint"])

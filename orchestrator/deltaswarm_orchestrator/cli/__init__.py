@@ -62,7 +62,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if command in PARTS:
         raise_on_signals()
         return int(importlib.import_module(f"deltaswarm_{command}.__main__").main(argv[1:]))
-    if command not in COMMANDS and (close := difflib.get_close_matches(command, [*COMMANDS, *PARTS], n=1)):
+    is_word = not command.startswith("-") and command not in COMMANDS
+    if is_word and (close := difflib.get_close_matches(command, [*COMMANDS, *PARTS], n=1)):
         complain(f"there is no command {command!r}; did you mean {close[0]!r}?")
         return USAGE
     arguments = parser(command).parse_args(argv)
