@@ -64,7 +64,7 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.texts("#agents-list > li")[6] == "agent 6at event 1, seen 2 min ago"
     assert page.texts("#agents-list > li")[0] == "agent 0root of a tree, 3 known followers, seen just now"
     assert (
-        page.texts("#agents-list > li")[3] == "agent 3in the tree of agent 0, below agent 1, named by agent 0 27 s ago"
+        page.texts("#agents-list > li")[3] == "agent 3in the tree of agent 0, below agent 1, told by agent 0 27 s ago"
     )
     assert page.text("time") == "1:40"
     assert page.text("title") == "paper-25, hybrid"
@@ -165,6 +165,37 @@ def test_a_command_by_keyboard(page: Page) -> None:
         "arguments": {"for": 30, "pace": "fast"},
     }
     page.until(lambda: page.text("command-answer") == "Sent as order 1.")
+
+
+@needs_browser
+def test_an_event_is_the_place_of_an_order(page: Page) -> None:
+    """Choose an order, then an event in the list; Control and Enter send from any field."""
+    Select(page.at("command-name")).select_by_value("attend a place")
+    page.until(lambda: page.all("#events-list > li"))
+    page.at("tab-events").click()
+    page.all('#events-list [data-event="2"] button')[0].click()
+    page.press("c")
+    page.until(lambda: page.at("command-name").is_displayed())
+    ActionChains(page.driver).key_down(Keys.CONTROL).send_keys(Keys.ENTER).key_up(Keys.CONTROL).perform()
+    target = page.asked("command")["target"]
+    _, x_m, y_m, *_ = page.player.swarm.event_rows(100.0)[2]
+    assert target == {"kind": "place", "x_m": x_m, "y_m": y_m}
+
+
+@needs_browser
+def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
+    """A letter that begins an option chooses it, others and the answers to ISA are shortcuts; Escape leaves a field."""
+    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    page.player.show(101.0)
+    page.until(lambda: page.at("isa").is_displayed())
+    page.press("c", "h")
+    assert page.at("command-name").get_property("value") == "hold"
+    page.press("4")
+    assert page.asked("isa") == {"type": "isa", "number": 3, "answer": 4}
+    page.press(Keys.ESCAPE, "n", "p")
+    assert page.at("note-text").get_property("value") == "p"
+    page.press(Keys.ESCAPE, "p")
+    assert page.asked("pace") == {"type": "pace", "paused": True}
 
 
 @needs_browser
@@ -283,6 +314,8 @@ def test_the_sheet_and_notes(page: Page) -> None:
     ActionChains(page.driver).key_down(Keys.CONTROL).send_keys(Keys.ENTER).key_up(Keys.CONTROL).perform()
     assert page.asked("note") == {"type": "note", "text": "the left half is <empty>"}
     assert page.texts("#notes-list > li") == ["1:41the left half is <empty>"]
+    page.driver.refresh()
+    page.until(lambda: page.texts("#notes-list > li") == ["1:41the left half is <empty>"])
 
 
 @needs_browser
@@ -332,6 +365,9 @@ def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     assert page.text("researcher") == "Researcher's view: shows what no operator knows"
     page.until(lambda: page.all('#agents-list [data-agent="9"]'))
     assert not page.at("command-form").is_displayed()
+    assert not page.at("tab-notes").is_displayed()
+    assert not page.at("layer-heat").is_selected()
+    page.until(lambda: "event 1at (20, 25) m, since 0:00" in page.texts("#events-list > li"))
 
 
 @needs_browser

@@ -1,7 +1,7 @@
 /** Orders: a form for each command that the run offers, where it goes, and what became of those that were sent. */
 
 import { byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
-import { clock, fate, order } from "./words.js";
+import { argument as said, clock, fate, order } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Argument} Argument */
@@ -25,7 +25,15 @@ export class CommandPanel {
     this.sent = 0;
     /** @type {Map<string, string>} words of each order that was sent and not answered yet */
     this.waiting = new Map();
-    this.name.addEventListener("change", () => this.show());
+    this.name.addEventListener("change", () => {
+      this.answer("");
+      this.show();
+    });
+    this.form.addEventListener("keydown", (event) => {
+      if (event.key !== "Enter" || !(event.ctrlKey || event.metaKey)) return;
+      event.preventDefault();
+      this.form.requestSubmit();
+    });
     this.form.addEventListener("input", () => this.app.redraw());
     this.form.addEventListener("submit", (event) => {
       event.preventDefault();
@@ -46,7 +54,15 @@ export class CommandPanel {
 
   /** A new hello: its forms, if they are others than before. */
   start() {
-    const forms = this.app.model.hello?.commands ?? [];
+    const { hello } = this.app.model;
+    const forms = hello?.kind === "live" ? hello.commands : [];
+    if (hello && hello.kind !== "live")
+      setText(
+        element("command-none"),
+        hello.kind === "replay"
+          ? "A replay takes no orders; those of the run are listed as they were sent."
+          : "Orders are given on the operator's page.",
+      );
     element("command-none").hidden = forms.length > 0;
     this.form.hidden = forms.length === 0;
     const key = JSON.stringify(forms);
@@ -97,9 +113,12 @@ export class CommandPanel {
           place: (x_m, y_m) => this.put({ x: x_m, y: y_m }),
           radius: (radius_m) => this.put({ radius: radius_m }),
           agent: (id) => this.take(id),
+          event: (id) => this.takeEvent(id),
         };
     const { selection } = this.app;
     if (selection?.kind === "agent") this.take(selection.id);
+    if (selection?.kind === "event" && input(FIELDS.x).value === "" && input(FIELDS.y).value === "")
+      this.takeEvent(selection.id);
     this.app.redraw();
   }
 
@@ -121,6 +140,15 @@ export class CommandPanel {
     if (this.kind === "agent") this.agent.value = String(id);
     if (this.kind === "tree" && root !== undefined && root >= 0) this.tree.value = String(root);
     this.app.redraw();
+  }
+
+  /**
+   * An event was chosen: its place is where the order goes.
+   * @param {number} id
+   */
+  takeEvent(id) {
+    const found = this.app.model.events.find((event) => event[0] === id);
+    if (found && (this.kind === "place" || this.kind === "circle")) this.put({ x: found[1], y: found[2] });
   }
 
   /** As much of the target as is filled in. */
@@ -230,7 +258,8 @@ export class CommandPanel {
  */
 function field(argument, at) {
   const id = `argument-${at}`;
-  const words = argument.unit ? `${argument.name} [${argument.unit}]` : argument.name;
+  const [bare, unit] = said(argument.name, argument.unit);
+  const words = unit ? `${bare} [${unit}]` : bare;
   const attributes = { id, "data-argument": argument.name, title: argument.help ?? "" };
   /** @type {HTMLInputElement | HTMLSelectElement} */
   let made;
@@ -257,12 +286,13 @@ function field(argument, at) {
  */
 function read({ name, kind, low, high, choices }, at) {
   const { value } = /** @type {HTMLInputElement} */ (element(`argument-${at}`));
+  const [words] = said(name);
   if (kind === "choice") return (choices ?? []).find((choice) => String(choice) === value) ?? value;
   if (kind === "text") return value;
   const given = Number(value);
-  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(`${name} must be a number`);
-  if (kind === "integer" && !Number.isInteger(given)) throw new Error(`${name} must be a whole number (got ${value})`);
-  if (low !== undefined && given < low) throw new Error(`${name} must be at least ${low} (got ${value})`);
-  if (high !== undefined && given > high) throw new Error(`${name} must be at most ${high} (got ${value})`);
+  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(`${words} must be a number`);
+  if (kind === "integer" && !Number.isInteger(given)) throw new Error(`${words} must be a whole number (got ${value})`);
+  if (low !== undefined && given < low) throw new Error(`${words} must be at least ${low} (got ${value})`);
+  if (high !== undefined && given > high) throw new Error(`${words} must be at most ${high} (got ${value})`);
   return given;
 }

@@ -1,7 +1,7 @@
 /** Draws the map: only what was reported, fading with age. */
 
 import { label, Labels } from "./labels.js";
-import { heat as heatColour, inks, mark, markBase, markEvent, strength } from "./looks.js";
+import { heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { age, number } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -187,15 +187,9 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
   const age_s = model.now_s - seen_s;
   on.globalAlpha = strength(age_s);
   markEvent(on, x, y, view.marker_px + 1);
-  if (model.now_s - first_s < NEW_EVENT_S) {
-    on.beginPath();
-    on.arc(x, y, view.marker_px + 5, 0, 2 * Math.PI);
-    on.strokeStyle = inks().ink;
-    on.lineWidth = 1.5;
-    on.stroke();
-  }
+  if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
   const isSelected = selection?.kind === "event" && selection.id === id;
-  const text = age_s > OLD_S ? `event ${id}, ${age(age_s)}` : `event ${id}`;
+  const text = age_s > OLD_S ? `e${id} · ${age(age_s)}` : `e${id}`;
   labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
   if (isSelected) ring(on, x, y, view.marker_px);
 }

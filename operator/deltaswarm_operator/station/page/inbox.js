@@ -90,7 +90,11 @@ export class InboxPanel {
     if (!row) return;
     const item = this.app.model.inbox.get(Number(row.dataset["key"]));
     if (!item) return;
-    if (!this.app.model.read.has(item[0])) this.app.send({ type: "read", items: [item[0]] });
+    const { read } = this.app.model;
+    if (!read.has(item[0]) && this.app.send({ type: "read", items: [item[0]] })) {
+      read.add(item[0]);
+      this.update();
+    }
     this.app.select({ kind: "agent", id: item[2] }, true);
     this.focus(row);
   }
@@ -113,6 +117,13 @@ export class InboxPanel {
     const at = rowOf(document.activeElement);
     const next = at ? (by > 0 ? at.nextElementSibling : at.previousElementSibling) : this.list.firstElementChild;
     if (next instanceof HTMLElement) this.focus(next);
+  }
+
+  /** To the message where one was, or to the filter while there is none. */
+  enter() {
+    const row = this.list.querySelector('[tabindex="0"]');
+    if (row instanceof HTMLElement) this.focus(row);
+    else this.filter.focus();
   }
 
   /** The next one that is unread is opened; so one key works a queue off. */

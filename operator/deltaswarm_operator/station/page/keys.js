@@ -3,8 +3,9 @@
 import { button, dialog, element, input, isTyping, make } from "./dom.js";
 
 const STORED = "deltaswarm-shortcuts";
+const TYPING_MS = 1200;
 
-/** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean}} Shortcut */
+/** @typedef {{keys: string[], shown?: string, words: string, act: (key: string) => void, always?: boolean, inLists?: () => boolean}} Shortcut */
 
 export class Keys {
   /**
@@ -13,6 +14,8 @@ export class Keys {
    */
   constructor(shortcuts, others) {
     this.byKey = new Map(shortcuts.flatMap((shortcut) => shortcut.keys.map((key) => [key, shortcut])));
+    /** when a letter was last typed that chooses in a list of options */
+    this.typedAt_ms = -Infinity;
     this.help = dialog("help");
     this.isOn = input("shortcuts-on");
     this.isOn.checked = localStorage.getItem(STORED) !== "off";
@@ -41,10 +44,27 @@ export class Keys {
   /** @param {KeyboardEvent} event */
   take(event) {
     if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (isTyping(event.target) || document.querySelector("dialog[open]")) return;
+    if (document.querySelector("dialog[open]")) return;
+    const { target } = event;
+    if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     const shortcut = this.byKey.get(event.key);
+    if (target instanceof HTMLSelectElement ? !shortcut?.inLists?.() && this.isChoosing(target, event) : isTyping(target))
+      return;
     if (!shortcut || (!this.isOn.checked && !shortcut.always)) return;
     event.preventDefault();
     shortcut.act(event.key);
+  }
+
+  /**
+   * Whether a key chooses an option of a list by its letters; others are shortcuts there as everywhere.
+   * @param {HTMLSelectElement} list
+   * @param {KeyboardEvent} event
+   */
+  isChoosing(list, { key, timeStamp }) {
+    if (key.length > 1 || key === " ") return true;
+    const begins = [...list.options].some((option) => option.text.toLowerCase().startsWith(key.toLowerCase()));
+    const isChoosing = begins || timeStamp - this.typedAt_ms < TYPING_MS;
+    if (isChoosing) this.typedAt_ms = timeStamp;
+    return isChoosing;
   }
 }

@@ -1,7 +1,7 @@
 /** What the map shows, as lists that a screen reader reads: agents and events that were reported, and nothing else. */
 
 import { choice, element, keepRows, make, setText } from "./dom.js";
-import { doing, place, reported, seen } from "./words.js";
+import { aboutAgent, aboutEvent, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Selection} Selection */
@@ -48,7 +48,7 @@ export class KnowledgePanel {
       rows.map((agent) => ({
         key: String(agent[0]),
         old: now_s - agent[6] > OLD_S,
-        words: `${doing(agent, agents, events)}, ${seen(agent, now_s)}`,
+        words: aboutAgent(agent, model),
       })),
     );
     const sorted = [...events].sort((a, b) => b[4] - a[4] || a[0] - b[0]);
@@ -58,7 +58,7 @@ export class KnowledgePanel {
       sorted.map((event) => ({
         key: String(event[0]),
         old: now_s - event[4] > OLD_S,
-        words: `at ${place(event[1], event[2])}, ${reported(event, now_s)}`,
+        words: `at ${place(event[1], event[2])}, ${aboutEvent(event, model)}`,
       })),
     );
     const total = model.hello?.agents ?? 0;

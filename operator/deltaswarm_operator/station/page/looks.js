@@ -184,6 +184,21 @@ export function markEvent(on, x, y, size) {
 }
 
 /**
+ * The ring of an event that was reported only now.
+ * @param {CanvasRenderingContext2D} on
+ * @param {number} x
+ * @param {number} y
+ * @param {number} radius [px]
+ */
+export function markNew(on, x, y, radius) {
+  on.beginPath();
+  on.arc(x, y, radius, 0, 2 * Math.PI);
+  on.strokeStyle = inks().ink;
+  on.lineWidth = 1.5;
+  on.stroke();
+}
+
+/**
  * @param {CanvasRenderingContext2D} on
  * @param {number} x
  * @param {number} y

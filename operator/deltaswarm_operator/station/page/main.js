@@ -39,7 +39,8 @@ const app = {
   select(selection, reveal = false) {
     app.selection = selection;
     if (selection && reveal) map.reveal(selection);
-    if (selection?.kind === "agent" && app.pick) app.pick.agent(selection.id);
+    if (selection?.kind === "agent") app.pick?.agent(selection.id);
+    if (selection?.kind === "event") app.pick?.event(selection.id);
     map.tell();
     map.redraw();
     knowledge.update();
@@ -73,9 +74,11 @@ function takeHello(hello) {
   setText(element("title"), hello.title);
   document.documentElement.dataset["kind"] = hello.kind;
   element("researcher").hidden = hello.kind !== "researcher";
+  tabs.offer("tab-notes", hello.kind === "live");
   map.start();
   workload.start();
   commands.start();
+  session.list();
   showLists();
 }
 
@@ -122,6 +125,7 @@ function showStatus() {
   let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
   if (!picture) [state, words] = ["silent", "waiting for the run"];
   if (link.hasEnded) [state, words] = ["ended", "the run has ended"];
+  else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", "the run is over"];
   else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
   else if (picture?.over) [state, words] = ["ended", "the run is over"];
   else if (pace.state.paused) [state, words] = ["paused", "paused"];
@@ -183,9 +187,9 @@ const shortcuts = [
   { keys: ["<"], words: "slower", act: () => pace.shift(-1) },
   { keys: [">"], words: "faster", act: () => pace.shift(1) },
   { keys: ["m"], words: "to the map", act: () => go("", "map") },
-  { keys: ["i"], words: "to the inbox", act: () => go("", "inbox-filter") },
+  { keys: ["i"], words: "to the inbox", act: () => inbox.enter() },
   { keys: ["c"], words: "to orders", act: () => go("tab-commands", "command-name") },
-  { keys: ["a"], words: "to agents", act: () => go("tab-agents", "agents-order") },
+  { keys: ["a"], words: "to agents", act: () => go("tab-agents", "tab-agents") },
   { keys: ["e"], words: "to events", act: () => go("tab-events", "tab-events") },
   { keys: ["n"], words: "to notes", act: () => go("tab-notes", "note-text") },
   { keys: ["j"], words: "next message", act: () => inbox.step(1) },
@@ -196,7 +200,7 @@ const shortcuts = [
   { keys: ["h"], words: "heat map on or off", act: () => map.toggle("heat") },
   { keys: ["l"], words: "labels on or off", act: () => map.toggle("labels") },
   { keys: ["t"], words: "lines of trees on or off", act: () => map.toggle("trees") },
-  { keys: ["Escape"], words: "select nothing", act: () => app.select(null) },
+  { keys: ["Escape"], words: "leave a field; select nothing", act: () => app.select(null) },
   { keys: ["?"], words: "this list", act: () => element("help-open").click(), always: true },
   {
     keys: ["1", "2", "3", "4", "5"],
@@ -204,13 +208,14 @@ const shortcuts = [
     words: "answer how busy you are, while you are asked",
     act: (key) => isa.isAsking && isa.answer(Number(key)),
     always: true,
+    inLists: () => isa.isAsking,
   },
 ];
 new Keys(shortcuts, [
   ["← → ↑ ↓", "on the map: move it; + and − zoom"],
   ["PageDown or PageUp", "on the map: next agent, agent before"],
-  ["Enter", "on the map: choose what is at its centre; in the inbox: read; in orders: send"],
-  ["Ctrl Enter", "in notes: save the note"],
+  ["Enter", "on the map: choose what is at its centre; in the inbox: read; in a field of an order: send"],
+  ["Ctrl Enter", "anywhere in an order: send; in notes: save the note"],
 ]);
 startTheme(() => {
   if (app.model.hello) workload.start();

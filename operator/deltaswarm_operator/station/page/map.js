@@ -3,9 +3,9 @@
 import { byId, element, input, make, setText } from "./dom.js";
 import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
-import { HEAT, heat as heatColour, inks, mark, markBase, markEvent } from "./looks.js";
+import { HEAT, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { LEAST_MARKER_PX as MARKER_PX, View } from "./view.js";
-import { doing, place, reported, seen } from "./words.js";
+import { aboutAgent, aboutEvent, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Selection} Selection */
@@ -33,6 +33,8 @@ export class MapPanel {
     this.hasMoved = false;
     this.isDirty = false;
     this.legendOf = "";
+    /** what kind of view it is: the truth needs no heat map, so that it is off there until it is asked for */
+    this.kind = "";
     this.layers = { heat: input("layer-heat"), labels: input("layer-labels"), trees: input("layer-trees") };
     for (const box of Object.values(this.layers)) box.addEventListener("change", () => this.redraw());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -79,6 +81,8 @@ export class MapPanel {
     const { hello } = this.app.model;
     if (!hello) return;
     this.heat.start(hello.run, hello.arena_m);
+    if (hello.kind !== this.kind) this.layers.heat.checked = hello.kind !== "researcher";
+    this.kind = hello.kind;
     this.fit();
   }
 
@@ -114,6 +118,7 @@ export class MapPanel {
     window.requestAnimationFrame(() => {
       this.isDirty = false;
       const { heat, labels, trees } = this.layers;
+      element("heat-legend").hidden = !heat.checked;
       const layers = { heat: heat.checked, labels: labels.checked, trees: trees.checked };
       draw(this.on, this.view, this.app, layers, this.heat, document.activeElement === this.canvas);
     });
@@ -173,7 +178,9 @@ export class MapPanel {
   choose(x, y) {
     const { pick } = this.app;
     const near = this.nearest(x, y);
-    if (pick?.kind === "place" || pick?.kind === "circle") pick.place(...this.view.toArena(x, y));
+    const event = near?.kind === "event" ? this.app.model.events.find((row) => row[0] === near.id) : undefined;
+    if (pick?.kind === "place" && event) pick.place(event[1], event[2]);
+    else if (pick?.kind === "place" || pick?.kind === "circle") pick.place(...this.view.toArena(x, y));
     else this.app.select(near);
     if (near?.kind === "agent" && (pick?.kind === "agent" || pick?.kind === "tree")) pick.agent(near.id);
   }
@@ -251,19 +258,16 @@ export class MapPanel {
       return setText(
         this.info,
         pick === "place"
-          ? "Click on the map to choose the place."
+          ? "Click on the map, or choose an event, for the place."
           : "Click on the map to choose the centre; drag to choose the radius.",
       );
     if (!about && pick && pick !== "all") return setText(this.info, "Click on an agent on the map to choose.");
     const agent = about?.kind === "agent" ? model.agents.find((row) => row[0] === about.id) : undefined;
     const event = about?.kind === "event" ? model.events.find((row) => row[0] === about.id) : undefined;
     if (agent)
-      setText(
-        this.info,
-        `Agent ${agent[0]}: ${doing(agent, model.agents, model.events)}, ${seen(agent, model.now_s)}, ${place(agent[1], agent[2])}`,
-      );
+      setText(this.info, `Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
     else if (event)
-      setText(this.info, `Event ${event[0]}: ${reported(event, model.now_s)}, ${place(event[1], event[2])}`);
+      setText(this.info, `Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
@@ -276,6 +280,7 @@ export class MapPanel {
       model.events.length > 0,
       model.agents.some((agent) => !agent[7]),
       model.hello?.base_m,
+      Boolean(model.picture?.truth),
       inks().ink,
     ]);
     if (key === this.legendOf) return;
@@ -283,7 +288,22 @@ export class MapPanel {
     const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
     if (model.agents.some((agent) => !agent[7]))
       entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
-    if (model.events.length) entries.push(sample("event", (on) => markEvent(on, 10, 10, MARKER_PX)));
+    if (model.events.length) {
+      entries.push(sample("event (e7: number 7)", (on) => markEvent(on, 10, 10, MARKER_PX)));
+      entries.push(
+        sample("new event", (on) => {
+          markEvent(on, 10, 10, MARKER_PX - 2);
+          markNew(on, 10, 10, MARKER_PX + 1);
+        }),
+      );
+    }
+    if (!model.picture?.truth)
+      entries.push(
+        sample("faded: long unheard", (on) => {
+          on.globalAlpha = strength(Infinity);
+          mark(on, "root", 10, 10, true, MARKER_PX - 2);
+        }),
+      );
     if (model.hello?.base_m)
       entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
     element("map-legend").replaceChildren(...entries);

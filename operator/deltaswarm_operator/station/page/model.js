@@ -26,6 +26,8 @@ export class Model {
     /** Whether no message is missing; else they should be asked for. */
     this.isCaughtUp = false;
     this.newest = -1;
+    /** @type {Map<number, number>} running numbers of the events of the truth, whose own are too long to read */
+    this.eventNumbers = new Map();
   }
 
   get now_s() {
@@ -42,7 +44,8 @@ export class Model {
   /** @returns {EventRow[]} */
   get events() {
     const { picture, now_s } = this;
-    if (picture?.truth) return picture.truth.events.map((row) => [...row, now_s, -1]);
+    if (picture?.truth)
+      return picture.truth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1]);
     return picture?.events ?? [];
   }
 
@@ -69,6 +72,8 @@ export class Model {
   takePicture(picture) {
     if (this.picture && picture.time_s < this.picture.time_s) this.forget();
     this.picture = this.picture ? { ...this.picture, ...picture } : picture;
+    for (const [id] of [...(picture.truth?.events ?? [])].sort((a, b) => a[3] - b[3] || a[0] - b[0]))
+      if (!this.eventNumbers.has(id)) this.eventNumbers.set(id, this.eventNumbers.size + 1);
     const { workload, time_s } = this.picture;
     const last = this.history[this.history.length - 1];
     if (workload && (!last || last[0] < time_s)) this.history.push([time_s, workload.rate_1s_hz, workload.rate_60s_hz]);
@@ -107,6 +112,7 @@ export class Model {
     this.picture = null;
     this.inbox.clear();
     this.read.clear();
+    this.eventNumbers.clear();
     this.history = [];
     this.isCaughtUp = false;
     this.newest = -1;

@@ -19,7 +19,13 @@ export class PacePanel {
     this.seekAt_ms = -Infinity;
     this.pause.addEventListener("click", () => this.toggle());
     button("step").addEventListener("click", () => this.step());
-    this.speeds.addEventListener("change", () => this.app.send({ type: "pace", speed: Number(this.speeds.value) }));
+    let byPointer = false;
+    this.speeds.addEventListener("pointerdown", () => (byPointer = true));
+    this.speeds.addEventListener("keydown", () => (byPointer = false));
+    this.speeds.addEventListener("change", () => {
+      this.app.send({ type: "pace", speed: Number(this.speeds.value) });
+      if (byPointer) this.speeds.blur(); // else the next shortcut might choose another speed by its letter
+    });
     this.bar.addEventListener("input", () => this.drag());
     this.bar.addEventListener("change", () => this.drop());
     button("seek-back").addEventListener("click", () => this.jump(-JUMP_S));

@@ -6,6 +6,9 @@ import { clock } from "./words.js";
 /** @typedef {import("./types.js").App} App */
 
 const DRAFT = "deltaswarm-note";
+const NOTES = "deltaswarm-notes";
+
+/** @typedef {{run: string, lines: [number, string][]}} Notes the time of each [s], and its text */
 
 export class SessionPanel {
   /** @param {App} app */
@@ -33,11 +36,30 @@ export class SessionPanel {
     const text = this.text.value.trim();
     if (!text) return;
     if (!this.app.send({ type: "note", text })) return this.app.say("The note is not sent: there is no connection.");
-    const line = make("li", {}, make("time", {}, clock(this.app.model.now_s)), make("span", { class: "what" }, text));
-    element("notes-list").prepend(line);
+    const { lines } = this.notes;
+    lines.push([this.app.model.now_s, text]);
+    sessionStorage.setItem(NOTES, JSON.stringify({ run: this.run, lines }));
+    this.list();
     this.text.value = "";
     sessionStorage.removeItem(DRAFT);
     this.app.say("Noted.");
+  }
+
+  get run() {
+    return this.app.model.hello?.run ?? "";
+  }
+
+  /** @returns {Notes} those that were saved in this run, also before the page was loaded again */
+  get notes() {
+    const notes = JSON.parse(sessionStorage.getItem(NOTES) ?? "null");
+    return notes?.run === this.run ? notes : { run: this.run, lines: [] };
+  }
+
+  list() {
+    const rows = this.notes.lines.map(([time_s, text]) =>
+      make("li", {}, make("time", {}, clock(time_s)), make("span", { class: "what" }, text)),
+    );
+    element("notes-list").replaceChildren(...rows.reverse());
   }
 
   update() {

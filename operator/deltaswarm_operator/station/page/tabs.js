@@ -8,11 +8,12 @@ export class Tabs {
     this.onShow = onShow;
     /** @type {HTMLElement[]} */
     this.tabs = Array.from(document.querySelectorAll('[role="tab"]'));
-    for (const [at, tab] of this.tabs.entries()) {
+    for (const tab of this.tabs) {
       tab.addEventListener("click", () => this.show(tab.id));
       tab.addEventListener("keydown", (event) => {
         const by = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
-        const next = this.tabs[(at + by + this.tabs.length) % this.tabs.length];
+        const offered = this.tabs.filter((other) => !other.hidden);
+        const next = offered[(offered.indexOf(tab) + by + offered.length) % offered.length];
         if (!by || !next) return;
         this.show(next.id);
         next.focus();
@@ -20,8 +21,18 @@ export class Tabs {
     }
   }
 
+  /**
+   * Offer a tab, or hide it where it is of no use.
+   * @param {string} id
+   * @param {boolean} isOffered
+   */
+  offer(id, isOffered) {
+    element(id).hidden = !isOffered;
+  }
+
   /** @param {string} id */
   show(id) {
+    if (element(id).hidden) return;
     for (const tab of this.tabs) {
       const isChosen = tab.id === id;
       tab.setAttribute("aria-selected", String(isChosen));

@@ -137,6 +137,7 @@ export interface Pick {
   place(x_m: number, y_m: number): void;
   radius(radius_m: number): void;
   agent(id: number): void;
+  event(id: number): void;
 }
 
 /** What panels share. */

@@ -80,8 +80,8 @@ export function seen(agent, now_s) {
   const by = agent[7]
     ? "seen"
     : agent[5] >= 0 && agent[5] !== agent[0]
-      ? `named by agent ${agent[5]}`
-      : "named by another agent";
+      ? `told by agent ${agent[5]}`
+      : "told by another agent";
   return `${by} ${ago(now_s - agent[6])}`;
 }
 
@@ -107,9 +107,43 @@ export function message([, , , role, followers, events]) {
   return who ? `${who}: ${what}` : what;
 }
 
+/**
+ * What is known of an agent; of the truth nobody has to tell.
+ * @param {AgentRow} agent
+ * @param {import("./model.js").Model} model
+ */
+export function aboutAgent(agent, { agents, events, now_s, picture }) {
+  const what = doing(agent, agents, events);
+  return picture?.truth ? what : `${what}, ${seen(agent, now_s)}`;
+}
+
+/**
+ * @param {EventRow} event
+ * @param {import("./model.js").Model} model
+ */
+export function aboutEvent(event, { now_s, picture }) {
+  return picture?.truth ? `since ${clock(event[3])}` : reported(event, now_s);
+}
+
+/**
+ * An argument's name as people say it, and its unit: within_m is "within" in m.
+ * @param {string} key
+ * @param {string} [unit]
+ * @returns {[string, string]}
+ */
+export function argument(key, unit) {
+  const suffix = /_(s|m)$/.exec(key)?.[1];
+  const bare = suffix && (!unit || unit === suffix) ? key.slice(0, -suffix.length - 1) : key;
+  return [bare.replaceAll("_", " "), unit || (bare === key ? "" : (suffix ?? ""))];
+}
+
 /** @param {CommandRow} command */
 export function order([, name, , values]) {
-  const given = Object.entries(values).map(([key, value]) => (name.endsWith(key) ? `${value}` : `${key} ${value}`));
+  const given = Object.entries(values).map(([key, value]) => {
+    const [words, unit] = argument(key);
+    const amount = unit ? `${value} ${unit}` : `${value}`;
+    return name.endsWith(key) ? amount : `${words} ${amount}`;
+  });
   return given.length ? `${name} ${given.join(", ")}` : name;
 }
 
