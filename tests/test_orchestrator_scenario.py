@@ -132,11 +132,7 @@ def test_a_scenario_that_is_not_there_is_named() -> None:
     """With what could have been meant."""
     (problem,) = problems("nowhere.toml")
     assert names(problem, "scenario: 'nowhere.toml'")
-<<<<<<< HEAD
-    assert all(name in problem for name in ("paper-25", "paper-100", "smoke"))
-=======
     assert all(name in problem for name in BUILT_IN)
->>>>>>> main
 
 
 @pytest.mark.parametrize("text", ["schema = ", "= 1", "a = 1\na = 2", "x = " + "[" * 5000, "seed = " + "9" * 5000])
@@ -183,11 +179,7 @@ def test_a_grid_that_cannot_be_read_is_refused_before_anything_starts(
     file = tmp_path / f"weights.{suffix}"
     file.write_bytes(content)
     (problem,) = problems("smoke", "events.density.kind=grid", f"events.density.file={file}")
-<<<<<<< HEAD
-    assert names(problem, f"events.density.file: {file}")
-=======
     assert problem.startswith("events.density.file ")
->>>>>>> main
 
 
 def test_a_zip_of_arrays_is_no_grid(tmp_path: Path) -> None:
