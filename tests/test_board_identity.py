@@ -16,6 +16,7 @@ from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.access import air_rules
 from deltaswarm_wire.checked import SettingsError, load
+from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
 from tests.boards import tls_arguments
@@ -149,6 +150,23 @@ def test_boards_that_know_each_other_hear_each_other(mode: str, folder: Path, tm
             speak(session, agent, RADIO, TRUE, heard[1 - agent])
             speak(session, agent, REPORT, TRUE, reports)
         wait_until(lambda: {*seen} == {KEYS.token(AGENT, agent) for agent in range(2)}, "both tokens")
+
+
+def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Path) -> None:
+    """No board's certificate is good for the number of the base."""
+    at, port = free_port(), free_port()
+    with (
+        operator(folder, tmp_path / "out", "--listen", endpoint(at), "--agents", "0,3") as base,
+        opened(board(folder, 0, "0,3", listen=[endpoint(port)], connect=[endpoint(at)])) as hears,
+        opened(board(folder, 3, "0,3", connect=[endpoint(port)])) as three,
+    ):
+        heard = listen(hears, KEYS.all_radio)
+        speak(three, 3, RADIO, TRUE, heard)
+        three.put(KEYS.agent(BASE, RADIO), FALSE)
+        speak(base, BASE, RADIO, TRUE, heard)
+        three.put(KEYS.agent(BASE, RADIO), FALSE)
+        speak(three, 3, RADIO, b"last", heard)
+        assert {data for _, data in heard} == {TRUE, b"last"}
 
 
 def test_a_link_between_boards_ends_with_the_certificate_of_either(tmp_path: Path) -> None:

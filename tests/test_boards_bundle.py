@@ -5,6 +5,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -211,6 +212,26 @@ def test_the_bundle_installs_offline_into_an_empty_environment(installed: Path, 
         for more, shown in (([], name), (["board"], f"{name} board")):
             told = subprocess.run([*command, *more, "--help"], cwd=tmp_path, capture_output=True, text=True, check=True)
             assert f"usage: {shown} [-h]" in told.stdout
+
+
+def test_a_bundle_for_boards_that_obey_an_operator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The example has its public key, and what checks signatures is fetched for each Python; a wrong key is refused."""
+    fetched: list[str] = []
+    monkeypatch.setattr(bundles, "_build", lambda *arguments, **options: None)
+    monkeypatch.setattr(bundles, "_fetch", lambda wanted, platform, python, wheels: fetched.append(wanted))
+    key = "0123456789abcdef" * 4
+    command = ["bundle", "--platform", ARM64, "--out", str(tmp_path / "out"), "--python", "3.11", "--python", "3.13"]
+    with pytest.raises(SystemExit, match="2"):
+        main([*command, "--operator-key", key[1:]])
+    assert main([*command, "--operator-key", key]) == 0
+    example = tomllib.loads((tmp_path / "out" / "example.toml").read_text())
+    assert example["air"]["operator_key"] == key
+    names = [wanted.partition("==")[0] for wanted in fetched]
+    assert {name: names.count(name) for name in ("cryptography", "cffi", "pycparser")} == {
+        "cryptography": 1,
+        "cffi": 2,
+        "pycparser": 1,
+    }
 
 
 def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:

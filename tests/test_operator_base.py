@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_operator import picture
 from deltaswarm_operator.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.commander import Commander
 from deltaswarm_operator.desk import Desk
@@ -25,6 +26,7 @@ from deltaswarm_wire.commands import (
     encode_command,
 )
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
+from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, Answer, Report
 from deltaswarm_wire.settings_operator import Briefing
 
@@ -123,6 +125,16 @@ def test_in_open_air_there_is_no_pace() -> None:
         [answer] = desk.intend(json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
         assert json.loads(answer)["type"] == "refused"
     assert desk.pace.hold_step == -1
+
+
+def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The oldest numbers are forgotten, and none is given twice."""
+    monkeypatch.setattr(picture, "MAX_NUMBERS", 10)
+    seen = picture.Picture(1.0)
+    for step in range(40):
+        seen.take([Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))], float(step))
+    assert len(seen._numbers) == 10
+    assert [item.events for item in seen.inbox] == [(number,) for number in range(1, 41)]
 
 
 @pytest.mark.parametrize("kind", ["text", "number"])

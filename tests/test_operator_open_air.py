@@ -1,15 +1,11 @@
 """The operator without a world as a real process: peers and clients over loopback, TCP and TLS."""
 
-import csv
-import json
 import os
 import queue
 import resource
 import signal
-import subprocess
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -25,50 +21,12 @@ from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_wire.settings_operator import OperatorSettings
+from tests.airborne import operating
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
 from tests.swarms import PATIENCE_S, wait_until
 
 FAST = ("--accelerate", "20")
-
-
-class Operator:
-    """One under way."""
-
-    def __init__(self, process: subprocess.Popen[bytes], folder: Path) -> None:
-        self.process = process
-        self.out = folder / "operator"
-        self._said = folder / "operator.err"
-
-    @property
-    def said(self) -> str:
-        """What it has written to standard error."""
-        return self._said.read_text()
-
-    def wait_for(self, text: str, within_s: float = PATIENCE_S) -> None:
-        """Until it has said this."""
-        wait_until(lambda: text in self.said, f"the operator says {text!r}: {self.said}", within_s)
-
-    def end(self, by: signal.Signals = signal.SIGTERM) -> tuple[list[dict[str, str]], dict[str, Any]]:
-        """Its table and its totals."""
-        self.process.send_signal(by)
-        assert self.process.wait(PATIENCE_S) == 0, self.said
-        with (self.out / "operator.csv").open(newline="") as table:
-            return list(csv.DictReader(table)), json.loads((self.out / "operator.json").read_text())
-
-
-@contextmanager
-def operating(folder: Path, *arguments: str) -> Iterator[Operator]:
-    """An operator that is gone afterwards."""
-    command = [sys.executable, "-P", "-m", "deltaswarm_orchestrator", "operator", "--no-world", "--run", RUN]
-    with (folder / "operator.err").open("wb") as said:
-        command += ["--out", str(folder / "operator"), "--step-s", "0.2", "--status-every-s", "0.2", *arguments]
-        process = subprocess.Popen(command, stderr=said)
-    try:
-        yield Operator(process, folder)
-    finally:
-        process.kill()
-        process.wait()
 
 
 @pytest.mark.processes

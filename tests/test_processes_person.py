@@ -8,12 +8,13 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.staffed import StaffedDesk
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import summary
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError
-from deltaswarm_wire.commands import decode_turn
+from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
 from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, PersonSettings
 from tests.swarms import run, running, wait_until
@@ -79,11 +80,15 @@ def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> No
 def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: Path) -> None:
     """The last two: the world began its newest step with the one before them."""
     briefing = Briefing(operator=OperatorSettings(person=PersonSettings(policy="threshold")))
-    first: list[bytes] = []
-    second: list[bytes] = []
+    first: list[Turn] = []
+    second: list[Turn] = []
 
-    def desk(sent: list[bytes], go_on: bool) -> StaffedDesk:
-        return StaffedDesk("run", briefing, tmp_path, sent.append, sent.append, lambda _: None, None, go_on=go_on)
+    def desk(sent: list[Turn], go_on: bool) -> StaffedDesk:
+        return StaffedDesk(
+            *("run", Desk(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
+            is_awaited=briefing.is_awaited,
+            go_on=go_on,
+        )
 
     before = desk(first, go_on=False)
     for step in range(5):
@@ -92,7 +97,7 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     after = desk(second, go_on=True)
     after.go_on(4, before.state())
     after.begin()
-    assert [decode_turn(data).step for data in first] == [0, 1, 2, 3, 4]
+    assert [turn.step for turn in first] == [0, 1, 2, 3, 4]
     assert second == first[-2:]
 
 

@@ -65,7 +65,8 @@ class CommandRelay:
         self._step_s = step_s
         self._forms = forms
         self._verify = verify
-        self._known: dict[int, _Known] = {}
+        self.known: dict[int, _Known] = {}
+        """The commands that are relayed or answered for, by number; empty in most steps."""
         self._numbers: set[int] = set()
         self._forgotten_below = 0
         self._newest = 0
@@ -96,7 +97,7 @@ class CommandRelay:
         accepted = form is not None and form.problem(command.target, command.arguments) is None
         known = _Known(signed, command, now + left_steps, now, self._steps(FIRST_INTERVAL_S))
         known.state = HEARD if accepted else REFUSED
-        self._known[number] = known
+        self.known[number] = known
         return known
 
     def _remember(self, number: int) -> None:
@@ -105,7 +106,7 @@ class CommandRelay:
             newest = sorted(self._numbers)[MAX_KNOWN // 2 :]
             self._forgotten_below = newest[0]
             self._numbers = set(newest)
-            self._known = {number: known for number, known in self._known.items() if number >= newest[0]}
+            self.known = {number: known for number, known in self.known.items() if number >= newest[0]}
 
     def _steps(self, seconds: float) -> int:
         return max(1, round(seconds / self._step_s))
@@ -116,13 +117,13 @@ class CommandRelay:
 
     def due(self, now: int, room_bytes: int) -> tuple[bytes, ...]:
         """What this step's radio frame relays, the newest commands first, and no more than there is room for."""
-        if not self._known:
+        if not self.known:
             return ()
         answered_until = now - self._steps(ANSWERED_S)
-        for number in [number for number, known in self._known.items() if known.ends <= answered_until]:
-            del self._known[number]
+        for number in [number for number, known in self.known.items() if known.ends <= answered_until]:
+            del self.known[number]
         items: list[bytes] = []
-        for _, known in sorted(self._known.items(), reverse=True):
+        for _, known in sorted(self.known.items(), reverse=True):
             if known.send_at > now or known.ends <= now + 1 or len(items) == MAX_COMMANDS:
                 continue
             item = encode_relayed(Relayed(known.ends - now - 1, known.signed))
@@ -136,16 +137,16 @@ class CommandRelay:
 
     def next_step(self, now: int) -> int | None:
         """The next step in which there is something to relay, if there is any."""
-        times = [known.send_at for known in self._known.values() if known.ends > now + 1]
+        times = [known.send_at for known in self.known.values() if known.ends > now + 1]
         return max(now + 1, min(times)) if times else None
 
     def note(self, done: Sequence[int], refused: Sequence[int]) -> None:
         """The controller has carried out some commands, and cannot carry out others."""
         for numbers, state in ((done, DONE), (refused, REFUSED)):
             for number in numbers:
-                if number in self._known:
-                    self._known[number].state = state
+                if number in self.known:
+                    self.known[number].state = state
 
     def answers(self) -> tuple[Answer, ...]:
         """What this agent says of the newest commands that it knows."""
-        return tuple([Answer(number, self._known[number].state) for number in sorted(self._known)[-MAX_ANSWERS:]])
+        return tuple([Answer(number, self.known[number].state) for number in sorted(self.known)[-MAX_ANSWERS:]])

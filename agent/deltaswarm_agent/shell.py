@@ -10,7 +10,7 @@ from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
 from deltaswarm_wire.commands import BASE, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
-from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Report, decode_report, encode_report
+from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Answer, Report, decode_report, encode_report
 from deltaswarm_wire.plugins import described
 
 ENVELOPE_BYTES = 16
@@ -133,13 +133,17 @@ class Shell:
         if decision.done or decision.refused:
             relay.note(decision.done, decision.refused)
         self._root = act.standing.root
-        items = relay.due(act.step, MAX_RADIO_BYTES - ENVELOPE_BYTES - len(payload or b""))
+        items: tuple[bytes, ...] = ()
+        answers: tuple[Answer, ...] = ()
+        if relay.known:
+            items = relay.due(act.step, MAX_RADIO_BYTES - ENVELOPE_BYTES - len(payload or b""))
+            answers = relay.answers()
+            wake = relay.next_step(act.step)
+            if wake is not None and wake < act.until:
+                act = act._replace(until=wake)
         if payload is not None or items:
             radio = encode_sample(Sample(counter, payload, items))
             self._counter += 1
-        wake = relay.next_step(act.step)
-        if wake is not None and wake < act.until:
-            act = act._replace(until=wake)
         told = decision.report
         if told is not None:
             report = Report(
@@ -151,7 +155,7 @@ class Shell:
                 told.followers,
                 _rows(told.events, MAX_REPORTED, "events"),
                 _rows(told.members, MAX_MEMBERS, "members"),
-                relay.answers(),
+                answers,
             )
             report_bytes = encode_report(report)
             report = decode_report(report_bytes)  # a controller may be third-party code

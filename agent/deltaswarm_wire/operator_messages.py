@@ -90,11 +90,11 @@ _REPORT_FIELDS = tuple(name for name in Report._fields if name not in _ROWS)
 
 def encode_report(report: Report) -> bytes:
     """A map with the fields of `Report` and the version `v`; `members` and `answers` are flat, and absent if empty."""
-    raw = {"v": PROTOCOL_VERSION, **report._asdict()}
-    for name in _ROWS:
-        rows = raw.pop(name)
-        if rows:
-            raw[name] = tuple(chain.from_iterable(rows))
+    raw = {"v": PROTOCOL_VERSION, **dict(zip(_REPORT_FIELDS, report, strict=False))}
+    if report.members:
+        raw["members"] = tuple(chain.from_iterable(report.members))
+    if report.answers:
+        raw["answers"] = tuple(chain.from_iterable(report.answers))
     return pack(raw)
 
 
@@ -102,7 +102,9 @@ def encode_report(report: Report) -> bytes:
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
     raw = unpack(data)
-    rows = {name: _rows(raw.pop(name), name) for name in _ROWS if type(raw) is dict and name in raw}
+    rows = {}
+    if type(raw) is dict and len(raw) > len(_REPORT_FIELDS) + 1:
+        rows = {name: _rows(raw.pop(name), name) for name in _ROWS if name in raw}
     raw = fields(raw, _REPORT_FIELDS, "report")
     return Report(
         integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),

@@ -29,9 +29,13 @@ if [ -f "$here/SHA256SUMS" ]; then
     (cd "$here" && sha256sum --check --quiet --strict SHA256SUMS) || fail "the bundle is damaged; copy it again"
 fi
 python3 -m venv "$venv" || fail "no environment could be made; on Debian: apt install python3-venv"
+agent=deltaswarm-agent
+for wheel in "$here"/wheels/cryptography-*; do
+    [ ! -f "$wheel" ] || agent="deltaswarm-agent[commands]"
+done
 if [ -d "$here/wheels" ]; then
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
-        --no-index --find-links "$here/wheels" --force-reinstall deltaswarm-agent ||
+        --no-index --find-links "$here/wheels" --force-reinstall "$agent" ||
         fail "no wheels for the Python of this board ($(python3 --version)); see $here/wheels"
 else
     "$venv/bin/python" -m pip install --quiet --disable-pip-version-check "$here/.."

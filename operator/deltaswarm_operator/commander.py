@@ -134,6 +134,22 @@ class Commander:
             rows.append([*told, *counts, expires_s, sent.state(now_s)])
         return rows
 
+    def fates(self, now_s: float) -> list[dict[str, Any]]:
+        """All commands and what became of them, for JSON."""
+        return [
+            {
+                "number": sent.command.number,
+                "name": sent.command.name,
+                "target": str(sent.command.target),
+                "sent_s": sent.sent_s,
+                "heard": sent.count(HEARD, DONE, REFUSED),
+                "done": sent.count(DONE),
+                "refused": sent.count(REFUSED),
+                "state": sent.state(now_s),
+            }
+            for sent in self.sent
+        ]
+
     def state(self) -> dict[str, Any]:
         """All that is needed to go on, as JSON has it."""
         sent = [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]

@@ -84,7 +84,8 @@ class FieldedDesk:
     @property
     def totals(self) -> dict[str, Any]:
         """What the operator's totals have besides the workload."""
-        return {**self._staffed.totals, "commands": len(self._staffed.desk.commander.sent), "frames": self.base.frames}
+        fates = self._staffed.desk.commander.fates(self._now_s)
+        return {**self._staffed.totals, "commands": fates, "frames": self.base.frames}
 
     def finish(self) -> None:
         """Nothing comes any more."""

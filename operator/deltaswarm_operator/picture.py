@@ -15,6 +15,8 @@ EVENT_MEMORY_S = 300.0
 
 MAX_EVENTS = 2000
 MAX_INBOX = 20_000
+MAX_NUMBERS = 100_000
+"""Events whose numbers are remembered: in open air a sender may make up any."""
 LEFT = "left its tree"
 """The role of an agent that its root no longer names: what it does now is not known."""
 
@@ -100,7 +102,13 @@ class Picture:
         return item
 
     def _number(self, event: int) -> int:
-        return self._numbers.setdefault(event, len(self._numbers) + 1)
+        numbers = self._numbers
+        if event not in numbers:
+            number = next(reversed(numbers.values()), 0) + 1
+            if len(numbers) >= MAX_NUMBERS:
+                del numbers[next(iter(numbers))]
+            numbers[event] = number
+        return numbers[event]
 
     def _item(self, report: Report) -> Item | None:
         events = tuple(event.event for event in report.events)

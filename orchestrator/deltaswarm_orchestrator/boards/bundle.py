@@ -1,6 +1,7 @@
 """A folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
 
-Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs. pip fetches only
+Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs; for boards that obey
+an operator, also cryptography. pip fetches only
 wheels that the board's Python takes; a wheel that is built here must be pure Python.
 """
 
@@ -25,6 +26,8 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 """Raspberry Pi OS has 3.11 (bookworm) and 3.13 (trixie)."""
 
 ZENOH, MSGPACK = "eclipse-zenoh", "msgpack"
+CRYPTOGRAPHY, CFFI, PYCPARSER = "cryptography", "cffi", "pycparser"
+"""What checks the operator's signatures, for boards that it commands."""
 
 GLIBC_MINORS = range(36, 16, -1)
 """Of glibc 2, newest first: bookworm has 2.36, and no wheel of ours is older than manylinux_2_17."""
@@ -32,6 +35,8 @@ GLIBC_MINORS = range(36, 16, -1)
 PACKAGES = ("deltaswarm_wire", "deltaswarm_agent")
 DATA = ("pyproject.toml", "README.md", "systemd")
 """What else the board's wheel and the bundle are made of, beside the packages in the source tree's agent/."""
+
+EXAMPLE, NO_OPERATOR = "example.toml", 'operator_key = ""'
 
 INSTALLED_DATA = "board"
 """The folder of this package in which an installed deltaswarm keeps the same."""
@@ -45,8 +50,8 @@ class BundleError(CommandError):
     code = FAILED
 
 
-def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[str]:
-    """Make the folder `out`; the names of its wheels.
+def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_key: str = "") -> list[str]:
+    """Make the folder `out`; the names of its wheels. The example of a board's file gets the operator's public key.
 
     Raises:
         SettingsError: the folder is there.
@@ -63,8 +68,13 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS) -> list[s
         _fetch(f"{ZENOH}=={version(ZENOH)}", platform, pythons[0], wheels)
         for python in pythons:
             _fetch_msgpack(platform, python, wheels)
+        if operator_key:
+            _fetch_cryptography(platform, pythons, wheels)
         for item in (source / "systemd").iterdir():
             shutil.copy(item, folder)
+        if operator_key:
+            example = folder / EXAMPLE
+            example.write_text(example.read_text().replace(NO_OPERATOR, f'operator_key = "{operator_key}"'))
         shutil.copy(source / "README.md", folder)
         _write_sums(folder)
         return sorted(wheel.name for wheel in wheels.iterdir())
@@ -107,6 +117,14 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
     except BundleError:
         options = ("--no-cache-dir", "--no-binary", MSGPACK)
         _build(wheels, f"{MSGPACK}=={wanted}", *options, environment={"MSGPACK_PUREPYTHON": "1"})
+
+
+def _fetch_cryptography(platform: str, pythons: Sequence[str], wheels: Path) -> None:
+    """One wheel of cryptography for all, and of what it needs one for each Python."""
+    _fetch(f"{CRYPTOGRAPHY}=={version(CRYPTOGRAPHY)}", platform, pythons[0], wheels)
+    _fetch(f"{PYCPARSER}=={version(PYCPARSER)}", platform, pythons[0], wheels)
+    for python in pythons:
+        _fetch(f"{CFFI}=={version(CFFI)}", platform, python, wheels)
 
 
 def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:

@@ -20,7 +20,21 @@ def add(command: argparse.ArgumentParser) -> None:
         help="Python version of the board; may be repeated (default: all of these)",
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: deltaswarm-agent-VERSION-PLATFORM")
+    command.add_argument(
+        "--operator-key",
+        type=_public_key,
+        metavar="HEX",
+        help="public key of the operator: into the example of a board's file; adds cryptography",
+    )
     command.set_defaults(func=bundle)
+
+
+def _public_key(text: str) -> str:
+    from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
+
+    if not is_public_key(text):
+        raise argparse.ArgumentTypeError(f"{PUBLIC_KEY_RULE} (got {text!r:.80})")
+    return text
 
 
 def bundle(arguments: argparse.Namespace) -> int:
@@ -29,6 +43,6 @@ def bundle(arguments: argparse.Namespace) -> int:
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
-    names = bundles.bundle(out, arguments.platform, pythons)
+    names = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
     print("\n".join([*(f"  {name}" for name in names), str(out)]))
     return OK
