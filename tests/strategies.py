@@ -146,6 +146,8 @@ class Codec:
     encode: Callable[[Any], bytes]
     decode: Callable[[bytes], Any]
     places: dict[str, int | str]
+    optional: tuple[str, ...] = ()
+    """Fields that a message may leave out."""
 
     def __str__(self) -> str:
         return self.name
@@ -168,6 +170,7 @@ REPORT = Codec(
     om.encode_report,
     om.decode_report,
     _in_map(om.Report._fields),
+    optional=("members", "answers"),
 )
 HEALTH = Codec(
     "health",

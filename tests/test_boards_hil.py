@@ -16,6 +16,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.cable import cable
+from tests.complaints import names
 from tests.fields import boards
 from tests.loops import loop, mode
 from tests.swarms import PATIENCE_S, run, running, wait_until
@@ -175,12 +176,12 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--boards", "4-6"], "--boards: 6;"),
-        (["--boards", "4", "--listen", "tcp/0.0.0.0:7447"], "--listen: "),
-        (["--boards", "4", "--listen", "unixsock-stream//tmp/world"], "--listen: "),
-        (["--boards", "4", "--listen", "tls/[::1]:7447"], "over TLS a name or an IPv4 address is allowed"),
-        (["--boards", "4", "--in-process"], "--in-process"),
-        (["--boards-folder", "there"], "--boards-folder: there;"),
+        (["--boards", "4-6"], "--boards: (got 6)"),
+        (["--boards", "4", "--listen", "tcp/0.0.0.0:7447"], "--listen: tcp/0.0.0.0:7447"),
+        (["--boards", "4", "--listen", "unixsock-stream//tmp/world"], "--listen: unixsock-stream//tmp/world"),
+        (["--boards", "4", "--listen", "tls/[::1]:7447"], "--listen: tls/[::1]:7447"),
+        (["--boards", "4", "--in-process"], "--boards: --in-process"),
+        (["--boards-folder", "there"], "--boards-folder: there"),
     ],
 )
 def test_what_cannot_be_is_refused(
@@ -188,14 +189,14 @@ def test_what_cannot_be_is_refused(
 ) -> None:
     """With exit code 2, and nothing is started or written."""
     assert main(["run", "smoke", "--out", str(tmp_path / "run"), *arguments]) == 2
-    assert message in capsys.readouterr().err
+    assert names(capsys.readouterr().err, message)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_faults_that_need_all_processes_are_refused(tmp_path: Path) -> None:
     """A board cannot be killed from here."""
     scenario = load_scenario("smoke", ['fault=[{kind="kill", at_s=10, agents=[1]}]'])
-    with pytest.raises(SettingsError, match=r"fault\.0\.kind: 'kill'"):
+    with pytest.raises(SettingsError, match=r"^fault\.0\.kind .*'kill'"):
         Boards((4,), "tcp/127.0.0.1:0", tmp_path).prepare(scenario)
 
 
