@@ -48,7 +48,9 @@ export class Keys {
     const { target } = event;
     if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     const shortcut = this.byKey.get(event.key);
-    if (target instanceof HTMLSelectElement ? !shortcut?.inLists?.() && this.isChoosing(target, event) : isTyping(target))
+    if (
+      target instanceof HTMLSelectElement ? !shortcut?.inLists?.() && this.isChoosing(target, event) : isTyping(target)
+    )
       return;
     if (!shortcut || (!this.isOn.checked && !shortcut.always)) return;
     event.preventDefault();

@@ -264,10 +264,8 @@ export class MapPanel {
     if (!about && pick && pick !== "all") return setText(this.info, "Click on an agent on the map to choose.");
     const agent = about?.kind === "agent" ? model.agents.find((row) => row[0] === about.id) : undefined;
     const event = about?.kind === "event" ? model.events.find((row) => row[0] === about.id) : undefined;
-    if (agent)
-      setText(this.info, `Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
-    else if (event)
-      setText(this.info, `Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
+    if (agent) setText(this.info, `Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
+    else if (event) setText(this.info, `Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
