@@ -61,7 +61,7 @@ def check_code(folder: Path, scenario: Scenario) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
-        raise FolderError(f"other code than this began {folder}, and only that can go on with it")
+        raise FolderError(f"{folder} was begun by other code of deltaswarm: resume it with that version")
 
 
 def wait_for_leftovers(folder: Path) -> None:

@@ -159,7 +159,7 @@ def read_toml(
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
         raise SettingsError([Problem(str(path), str(error), "must be TOML")]) from None
     if "schema" not in table:
-        raise SettingsError([Problem("schema", "missing", "must be 1")])
+        raise SettingsError([Problem("schema", "missing", "add schema = 1")])
     return table, path
 
 
@@ -192,7 +192,9 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
         grid = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(file, delimiter=",", ndmin=2)
         fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
     except (OSError, ValueError, TypeError) as error:
-        return [Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "must be a table")]
+        return [
+            Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "give it a table of weights")
+        ]
     allowed = "must be a table of finite weights >= 0 with a positive sum"
     return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
 

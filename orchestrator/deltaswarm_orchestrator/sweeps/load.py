@@ -134,9 +134,9 @@ def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
         if isinstance(value, dict):
             waiting += [(f"{name}.{inner}", one) for inner, one in reversed(list(value.items()))]
             if not value:
-                problems.append(Problem(f"{path}.{name}", "an empty table", "must have keys"))
+                problems.append(Problem(f"{path}.{name}", "an empty table", "give it keys"))
         elif name in flat:
-            problems.append(Problem(f"{path}.{name}", "given twice", "must be given once"))
+            problems.append(Problem(f"{path}.{name}", "given twice", "give it once"))
         else:
             flat[name] = value
     return flat
@@ -190,7 +190,7 @@ def _problems_of_lists(path: str, table: Row) -> list[Problem]:
         if name not in lists
     ]
     if not table:
-        problems.append(Problem(path, "no keys", "must have lists of values"))
+        problems.append(Problem(path, "no keys", "give it lists of values"))
     if len({len(values) for values in lists.values()}) > 1:
         found = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
         problems.append(Problem(path, f"lists of different lengths ({found})", "must be of one length"))
@@ -201,11 +201,11 @@ def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row])
     """Labels that are no words, label nothing, or stand where none can."""
     problems = []
     if LABEL in axes:
-        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "must be in [[sweep.paired]]"))
+        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "put it into [[sweep.paired]]"))
     given = [(f"sweep.variants[{index}].{LABEL}", row[LABEL]) for index, row in enumerate(single) if LABEL in row]
     for index, table in enumerate(paired):
         if list(table) == [LABEL]:
-            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "must have a key with a list too"))
+            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "give it a key with a list too"))
         if isinstance(labels := table.get(LABEL), list):
             given += [(f"sweep.paired[{index}].{LABEL}", label) for label in labels]
     allowed = "must be a string of one line"
@@ -224,14 +224,14 @@ def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row
     problems: list[Problem] = []
     for path, name in places:
         if times[name] > 1:
-            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "must vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "let it vary in one place only"))
         ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
         if part_of := next((name[:end] for end in ends if name[:end] in times), None):
-            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "must vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in one place only"))
         if name in OWN:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "must not be set: the sweep sets it for each run"))
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "the sweep sets it for each run"))
         if name in SAME:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "must not be swept: it changes no run"))
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "it changes no run"))
     if not places:
         allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
         problems.append(Problem("sweep", "nothing varies", allowed))
