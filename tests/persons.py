@@ -87,7 +87,7 @@ class Person:
     def pause(self) -> int:
         """Pause, and wait until nothing moves any more; the newest step."""
         self.say("pace", paused=True)
-        held = self.see(lambda picture: bool(picture["pace"]["paused"]))
+        held = self.see(lambda picture: bool(picture["pace"]["paused"] and picture["probe"] is None))
         return int(held["step"])
 
 

@@ -13,11 +13,8 @@ from selenium.webdriver.support.ui import Select
 from tests.station_feed import PATIENCE_S, Feed, Swarm
 from tests.station_page import CHROMIUM, DRIVER, Page, start_browser
 
-pytestmark = pytest.mark.processes
-
-needs_browser = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason="chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
-)
+MISSING = "chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
+pytestmark = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=MISSING)]
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +47,6 @@ def page(open_page: Callable[..., Page]) -> Page:
     return open_page()
 
 
-@needs_browser
 def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     """Agent 9 was never heard of: it is in no list and in no byte, and its place on the map stays empty."""
     page.until(lambda: page.texts("#agents-list > li"))
@@ -76,7 +72,6 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     page.until(lambda: not page.all('#agents-list [data-agent="2"]'))
 
 
-@needs_browser
 def test_names_are_text(open_page: Callable[..., Page]) -> None:
     """HTML in what a scenario, a report or a person named is shown as it is written, everywhere."""
     evil = '<img src=x onerror="document.title=1"><b>&amp;</b>'
@@ -110,7 +105,6 @@ def test_names_are_text(open_page: Callable[..., Page]) -> None:
     assert not page.all("img, main b b, [onerror]")
 
 
-@needs_browser
 def test_a_command_by_mouse(page: Page) -> None:
     """Choose an order, then its place on the map."""
     Select(page.at("command-name")).select_by_value("set delta")
@@ -132,7 +126,6 @@ def test_a_command_by_mouse(page: Page) -> None:
     page.until(lambda: "heard by 4, done by 3, refused by 1" in page.text("fates"))
 
 
-@needs_browser
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:
     """Agent 1 is a member of the tree of agent 0."""
     Select(page.at("command-name")).select_by_value("recall a tree")
@@ -149,7 +142,6 @@ def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:
     }
 
 
-@needs_browser
 def test_a_command_by_keyboard(page: Page) -> None:
     """Without a pointer, from the first key to the last; and a mistake is told in words."""
     page.press("c")
@@ -167,7 +159,6 @@ def test_a_command_by_keyboard(page: Page) -> None:
     page.until(lambda: page.text("command-answer") == "Sent as order 1.")
 
 
-@needs_browser
 def test_an_event_is_the_place_of_an_order(page: Page) -> None:
     """Choose an order, then an event in the list; Control and Enter send from any field."""
     Select(page.at("command-name")).select_by_value("attend a place")
@@ -182,7 +173,6 @@ def test_an_event_is_the_place_of_an_order(page: Page) -> None:
     assert target == {"kind": "place", "x_m": x_m, "y_m": y_m}
 
 
-@needs_browser
 def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     """A letter that begins an option chooses it, others and the answers to ISA are shortcuts; Escape leaves a field."""
     page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
@@ -198,7 +188,6 @@ def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     assert page.asked("pace") == {"type": "pace", "paused": True}
 
 
-@needs_browser
 def test_an_order_that_is_refused_says_why(page: Page) -> None:
     """In the feed's own words."""
     page.player.swarm.answer = lambda intent, _: [  # type: ignore[method-assign]
@@ -208,7 +197,6 @@ def test_an_order_that_is_refused_says_why(page: Page) -> None:
     page.until(lambda: page.text("command-answer") == "Not sent: no uplink.")
 
 
-@needs_browser
 def test_pause_step_and_speed(page: Page) -> None:
     """By mouse and by key; the page shows what the feed says, not what was pressed."""
     page.at("pause").click()
@@ -227,7 +215,6 @@ def test_pause_step_and_speed(page: Page) -> None:
     page.until(lambda: page.text("status") == "live")
 
 
-@needs_browser
 def test_the_inbox(page: Page) -> None:
     """Sorted, filtered, read one by one and all at once."""
     page.until(lambda: len(page.texts("#inbox-list > li")) == 50)
@@ -246,7 +233,6 @@ def test_the_inbox(page: Page) -> None:
     page.until(lambda: page.text("inbox-count") == "all read")
 
 
-@needs_browser
 def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
     """Not by digits that are typed into a field."""
     swarm = page.player.swarm
@@ -268,7 +254,6 @@ def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
     assert page.asked("isa") == {"type": "isa", "number": 4, "answer": 2}
 
 
-@needs_browser
 def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     """Six scales by keyboard, fifteen pairs, and nothing is sent before all are answered."""
     asks = {"isa": True, "tlx": True, "weights": True}
@@ -296,7 +281,6 @@ def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     page.until(lambda: not page.at("tlx").is_displayed())
 
 
-@needs_browser
 def test_the_sheet_and_notes(page: Page) -> None:
     """Nobody begins without consent."""
     page.player.swarm.probe = {"kind": "sheet"}
@@ -318,7 +302,6 @@ def test_the_sheet_and_notes(page: Page) -> None:
     page.until(lambda: page.texts("#notes-list > li") == ["1:41the left half is <empty>"])
 
 
-@needs_browser
 def test_a_reload_in_the_middle_loses_nothing(page: Page) -> None:
     """Messages, which of them were read, rates and orders are all there again, also what a slow browser missed."""
     page.until(lambda: len(page.texts("#inbox-list > li")) == 50)
@@ -338,7 +321,6 @@ def test_a_reload_in_the_middle_loses_nothing(page: Page) -> None:
     assert page.at("note-text").get_property("value") == "half a no"
 
 
-@needs_browser
 def test_replay_seeks_forwards_and_back(open_page: Callable[..., Page]) -> None:
     """By the bar's keys and by its buttons; what was told later is not there earlier."""
     page = open_page(Swarm("replay"))
@@ -357,7 +339,6 @@ def test_replay_seeks_forwards_and_back(open_page: Callable[..., Page]) -> None:
     assert not page.at("command-form").is_displayed()
 
 
-@needs_browser
 def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     """On every screen; it has the truth, and takes no orders."""
     page = open_page(Swarm("researcher", silent=()))
@@ -370,7 +351,6 @@ def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     page.until(lambda: "event 1at (20, 25) m, since 0:00" in page.texts("#events-list > li"))
 
 
-@needs_browser
 def test_dark_and_light(page: Page) -> None:
     """As the machine has it; the page's own switch wins, and stays."""
     colour = "return getComputedStyle(document.body).backgroundColor"
@@ -388,7 +368,6 @@ def test_dark_and_light(page: Page) -> None:
     page.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
-@needs_browser
 def test_every_panel_fits_on_the_screens_it_is_made_for(page: Page) -> None:
     """Nothing runs out of the window, and the map stays the largest."""
     for width, height in ((1366, 768), (1920, 1080), (1024, 768)):
@@ -402,7 +381,6 @@ def test_every_panel_fits_on_the_screens_it_is_made_for(page: Page) -> None:
     page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
-@needs_browser
 def test_the_end_of_the_run_is_told(page: Page) -> None:
     """The last picture stays."""
     page.feed.hang_up()

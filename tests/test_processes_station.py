@@ -175,13 +175,19 @@ def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> N
     assert again["digest"] == swarm.summary()["digest"]
 
 
-def test_a_station_that_is_killed_in_a_pause_does_not_hold_the_run(tmp_path: Path) -> None:
-    """Nobody could let it go on, so it goes on, and ends valid."""
+def test_a_station_that_is_killed_in_a_pause_comes_back_at_its_address(tmp_path: Path) -> None:
+    """The pause lasts until the person, whose page connects again, ends it; the run ends valid."""
     with at_the_station(tmp_path / "run", "--speed", "0", *sets(CONSENT)) as (swarm, person):
         person.begin()
         swarm.wait_until_under_way(ALL)
         person.pause()
+        before = swarm.pids["station"]
         swarm.signal("station", signal.SIGKILL)
+        wait_until(lambda: swarm.pids["station"] != before, "another station")
+        with Person(swarm) as again:
+            assert again.url == person.url
+            assert again.picture["pace"]["paused"]
+            again.say("pace", paused=False)
         code, _, errors = swarm.finish()
         assert code == 0, errors
     assert swarm.summary()["valid"]
