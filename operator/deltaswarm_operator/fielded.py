@@ -80,6 +80,7 @@ class FieldedDesk:
         """Do what somebody at the station wants; None: the station has gone."""
         self._now_s = now_s
         self._staffed.take(intent)
+        self._staffed.show()
 
     @property
     def totals(self) -> dict[str, Any]:

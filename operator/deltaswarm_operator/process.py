@@ -196,8 +196,10 @@ class OperatorProcess:
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
             elif arrival is Arrival.INTENT:
-                if self._desk is not None and self._desk.take(sample) and self.meter.step >= 0:
-                    self._output.save(self.meter.state(), self._desk.state())
+                if self._desk is not None:
+                    if self._desk.take(sample) and self.meter.step >= 0:
+                        self._output.save(self.meter.state(), self._desk.state())
+                    self._desk.show()
             else:
                 return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
 
@@ -254,6 +256,7 @@ class OperatorProcess:
                 continue
             if arrival is Arrival.INTENT:
                 desk.take(sample)
+                desk.show()
             elif arrival is Arrival.STOP:
                 break
 

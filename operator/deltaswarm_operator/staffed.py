@@ -88,7 +88,7 @@ class StaffedDesk:
         self.show()
 
     def take(self, intent: bytes | None) -> bool:
-        """Do what somebody at the station wants; whether `state` should be saved for it.
+        """Do what somebody at the station wants; whether `state` should be saved for it, before `show` tells of it.
 
         None: the station has gone, and the run goes on without it.
         """
@@ -110,7 +110,6 @@ class StaffedDesk:
             self._pace = desk.pace
             self._send_pace(self._pace)
         self._show_due = 0.0
-        self.show()
         return has_news
 
     def show(self) -> None:
