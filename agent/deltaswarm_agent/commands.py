@@ -18,7 +18,7 @@ from deltaswarm_wire.commands import (
     encode_relayed,
     named,
 )
-from deltaswarm_wire.envelope import MAX_COMMANDS
+from deltaswarm_wire.envelope import fitting
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
 
 FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
@@ -122,18 +122,13 @@ class CommandRelay:
         answered_until = now - self._steps(ANSWERED_S)
         for number in [number for number, known in self.known.items() if known.ends <= answered_until]:
             del self.known[number]
-        items: list[bytes] = []
-        for _, known in sorted(self.known.items(), reverse=True):
-            if known.send_at > now or known.ends <= now + 1 or len(items) == MAX_COMMANDS:
-                continue
-            item = encode_relayed(Relayed(known.ends - now - 1, known.signed))
-            room_bytes -= len(item) + 3
-            if room_bytes < 0:
-                break
-            items.append(item)
+        newest_first = sorted(self.known.items(), reverse=True)
+        wanted = [known for _, known in newest_first if known.send_at <= now and known.ends > now + 1]
+        items = fitting((encode_relayed(Relayed(known.ends - now - 1, known.signed)) for known in wanted), room_bytes)
+        for known in wanted[: len(items)]:
             known.send_at = now + known.interval
             known.interval = min(2 * known.interval, self._steps(LONGEST_INTERVAL_S))
-        return tuple(items)
+        return items
 
     def next_step(self, now: int) -> int | None:
         """The next step in which there is something to relay, if there is any."""

@@ -3,6 +3,7 @@
 The payload belongs to the sender's controller. The sender is known from the key on which the sample came.
 """
 
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from deltaswarm_wire.codec import (
@@ -26,6 +27,21 @@ MAX_COMMANDS = 8
 
 MAX_SENT_BYTES = 32
 """Maximum size of a radio sample's attachment."""
+
+
+ITEM_BYTES = 3
+"""What a relayed command takes in a frame besides its own bytes, at most."""
+
+
+def fitting(items: Iterable[bytes], room_bytes: int) -> tuple[bytes, ...]:
+    """The first of these encoded commands that fit into one frame with this much room for them."""
+    taken: list[bytes] = []
+    for item in items:
+        room_bytes -= len(item) + ITEM_BYTES
+        if room_bytes < 0 or len(taken) == MAX_COMMANDS:
+            break
+        taken.append(item)
+    return tuple(taken)
 
 
 class Sample(NamedTuple):

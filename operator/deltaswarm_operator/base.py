@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from deltaswarm_wire.codec import MAX_ID, MAX_STEP
-from deltaswarm_wire.commands import MAX_LIFE_S, Relayed, Signed, decode_command, encode_relayed
-from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, encode_sample
+from deltaswarm_wire.commands import Relayed, Signed, decode_command, encode_relayed
+from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 
 REPEAT_S = 5.0
 MAX_FRAME_BYTES = 1400
@@ -44,7 +44,7 @@ class Base:
     def send(self, commands: Sequence[Signed], now_s: float) -> None:
         """Let the base send these commands from now on."""
         for signed in commands:
-            life_s = min(decode_command(signed.body).life_s, MAX_LIFE_S)
+            life_s = decode_command(signed.body).life_s
             self._alive.insert(0, _Alive(signed, now_s + max(life_s, self._step_s)))
         if commands:
             self._first = 0
@@ -64,14 +64,11 @@ class Base:
             return None
         if self._first >= len(self._alive):
             self._first = 0
-        items: list[bytes] = []
-        room = MAX_FRAME_BYTES
-        for signed, ends_s in self._alive[self._first :]:
-            item = encode_relayed(Relayed(min(int((ends_s - now_s) / self._step_s), MAX_STEP), signed))
-            room -= len(item) + 3
-            if room < 0 or len(items) == MAX_COMMANDS:
-                break
-            items.append(item)
+        left = (
+            Relayed(min(int((ends_s - now_s) / self._step_s), MAX_STEP), signed)
+            for signed, ends_s in self._alive[self._first :]
+        )
+        items = fitting(map(encode_relayed, left), MAX_FRAME_BYTES)
         self._first += len(items)
         is_round_over = self._first >= len(self._alive)
         self._first = 0 if is_round_over else self._first
@@ -79,4 +76,4 @@ class Base:
         self._due_s = now_s + (REPEAT_S if is_round_over else min(2 * self._step_s, REPEAT_S))
         self._counter = min(self._counter + 1, MAX_ID)
         self.frames += 1
-        return encode_sample(Sample(self._counter, None, tuple(items)))
+        return encode_sample(Sample(self._counter, None, items))

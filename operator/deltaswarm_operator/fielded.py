@@ -48,8 +48,8 @@ class FieldedDesk:
         self._put = put
         self._reports: dict[int, deque[Report]] = {}
         self._now_s = 0.0
-        sign = commanding.sign or _sign_nothing
-        desk = Desk(commanding.briefing, Commander(commanding.briefing.forms, sign, started), in_air=True)
+        commander = Commander(commanding.briefing.forms, commanding.sign, started)
+        desk = Desk(commanding.briefing, commander, in_air=True)
         self._staffed = StaffedDesk(run, desk, folder, self._send, lambda pace: None, on_intent, station)
         self._staffed.begin()
 
@@ -94,7 +94,3 @@ class FieldedDesk:
 
     def _send(self, turn: Turn) -> None:
         self.base.send(turn.commands, self._now_s)
-
-
-def _sign_nothing(body: bytes) -> bytes:
-    return b""

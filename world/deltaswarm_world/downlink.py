@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from deltaswarm_wire.commands import BASE, MAX_LIFE_S, Relayed, Signed, decode_command, encode_relayed
-from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, encode_sample
+from deltaswarm_wire.commands import BASE, Relayed, Signed, decode_command, encode_relayed
+from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.channel.queues import DelayLine, Packet
 from deltaswarm_world.density import Floats
@@ -61,7 +61,7 @@ class Downlink:
     def send(self, step: int, commands: Sequence[Signed]) -> None:
         """Let the base send these commands from this step on."""
         for signed in commands:
-            life_s = min(decode_command(signed.body).life_s, MAX_LIFE_S)
+            life_s = decode_command(signed.body).life_s
             self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
             self._new = True
 
@@ -96,17 +96,12 @@ class Downlink:
 
     def _sample(self, step: int) -> bytes:
         """The base's next radio frame: of the commands that fit, those that were not sent for longest."""
-        items: list[bytes] = []
-        room = MAX_FRAME_BYTES
-        for alive in sorted(self._alive, key=lambda alive: alive.sent_at):
-            item = encode_relayed(Relayed(alive.ends - step, alive.signed))
-            room -= len(item) + 3
-            if room < 0 or len(items) == MAX_COMMANDS:
-                break
-            items.append(item)
+        wanted = sorted(self._alive, key=lambda alive: alive.sent_at)
+        items = fitting((encode_relayed(Relayed(a.ends - step, a.signed)) for a in wanted), MAX_FRAME_BYTES)
+        for alive in wanted[: len(items)]:
             alive.sent_at = step
         self.frames_sent += 1
-        return encode_sample(Sample(self.frames_sent, None, tuple(items)))
+        return encode_sample(Sample(self.frames_sent, None, items))
 
     def _in_reach(self, time_s: float, positions_m: Floats) -> list[int]:
         """The agents that the frame of this step reaches."""

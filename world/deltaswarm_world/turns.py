@@ -12,7 +12,6 @@ from deltaswarm_wire.commands import MAX_IN_TURN, Signed, Turn, decode_command
 from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 OFF, AWAITED, LIVE = "off", "awaited", "live"
-MODES = (OFF, AWAITED, LIVE)
 
 MAX_WAITING = 256
 """Commands of a person that wait for the next step."""
