@@ -1,5 +1,6 @@
 """The operator's picture: it holds what was reported and nothing else, and late news make nothing older or younger."""
 
+import json
 from collections.abc import Sequence
 from random import Random
 
@@ -85,6 +86,16 @@ def test_a_late_report_puts_nobody_back() -> None:
     assert picture.agents[5].role == "attending"
     picture.take([root(0, 11, 5)], 14.0)
     assert picture.agents[5].role == "attending"
+
+
+def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
+    """A picture that goes on from another's state drops what that would have dropped."""
+    before, after = Picture(1.0), Picture(1.0)
+    before.take([attending(1, 5, event=2)], 5.0)
+    after.go_on(json.loads(json.dumps(before.state())))
+    late = [attending(1, 3, event=1)]
+    assert after.take(late, 6.0) == before.take(late, 6.0) == []
+    assert after.rows() == before.rows()
 
 
 def test_what_an_agent_says_of_itself_counts_more_than_its_root() -> None:

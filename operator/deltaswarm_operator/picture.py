@@ -177,6 +177,7 @@ class Picture:
             "events": [[event, *known] for event, known in self.events.items()],
             "inbox": self.inbox,
             "unread": sorted(self.unread),
+            "newest_s": list(self._newest_s.items()),
             "told": [[agent, role, sorted(events)] for agent, (role, events) in self._told.items()],
         }
 
@@ -188,6 +189,7 @@ class Picture:
         self.events = {event: KnownEvent(*known) for event, *known in state["events"]}
         self.inbox = [item_of(row) for row in state["inbox"]]
         self.unread = set(state["unread"])
+        self._newest_s = dict(state["newest_s"])
         self._told = {agent: (role, frozenset(events)) for agent, role, events in state["told"]}
 
     def rows(self) -> dict[str, list[list[Any]]]:
