@@ -139,7 +139,7 @@ def test_a_board_whose_link_was_cut_goes_on(tmp_path: Path) -> None:
         assert made.said(4).count("is ready") == 1
     assert summary["boards"]["4"]["absences"] == 1
     assert summary["boards"]["5"]["absences"] == 0
-    assert (summary["valid"], summary["transport_lost"], summary["agents_lost"]) == (True, 0, [])
+    assert (summary["invalid_because"], summary["transport_lost"], summary["agents_lost"]) == ([], 0, [])
 
 
 @pytest.mark.processes

@@ -1,5 +1,6 @@
 """The lock-step: whom a step waits for, through any order of acts, hangs, deaths and returns."""
 
+import pytest
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
@@ -145,6 +146,25 @@ def test_a_board_may_answer_each_knock() -> None:
         lockstep.give_up()
     begin(lockstep, 3)
     assert [lockstep.answer_late(1, step) for step in (0, 1, 2, 2)] == [True, True, True, False]
+    assert not lockstep.may_speak(1)
+
+
+@pytest.mark.parametrize("steps_away", [0, 1, 5])
+@pytest.mark.parametrize("hung", [False, True])
+def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away: int, hung: bool) -> None:
+    """Its process went on behind a cut link: its answer closes nothing, and is not one too many. A second one is."""
+    lockstep = LockStep([0, 1], [1])
+    begin(lockstep, 0)
+    if hung:
+        lockstep.close(0, 0)
+        lockstep.give_up()
+        begin(lockstep, 1)
+    lockstep.gone(1)
+    for step in range(2, 2 + steps_away):
+        begin(lockstep, step)
+    lockstep.back(1)
+    assert lockstep.may_speak(1)
+    assert [(lockstep.close(1, 0), lockstep.answer_late(1, 0)) for _ in range(2)] == [(False, True), (False, False)]
     assert not lockstep.may_speak(1)
 
 

@@ -128,7 +128,7 @@ class Attention:
         if self._in_hand is not None and agent in self._in_hand.agents:
             return
         (lockstep.back if there else lockstep.gone)(agent)
-        if there and agent in lockstep.boards:
+        if agent in lockstep.boards:  # samples may overtake the token that tells of a return
             self._core.inbox.go_on_anywhere(agent)
         if self._has_begun and not self._is_over:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)

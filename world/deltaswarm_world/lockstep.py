@@ -86,7 +86,7 @@ class LockStep:
         self._missed: dict[int, int] = {}
         """The step that each hung agent missed: an act of it or a later step ends the hang."""
         self._answers_due: Counter[int] = Counter()
-        """Number of probes that boards may still answer."""
+        """Number of frames that boards may still answer: probes, and those of before an absence."""
         self.step = -1
 
     def taking_part(self) -> list[int]:
@@ -117,7 +117,7 @@ class LockStep:
         if agent in self.hanging and step >= self._missed[agent]:
             self.hanging.discard(agent)
             return True
-        if self._answers_due[agent] and step < self.step:
+        if self._answers_due[agent]:
             self._answers_due[agent] -= 1
             return True
         return False
@@ -145,6 +145,8 @@ class LockStep:
     def gone(self, agent: int) -> None:
         """Note that an agent's liveliness token disappeared."""
         if agent in self.alive:
+            if agent in self.boards and agent in self.waiting | self.hanging:
+                self._answers_due[agent] += 1  # its process may be well, and answer once its link is
             self.alive.discard(agent)
             self.waiting.discard(agent)
             self.hanging.discard(agent)
@@ -163,6 +165,5 @@ class LockStep:
         """Note that an agent's token reappeared; it takes part from the next step on."""
         if agent not in self.alive:
             self.alive.add(agent)
-            self._answers_due[agent] = 0
             self.returned.add(agent)
             self.hanging.discard(agent)
