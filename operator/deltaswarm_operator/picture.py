@@ -17,6 +17,10 @@ MAX_EVENTS = 2000
 MAX_INBOX = 20_000
 MAX_NUMBERS = 100_000
 """Events whose numbers are remembered: in open air a sender may make up any."""
+MAX_NAMED = 8
+"""Events that an item names."""
+NO_EVENTS: frozenset[int] = frozenset()
+ROOT, MEMBER = "root", "member"
 LEFT = "left its tree"
 """The role of an agent that its root no longer names: what it does now is not known."""
 
@@ -77,28 +81,34 @@ class Picture:
         """By sender, the role and the events of its newest report."""
         self._newest_s: dict[int, float] = {}
         """By sender, the time of its newest report."""
+        self._members: dict[int, set[int]] = {}
+        """By root, the agents that were last known as members of its tree, and may have been heard of since."""
 
     def take(self, reports: Iterable[Report], now_s: float) -> list[Item]:
         """Take in the reports of a closed step; the items that are new in the inbox."""
         self.now_s = now_s
         items = [item for report in reports if (item := self._take(report)) is not None]
-        old = [event for event, known in self.events.items() if now_s - known.seen_s > EVENT_MEMORY_S]
-        for event in old:
+        oldest_s = now_s - EVENT_MEMORY_S
+        for event in [event for event, known in self.events.items() if known.seen_s < oldest_s]:
             del self.events[event]
         return items
 
     def _take(self, report: Report) -> Item | None:
-        said_s = report.step * self._step_s
-        if self._newest_s.get(report.agent, said_s) > said_s:
+        agent, said_s = report.agent, report.step * self._step_s
+        if self._newest_s.get(agent, said_s) > said_s:
             return None  # an older report that was delayed
-        self._newest_s[report.agent] = said_s
-        report = report._replace(
-            events=tuple([event._replace(event=self._number(event.event)) for event in report.events])
-        )
-        item = self._item(report)
+        self._newest_s[agent] = said_s
+        role_before, before = self._told.get(agent, ("", NO_EVENTS))
+        places = {self._number(event): (x_m, y_m) for event, x_m, y_m in report.events}
+        is_same_role = report.role == role_before
+        item = None
+        if not is_same_role or not before.issuperset(places):
+            is_new = not self.events.keys() >= places.keys() or (report.role == ROOT and not is_same_role)
+            item = self._item(report, tuple(places)[:MAX_NAMED], is_new)
+        if not is_same_role or before != places.keys():
+            self._told[agent] = report.role, frozenset(places)
         self._take_tree(report, said_s)
-        self._take_events(report, said_s)
-        self._told[report.agent] = report.role, frozenset(event.event for event in report.events)
+        self._take_events(agent, places, before, said_s)
         return item
 
     def _number(self, event: int) -> int:
@@ -110,13 +120,8 @@ class Picture:
             numbers[event] = number
         return numbers[event]
 
-    def _item(self, report: Report) -> Item | None:
-        events = tuple(event.event for event in report.events)
-        role, told = self._told.get(report.agent, ("", frozenset()))
-        if role == report.role and told.issuperset(events):
-            return None
-        is_new = any(event not in self.events for event in events) or (report.role == "root" and role != "root")
-        item = Item(len(self.inbox), self.now_s, report.agent, report.role, report.followers, events[:8], is_new)
+    def _item(self, report: Report, events: tuple[int, ...], is_new: bool) -> Item:
+        item = Item(len(self.inbox), self.now_s, report.agent, report.role, report.followers, events, is_new)
         if len(self.inbox) < MAX_INBOX:
             self.inbox.append(item)
             self.unread.add(item.number)
@@ -125,38 +130,40 @@ class Picture:
     def _take_tree(self, report: Report, said_s: float) -> None:
         """Places and trees, as a root tells them; who is no longer named has left."""
         root, agents = report.agent, self.agents
-        is_root = report.role == "root"
-        is_silent_of_members = is_root and report.followers > 0 and not report.members
-        named = {member.agent for member in report.members}
-        for agent, known in tuple(agents.items()):
-            if known.root == root and agent != root and agent not in named and not is_silent_of_members:
-                agents[agent] = known._replace(role=LEFT, parent=NOBODY, root=NOBODY)
+        is_root = report.role == ROOT
+        members = self._members.get(root)
+        if members and (report.members or not is_root or not report.followers):
+            for agent in members.difference([member.agent for member in report.members]):
+                if (known := agents[agent]).root == root:
+                    agents[agent] = known._replace(role=LEFT, parent=NOBODY, root=NOBODY)
+            members.clear()
         before = agents.get(root)
         if before is None or before.said_s <= said_s:
-            agents[root] = KnownAgent(
-                report.x_m, report.y_m, report.role, NOBODY, root if is_root else NOBODY, said_s, is_own=True
-            )
-        for member in report.members:
-            known_member = agents.get(member.agent)
+            its_root = root if is_root else NOBODY
+            agents[root] = KnownAgent(report.x_m, report.y_m, report.role, NOBODY, its_root, said_s, True)
+        if not report.members:
+            return
+        members = self._members.setdefault(root, set())
+        for agent, parent, x_cm, y_cm in report.members:
+            known_member = agents.get(agent)
             if known_member is None or (known_member.said_s, known_member.is_own) <= (said_s, False):
-                agents[member.agent] = KnownAgent(
-                    member.x_cm / 100, member.y_cm / 100, "member", member.parent, root, said_s, is_own=False
-                )
+                agents[agent] = KnownAgent(x_cm / 100, y_cm / 100, MEMBER, parent, root, said_s, False)
+                members.add(agent)
 
-    def _take_events(self, report: Report, said_s: float) -> None:
-        named = {event.event for event in report.events}
-        _, before = self._told.get(report.agent, ("", frozenset()))
-        for event in before - named:  # its own reporter does not tell of it any more
-            if (known := self.events.get(event)) is not None and known.by == report.agent:
-                del self.events[event]
-        for number, x_m, y_m in report.events:
-            known = self.events.get(number)
-            if known is None and len(self.events) >= MAX_EVENTS:
-                continue
-            if known is not None and known.seen_s > said_s:
-                continue  # this report was delayed, and the event has been seen since
-            first_s = said_s if known is None else known.first_s
-            self.events[number] = KnownEvent(x_m, y_m, first_s, said_s, report.agent)
+    def _take_events(
+        self, agent: int, places: Mapping[int, tuple[float, float]], before: frozenset[int], said_s: float
+    ) -> None:
+        events = self.events
+        for event in before.difference(places):  # its own reporter does not tell of it any more
+            if (known := events.get(event)) is not None and known.by == agent:
+                del events[event]
+        for event, (x_m, y_m) in places.items():
+            known = events.get(event)
+            if known is None:
+                if len(events) < MAX_EVENTS:
+                    events[event] = KnownEvent(x_m, y_m, said_s, said_s, agent)
+            elif known.seen_s <= said_s:  # else this report was delayed, and the event has been seen since
+                events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent)
 
     def read(self, numbers: Iterable[int]) -> list[int]:
         """Mark items as read; those that were not."""
@@ -191,6 +198,9 @@ class Picture:
         self.unread = set(state["unread"])
         self._newest_s = dict(state["newest_s"])
         self._told = {agent: (role, frozenset(events)) for agent, role, events in state["told"]}
+        for agent, known in self.agents.items():
+            if known.root not in (NOBODY, agent):
+                self._members.setdefault(known.root, set()).add(agent)
 
     def rows(self) -> dict[str, list[list[Any]]]:
         """Agents and events as the station's page takes them."""
