@@ -126,7 +126,7 @@ class Swarm:
             agent = (number * 5) % 9
             role = ROLES.get(agent, "free")
             events = [number % 5] if number % 3 else []
-            made.append([number, 2.0 * number, agent, role, 3 if role == "root" else 0, events, number % 10 == 0])
+            made.append([number, 2.0 * number + 2, agent, role, 3 if role == "root" else 0, events, number % 10 == 0])
         return made
 
     def picture(self, time_s: float, **changes: Any) -> Message:
@@ -179,7 +179,7 @@ class Swarm:
             return [{"type": "read", "items": items}]
         if kind == "command":
             number = len(self.commands) + 1
-            target = " ".join(str(value) for value in intent["target"].values())
+            target = list(intent["target"].values())
             row = [number, intent["name"], target, intent["arguments"], time_s, 0, 0, 0, time_s + 60, "sent"]
             self.commands.append(row)
             return [{"type": "accepted", "to": to, "id": intent["id"], "number": number}]

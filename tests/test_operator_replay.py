@@ -99,6 +99,17 @@ def test_time_passes_at_the_speed_that_is_asked_for() -> None:
     assert json.loads(replay.show())["time_s"] == STEPS - 1
 
 
+def test_time_passes_backwards() -> None:
+    """At each moment the page sees what was known then, and the beginning is the end."""
+    replay = a_replay()
+    assert min(json.loads(replay.hello("run"))["speeds"]) < 0
+    replay.seek(200)
+    replay.intend(b'{"type":"pace","speed":-5}')
+    for wall_s in range(30):
+        replay.tick(wall_s)
+        assert seen(replay._desk) == straight(max(200 - 5 * wall_s, 0))
+
+
 HARM = [
     {"type": "seek", "time_s": math.nan},
     {"type": "seek", "time_s": 10**400},

@@ -14,6 +14,9 @@ from tests.station_feed import PATIENCE_S, Feed, Swarm
 from tests.station_page import CHROMIUM, DRIVER, Page, start_browser
 
 MISSING = "chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
+DRAWN = (
+    "requestAnimationFrame(() => requestAnimationFrame(() => arguments[0](document.querySelector('#map').toDataURL())))"
+)
 pytestmark = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=MISSING)]
 
 
@@ -96,7 +99,7 @@ def test_names_are_text(open_page: Callable[..., Page]) -> None:
         101.0,
         agents=[[1, 2, 3, evil, -1, -1, 100, 1]],
         inbox=[[50, 100, 1, evil, 0, [], True]],
-        commands=[[1, evil, evil, {evil: evil}, 100, 0, 0, 0, 160, evil]],
+        commands=[[1, evil, ["tree", 0], {evil: evil}, 100, 0, 0, 0, 160, evil]],
         probe={"kind": "sheet"},
     )
     page.until(lambda: page.text("title") == evil and evil in page.text("inbox-list") and evil in page.text("fates"))
@@ -123,7 +126,19 @@ def test_a_command_by_mouse(page: Page) -> None:
     page.until(lambda: "heard by nobody yet" in page.text("fates"))
     page.player.swarm.commands[0][5:10] = [4, 3, 1, 160.0, "done"]
     page.player.show(102.0)
-    page.until(lambda: "heard by 4, done by 3, refused by 1" in page.text("fates"))
+    page.until(lambda: "heard by 4, refused by 1done by 3" in page.text("fates"))
+
+
+def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
+    """Where it went, with its number."""
+
+    def drawn(expires_s: float) -> str:
+        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent"]
+        page.player.show(100.0, commands=[order])
+        page.until(lambda: page.text("fates").startswith("0 · hold"))
+        return str(page.driver.execute_async_script(DRAWN))
+
+    assert drawn(200.0) != drawn(95.0)
 
 
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:
@@ -215,6 +230,13 @@ def test_pause_step_and_speed(page: Page) -> None:
     page.until(lambda: page.text("status") == "live")
 
 
+def test_a_speed_that_is_not_reached_is_told(page: Page) -> None:
+    """The feed stands still and does not call it a pause."""
+    page.until(lambda: page.player.show(100.0) or page.text("speed-reached") == "now 0×")
+    page.at("pause").click()
+    page.until(lambda: page.text("speed-reached") == "")
+
+
 def test_the_inbox(page: Page) -> None:
     """Sorted, filtered, read one by one and all at once."""
     page.until(lambda: len(page.texts("#inbox-list > li")) == 50)
@@ -227,7 +249,7 @@ def test_the_inbox(page: Page) -> None:
     Select(page.at("inbox-order")).select_by_value("oldest")
     shown = page.texts("#inbox-list > li")
     assert len(shown) == 11
-    assert shown[0] == "0:00unread: agent 0root, 3 followers: no eventnew"
+    assert shown[0] == "0:02unread: agent 0root, 3 followers: no eventnew"
     page.at("inbox-all-read").click()
     assert page.asked("read") == {"type": "read", "all": True}
     page.until(lambda: page.text("inbox-count") == "all read")

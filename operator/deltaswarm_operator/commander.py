@@ -130,7 +130,8 @@ class Commander:
             command = sent.command
             counts = [sent.count(HEARD, DONE, REFUSED), sent.count(DONE), sent.count(REFUSED)]
             expires_s = sent.sent_s + command.life_s
-            told = [index, command.name, str(command.target), command.arguments, sent.sent_s]
+            target = [command.target.kind, *command.target.numbers]
+            told = [index, command.name, target, command.arguments, sent.sent_s]
             rows.append([*told, *counts, expires_s, sent.state(now_s)])
         return rows
 

@@ -178,7 +178,7 @@ class Desk:
 
     # The station
 
-    def hello(self, run: str, kind: str = LIVE) -> bytes:
+    def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> bytes:
         """What the page must know of the run."""
         briefing = self._briefing
         probes = briefing.operator.probes
@@ -196,7 +196,7 @@ class Desk:
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
             commands=[plain(form) for form in briefing.forms],
-            speeds=() if self._in_air else SPEEDS,
+            speeds=() if self._in_air else speeds,
             session={
                 "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},

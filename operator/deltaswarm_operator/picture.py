@@ -61,6 +61,9 @@ class Item(NamedTuple):
     events: tuple[int, ...]
     is_new: bool
 
+    def __deepcopy__(self, memo: Mapping[int, Any]) -> "Item":
+        return self
+
 
 class Picture:
     """What the operator knows. Times are simulated [s]."""

@@ -13,12 +13,13 @@ from deltaswarm_operator.desk import Desk
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_operator import Briefing
 
-KEPT_EVERY_STEPS = 500
+KEPT_EVERY_STEPS = 200
 """A desk is kept so often, so that a jump back repeats no more steps than that."""
 
 FASTEST = 200.0
 """Simulated per wall second, where the speed is as fast as possible."""
 
+SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
 
 REFUSED = "this is a replay: nothing can be commanded or answered"
 
@@ -85,7 +86,7 @@ class Replay:
 
     def hello(self, run: str) -> bytes:
         """What the page must know of the run."""
-        return self._desk.hello(run, "replay")
+        return self._desk.hello(run, "replay", SPEEDS)
 
     def show(self) -> bytes:
         """The picture of the present time."""
@@ -101,7 +102,7 @@ class Replay:
             if kind == "seek":
                 self.seek(finite(raw["time_s"]))
             elif kind == "pace" and "speed" in raw:
-                self.speed = max(0.0, finite(raw["speed"]))
+                self.speed = min(max(finite(raw["speed"]), -FASTEST), FASTEST)
             elif kind == "pace" and "steps" in raw:
                 self.seek(self._now_s + finite(raw["steps"]) * self._step_s)
                 self.is_paused = True

@@ -22,19 +22,19 @@ FORMS = (
         SET_DELTA,
         ANYBODY,
         (ArgumentForm("delta", "integer", 1, 1000, default=3, help="events sensed at once that make an agent a root"),),
-        "Hybrid control: how many events sensed at once make an agent a root. More is less centralised.",
+        "How many events sensed at once make an agent a root. More is less centralised. Refused but in hybrid control.",
     ),
     CommandForm(
         RECALL,
         (TREE,),
         (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="found no new tree for so long"),),
-        "Dissolve a tree: its root gives up, and its members go their own ways.",
+        "Dissolve a tree: its root gives up, and its members go their own ways. Refused by agents outside any tree.",
     ),
     CommandForm(
         ATTEND,
         (PLACE,),
         (ArgumentForm("within_m", "number", 1, 1000, default=20, unit="m", help="free agents up to here from it go"),),
-        "Send the free agents near a place to it.",
+        "Send the free agents near a place to it. All others refuse.",
     ),
     CommandForm(
         HOLD,

@@ -1,7 +1,7 @@
 /** Orders: a form for each command that the run offers, where it goes, and what became of those that were sent. */
 
-import { byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
-import { argument as said, clock, fate, order } from "./words.js";
+import { button, byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
+import { aim, argument as said, clock, fate, order } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Argument} Argument */
@@ -231,6 +231,8 @@ export class CommandPanel {
 
   update() {
     const { picture } = this.app.model;
+    button("command-send").disabled = Boolean(picture?.over);
+    if (picture?.over && !this.form.hidden) this.answer("The run is over: it takes no more orders.");
     this.lists();
     const rows = [...(picture?.commands ?? [])].sort((a, b) => b[0] - a[0]);
     const create = () => make("li", {}, make("b"), make("span", { class: "what" }), make("span", { class: "state" }));
@@ -244,8 +246,8 @@ export class CommandPanel {
         const [title, what, state] = line.children;
         if (!title || !what || !state) return;
         setText(title, `${row[0]} · ${order(row)}`);
-        setText(what, `to ${row[2]}, sent ${clock(row[4])}: ${fate(row)}`);
-        setText(state, row[9]);
+        setText(what, `to ${aim(row[2])}, sent ${clock(row[4])}: ${fate(row)}`);
+        setText(state, row[9] === "done" ? `done by ${row[6]}` : row[9]);
       },
     );
     element("fates-none").hidden = rows.length > 0;

@@ -36,6 +36,7 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   for (const event of app.model.events) drawEvent(on, view, event, app, labels);
   for (const agent of app.model.agents) drawAgent(on, view, agent, app, labels);
   on.globalAlpha = 1;
+  ordered(on, view, app);
   labels?.draw(on);
   picked(on, view, app, hasFocus);
   ruler(on, view);
@@ -248,6 +249,31 @@ function picked(on, view, { pick, model }, hasFocus) {
     on.setLineDash([3, 3]);
     cross(on, view.width / 2, view.height / 2, 14);
     on.setLineDash([]);
+  }
+}
+
+/**
+ * Where orders went that may still be carried out.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ */
+function ordered(on, view, { model }) {
+  on.strokeStyle = inks().accent;
+  on.lineWidth = 1.5;
+  for (const [order, name, [kind, x_m = 0, y_m = 0, radius_m = 0], , , , , , expires_s] of model.picture?.commands ??
+    []) {
+    if (expires_s < model.now_s || (kind !== "place" && kind !== "circle")) continue;
+    const [x, y] = view.toScreen(x_m, y_m);
+    cross(on, x, y, 6);
+    on.setLineDash([4, 4]);
+    on.beginPath();
+    on.arc(x, y, kind === "circle" ? radius_m * view.scale : 9, 0, 2 * Math.PI);
+    on.stroke();
+    on.setLineDash([]);
+    label(on, `${order} · ${name}`, x, y - 12);
+    on.strokeStyle = inks().accent;
+    on.lineWidth = 1.5;
   }
 }
 

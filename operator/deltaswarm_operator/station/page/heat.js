@@ -35,7 +35,10 @@ export class Heat {
    * @param {number} now_s
    */
   take(agents, now_s) {
-    if (now_s < this.newest_s) this.heard_s.fill(NaN);
+    if (now_s < this.newest_s)
+      this.heard_s.forEach((heard_s, cell, all) => {
+        if (heard_s > now_s) all[cell] = NaN;
+      });
     this.newest_s = now_s;
     for (const [, x_m, y_m, , , , said_s] of agents) {
       const [column, row] = [Math.floor(x_m / this.cell_m), Math.floor(y_m / this.cell_m)];

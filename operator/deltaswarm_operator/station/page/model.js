@@ -70,7 +70,10 @@ export class Model {
 
   /** @param {Picture} picture */
   takePicture(picture) {
-    if (this.picture && picture.time_s < this.picture.time_s) this.forget();
+    if (this.picture && picture.time_s < this.picture.time_s) {
+      if (picture.replay) this.rewind(picture.time_s);
+      else this.forget();
+    }
     this.picture = this.picture ? { ...this.picture, ...picture } : picture;
     for (const [id] of [...(picture.truth?.events ?? [])].sort((a, b) => a[3] - b[3] || a[0] - b[0]))
       if (!this.eventNumbers.has(id)) this.eventNumbers.set(id, this.eventNumbers.size + 1);
@@ -105,6 +108,21 @@ export class Model {
       this.inbox.delete(number);
       this.read.delete(number);
     }
+  }
+
+  /**
+   * A replay went back: what came later is not known yet.
+   * @param {number} time_s
+   */
+  rewind(time_s) {
+    const numbers = [...this.inbox].filter(([, item]) => item[1] > time_s).map(([number]) => number);
+    for (const number of numbers) {
+      this.inbox.delete(number);
+      this.read.delete(number);
+    }
+    this.newest = [...this.inbox.keys()].at(-1) ?? -1;
+    this.history = this.history.filter((row) => row[0] <= time_s);
+    if (this.newest >= this.inbox.size && this.inbox.size < MAX_INBOX / 2) this.isCaughtUp = false;
   }
 
   /** Time went back, or it is another run. */

@@ -1,12 +1,13 @@
 /** The clock, pause, step and speed, and the time bar of a replay. */
 
 import { button, choice, element, input, setOptions, setText } from "./dom.js";
-import { clock, speed } from "./words.js";
+import { clock, number, speed } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
 const SEEK_EVERY_MS = 100;
 const JUMP_S = 10;
+const REACHED_OVER_MS = 5000;
 
 export class PacePanel {
   /** @param {App} app */
@@ -17,6 +18,9 @@ export class PacePanel {
     this.bar = input("seek");
     this.isDragging = false;
     this.seekAt_ms = -Infinity;
+    /** @type {[number, number][]} wall time [ms] and time of the run [s] of the newest pictures */
+    this.passed = [];
+    this.reachedOf = "";
     this.pause.addEventListener("click", () => this.toggle());
     button("step").addEventListener("click", () => this.step());
     let byPointer = false;
@@ -80,11 +84,31 @@ export class PacePanel {
     this.seek(this.bar.valueAsNumber);
   }
 
+  /** The speed that is reached, where it is another than the one that is wanted. */
+  reached() {
+    const { now_s, picture } = this.app.model;
+    const { paused, speed: wanted } = this.state;
+    const now_ms = performance.now();
+    const key = `${paused} ${wanted}`;
+    if (key !== this.reachedOf || now_s < (this.passed.at(-1)?.[1] ?? 0)) this.passed = [];
+    this.reachedOf = key;
+    this.passed.push([now_ms, now_s]);
+    while (now_ms - (this.passed[0]?.[0] ?? now_ms) > REACHED_OVER_MS) this.passed.shift();
+    const [from_ms, from_s] = this.passed[0] ?? [now_ms, now_s];
+    if (paused || wanted < 0 || picture?.over || picture?.replay || now_ms - from_ms < REACHED_OVER_MS / 2) return "";
+    const found = (1000 * (now_s - from_s)) / (now_ms - from_ms);
+    return wanted === 0 || found < 0.9 * wanted ? `now ${number(found, found < 10 ? 1 : 0)}×` : "";
+  }
+
   update() {
     const { hello, picture, now_s } = this.app.model;
     if (!hello) return;
     const { paused } = this.state;
-    setText(element("time"), clock(now_s));
+    setText(element("speed-reached"), this.reached());
+    setText(
+      element("time"),
+      clock(picture?.over ? Math.min(now_s + hello.step_s, hello.duration_s || Infinity) : now_s),
+    );
     setText(element("duration"), hello.duration_s > 0 ? `of ${clock(hello.duration_s)}` : "");
     setText(this.pause, paused ? "▶ Go on" : "❚❚ Pause");
     this.pause.setAttribute("aria-pressed", String(paused));

@@ -137,6 +137,18 @@ export function argument(key, unit) {
   return [bare.replaceAll("_", " "), unit || (bare === key ? "" : (suffix ?? ""))];
 }
 
+/**
+ * Where an order goes.
+ * @param {CommandRow[2]} target
+ */
+export function aim([kind, first = 0, second = 0, radius_m = 0]) {
+  if (kind === "all") return "all agents";
+  if (kind === "tree") return `the tree of agent ${first}`;
+  if (kind === "agent") return `agent ${first}`;
+  const at = place(first, second);
+  return kind === "circle" ? `${number(radius_m)} m around ${at}` : at;
+}
+
 /** @param {CommandRow} command */
 export function order([, name, , values]) {
   const given = Object.entries(values).map(([key, value]) => {
@@ -150,7 +162,7 @@ export function order([, name, , values]) {
 /** @param {CommandRow} command */
 export function fate([, , , , , heard, done, refused, , state]) {
   const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
-  if (done) parts.push(`done by ${done}`);
+  if (done && state !== "done") parts.push(`done by ${done}`);
   if (refused) parts.push(`refused by ${refused}`);
   if (state === "expired") return heard ? `${parts.join(", ")}; expired` : "expired, heard by nobody";
   return parts.join(", ");
