@@ -94,6 +94,13 @@ def test_it_is_rendered_again_without_a_run(done: Path, capsys: Printed) -> None
     assert (done / "out" / "page.html").read_bytes() == before
 
 
+def test_tables_without_a_metric_of_the_study_are_refused(done: Path, capsys: Printed) -> None:
+    """As after the study file has gained one: only the sweep has it."""
+    (done / "more.toml").write_text(QUESTION.replace("metrics = [", 'metrics = ["trees", ', 1))
+    assert main(["study", str(done / "more.toml"), "--out", str(done / "out"), "--render"]) == 1
+    assert "trees" in capsys.readouterr().err
+
+
 def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Printed) -> None:
     """Exit code 3, and the sentence is named."""
     (done / "wrong.toml").write_text(QUESTION.replace('is = "holds"', 'is = "refuted"'))

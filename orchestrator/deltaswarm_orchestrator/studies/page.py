@@ -1,5 +1,6 @@
 """A study's page: what its tables and figures say, in the order in which a reader asks."""
 
+import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -80,10 +81,13 @@ class Evidence:
 
         Raises:
             OSError: If there is no `runs.csv`.
-            ValueError: If a table cannot be read.
+            ValueError: If a table cannot be read, or lacks a metric of the study.
         """
         labels = ["variant", "metric", "level", "reference", "within", *study.factors]
         runs = read_table(folder / "runs.csv", labels)
+        needed = {*study.file.study.metrics, *itertools.chain(*map(study.metrics_of, study.file.contrast))}
+        if lacking := sorted(needed.difference(runs)):
+            raise ValueError(f"{folder}: runs.csv must have the study's metrics (without {', '.join(lacking)})")
         beside = [folder / f"{name}.csv" for name in ("courses", "recovery")]
         return cls.of(study, runs, *(read_table(file, labels) if file.exists() else pd.DataFrame() for file in beside))
 
