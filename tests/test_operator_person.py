@@ -44,8 +44,7 @@ seeds = st.integers(0, 5)
 
 def person(settings: PersonSettings = CALM, seed: int = 0, delta: int | None = 4) -> Person:
     """One person with a generator of its own."""
-    draw = Random(seed).gauss
-    return Person(settings, lambda: draw(0.0, 1.0), THRESHOLD_HZ, delta)
+    return Person(settings, Random(seed), THRESHOLD_HZ, delta)
 
 
 def live(one: Person, told: Sequence[tuple[Sequence[Told], float]], first: int = 0) -> list[tuple[float, Act]]:

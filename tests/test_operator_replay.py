@@ -24,6 +24,9 @@ SETS = (
     "uplink.latency_s=3",
     "uplink.jitter_s=9",
     "run.duration_s=260",
+    "operator.threshold_hz=1",
+    "operator.person.policy=threshold",
+    "operator.person.delta_limit=1",
     script([5, "set delta", "all", [], {"delta": 1}], [90, "hold", "circle", [20, 20, 9], {"for_s": 20}]),
 )
 

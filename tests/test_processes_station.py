@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import os
 import signal
 import time
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator import replaying
+from deltaswarm_operator.replay import Replay
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests import persons, swarms
@@ -255,10 +257,11 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
 
 
 def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
-    """As far as its recording goes, with what had been reported."""
+    """As far as its recording goes, with what had been reported, and what a person had commanded."""
     steps = tmp_path / "steps.msgpack"
-    with running(tmp_path / "run", *sets("run.duration_s=1000000")) as swarm:
-        swarm.wait_until_under_way()
+    with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=1000000")) as (swarm, person):
+        person.begin()
+        assert person.command("hold", "circle", {"for_s": 9}, x_m=5, y_m=6, radius_m=7)["type"] == "accepted"
 
         def is_readable() -> bool:
             try:
@@ -275,6 +278,10 @@ def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
         write_steps(swarm.part, steps)
         briefing, found = replaying.read(steps)
     assert briefing.title.startswith("smoke")
+    replay = Replay(briefing, found)
+    replay.seek(math.inf)
+    [command] = json.loads(replay.show())["commands"]
+    assert command[:4] == [0, "hold", ["circle", 5, 6, 7], {"for_s": 9}]
     assert [step.clock.step for step in found] == list(range(len(found)))
     assert found[-1].clock.last
     assert any(step.reports for step in found)

@@ -46,9 +46,9 @@ def _person(briefing: Briefing) -> Person | None:
         return None
     form = named(briefing.forms, SET_DELTA)
     first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
-    draw = Random(f"deltaswarm/{briefing.seed}/person").gauss
+    rng = Random(f"deltaswarm/{briefing.seed}/person")
     delta = None if first is None else round(first)
-    return Person(settings, lambda: draw(0.0, 1.0), briefing.operator.threshold_hz, delta)
+    return Person(settings, rng, briefing.operator.threshold_hz, delta)
 
 
 class Desk:
@@ -139,7 +139,7 @@ class Desk:
 
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
         command = self.commander.give(name, target, arguments, self.picture.now_s, *life_s)
-        self._note("command", [command.number, name, str(target), dict(arguments)])
+        self._note("command", [command.number, name, [target.kind, *target.numbers], dict(arguments), command.life_s])
         return len(self.commander.sent) - 1
 
     def _note(self, kind: str, detail: Any) -> None:

@@ -8,9 +8,10 @@ it there are more roots, which report more. Here the least messages come with de
 direction delta goes, `delta_limit` how far, and neither goes without saying.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import exp
+from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_operator.measures import Measures
@@ -57,13 +58,13 @@ class Person:
 
     Args:
         settings: who it is.
-        draw: one value of a standard normal distribution, from the person's own generator.
+        rng: the person's own generator; a copy of the person has a copy of it.
         threshold_hz: the message rate that it wants to stay below [1/s].
         delta: what the swarm begins with; None where the controller takes no delta.
     """
 
     settings: PersonSettings
-    draw: Callable[[], float]
+    rng: Random
     threshold_hz: float
     delta: int | None = None
     load: float = 0.0
@@ -137,7 +138,7 @@ class Person:
         settings = self.settings
         self._drawn += 1
         away = (self.load - settings.best_load) / (1 - settings.best_load)
-        return median_s * exp(settings.sigma * self.draw()) * (1 + settings.slowing * away**2)
+        return median_s * exp(settings.sigma * self.rng.gauss(0.0, 1.0)) * (1 + settings.slowing * away**2)
 
     # Work
 
@@ -229,7 +230,7 @@ class Person:
         self._commanded_s = state["commanded_s"]
         while self._drawn < state["drawn"]:
             self._drawn += 1
-            self.draw()
+            self.rng.gauss(0.0, 1.0)
         self._waiting = [_entry(row) for row in state["waiting"]]
         job = state["job"]
         self._job = job and _Job(job[0], job[1], job[2] and _entry(job[2]), job[3])

@@ -1,7 +1,11 @@
 """A recording as the steps that reached the operator, for a replay at the station's page."""
 
+import contextlib
+import csv
+import json
 import tomllib
 from pathlib import Path
+from typing import Any
 
 import msgpack
 
@@ -12,9 +16,13 @@ from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 COMMANDS = "commands.toml"
 """The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
+
+DEEDS = "deeds.csv"
+"""What the person at the station does, row by row while the run is under way."""
 
 
 def write_steps(run: Path, file: Path) -> None:
@@ -28,9 +36,9 @@ def write_steps(run: Path, file: Path) -> None:
     if not found.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")
     table = tomllib.loads(found.scenario)
-    if (run / COMMANDS).exists():
-        table |= tomllib.loads((run / COMMANDS).read_text())
     scenario = checked.load(Scenario, table)
+    if not scenario.operator.person.is_on:  # a simulated person gives its commands once more
+        scenario = checked.load(Scenario, table | _commands(run, scenario.run.step_s))
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
     with file.open("wb") as stream:
         stream.write(msgpack.packb(checked.plain(briefing)))
@@ -39,3 +47,19 @@ def write_steps(run: Path, file: Path) -> None:
             clock = Clock(workload.step, workload.time_s, workload.step == last)
             reports = [encode_report(report) for report in found.reports.get(workload.step, ())]
             stream.write(msgpack.packb((clock, workload, reports)))
+
+
+def _commands(run: Path, step_s: float) -> dict[str, Any]:
+    """The table `command` of a run: what left the base, or what was given before the run was killed."""
+    if (run / COMMANDS).exists():
+        return tomllib.loads((run / COMMANDS).read_text())
+    given = []
+    if (run / DEEDS).exists():
+        with (run / DEEDS).open(newline="") as stream, contextlib.suppress(ValueError):  # the last row may be cut off
+            for row in csv.DictReader(stream):
+                if row["kind"] == "command":
+                    _, name, (kind, *numbers), arguments, life_s = json.loads(row["detail"] or "")
+                    at_s = float(row["time_s"]) + FIRST_STEP * step_s
+                    target = {"target": kind, "numbers": numbers}
+                    given.append({"at_s": at_s, "name": name, **target, "arguments": arguments, "life_s": life_s})
+    return {"command": given} if given else {}

@@ -13,7 +13,7 @@ import numpy as np
 import tomli_w
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.recording.replay import COMMANDS
+from deltaswarm_orchestrator.recording.replay import COMMANDS, DEEDS
 from deltaswarm_wire import digest
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
@@ -26,7 +26,6 @@ EVENTS_SO_FAR = "world-events.csv"
 """A row for each change of an event, where the world has not come to write `events.csv`."""
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
-DEEDS = "deeds.csv"
 """What the person at the station did, while the run is under way."""
 OPERATOR_TABLE, PROBES = "operator.csv", "probes.csv"
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
