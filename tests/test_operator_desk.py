@@ -32,6 +32,9 @@ def report(agent: int, step: int, *answers: Answer) -> Report:
     return Report(agent, step, step, "root", 1.0, 2.0, 0, (Event(step + 1, 1.0, 1.0),), (), answers)
 
 
+ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
+
+
 def say(desk: Desk, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
     answers = desk.intend(json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
     return [json.loads(answer) for answer in answers]
@@ -146,6 +149,9 @@ def test_another_desk_goes_on_where_one_was_killed(killed_after: int) -> None:
     for step in range(killed_after + 1, 12):
         assert decode_turn(encode_turn(close(other, step, report(1, step)))) == decode_turn(turns[step])
     assert [row[0] for row in other.commander.rows(12.0)] == [row[0] for row in one.commander.rows(12.0)]
+    now, before = shown(other), shown(one)
+    assert [now[field] for field in ON_THE_PAGE] == [before[field] for field in ON_THE_PAGE]
+    assert say(other, "catch_up") == say(one, "catch_up")
 
 
 def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:

@@ -153,17 +153,19 @@ def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path)
 
 
 def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> None:
-    """The pause holds, consent is not asked for again, and the next command has a number of its own."""
+    """The pause holds, consent is not asked for again, what was known is known, and the next command is the next."""
     with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=400")) as (swarm, person):
         person.begin(speed=20.0)
         swarm.wait_until_under_way(ALL)
         assert person.command("hold", arguments={"for_s": 10})["number"] == 0
         person.pause()
+        known = [person.picture[field] for field in ("step", "agents", "events", "unread", "workload")]
         before = swarm.pids["operator"]
         wait_until(lambda: (swarm.part / "operator-state.json").exists(), "the operator's state")
         swarm.signal("operator", signal.SIGKILL)
         wait_until(lambda: swarm.pids.get("operator", before) != before, "a new operator")
-        person.see(lambda picture: picture["step"] >= 0 and picture["pace"] == {"paused": True, "speed": 20.0})
+        person.see(lambda picture: picture["step"] == known[0] and picture["pace"] == {"paused": True, "speed": 20.0})
+        assert [person.picture[field] for field in ("step", "agents", "events", "unread", "workload")] == known
         assert person.picture["probe"] is None
         assert person.command("hold", arguments={"for_s": 10})["number"] == 1
         person.say("pace", speed=0)

@@ -150,19 +150,18 @@ class Desk:
         return bool(self._script) and round(self._script[0].at_s / self._briefing.step_s) <= step
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it.
-
-        The picture is needed only by a simulated person: a human sees it filled by the next reports.
-        """
-        state: dict[str, Any] = {
+        """All that is needed to go on, as JSON has it."""
+        return {
             "commands": self.commander.state(),
             "script": len(self._script),
             "pace": list(self.pace),
             "probes": self.probes.state(),
+            "picture": self.picture.state(),
+            "messages": self._messages,
+            "steps_above": self._steps_above,
+            "history": list(self._history),
+            "person": None if self.person is None else self.person.state(),
         }
-        if self.person is not None:
-            state |= {"person": self.person.state(), "picture": self.picture.state()}
-        return state
 
     def go_on(self, step: int, state: Mapping[str, Any]) -> None:
         """Go on after a step from what another's `state` said."""
@@ -170,7 +169,9 @@ class Desk:
         self.commander.go_on(state["commands"])
         if self.person is not None:
             self.person.go_on(state["person"])
-            self.picture.go_on(state["picture"])
+        self.picture.go_on(state["picture"])
+        self._messages, self._steps_above = state["messages"], list(state["steps_above"])
+        self._history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
         while len(self._script) > state["script"]:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
