@@ -222,6 +222,19 @@ def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) 
         assert swarm.summary()["transport_lost"] == 0
 
 
+def test_a_run_by_nohup_outlives_its_terminal(tmp_path: Path) -> None:
+    """SIGHUP to all of its processes changes nothing; SIGTERM still ends it."""
+    with running(tmp_path / "run", *LONG, inside=["nohup"]) as swarm:
+        swarm.wait_until_under_way()
+        pids = swarm.pids
+        os.killpg(swarm.process.pid, signal.SIGHUP)
+        swarm.wait_for_steps(20)
+        assert swarm.pids == pids
+        swarm.interrupt(signal.SIGTERM)
+        swarm.finish()
+        assert swarm.manifest()["exit_reason"] == "stopped by SIGTERM"
+
+
 def test_a_signal_is_heard_as_soon_as_the_world_listens(tmp_path: Path) -> None:
     """It ends without waiting for agents that nobody starts."""
     scenario = load_scenario("smoke", ["run.start_timeout_s=3600"])

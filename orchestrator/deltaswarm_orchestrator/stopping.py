@@ -23,11 +23,16 @@ class Stop:
         self.by = signal.Signals(number).name
 
 
+def _heeded() -> list[signal.Signals]:
+    """Signals that ask for the end, but for those that are ignored, as SIGHUP is after `nohup`."""
+    return [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
+
+
 @contextmanager
 def stoppable() -> Iterator[Stop]:
     """Ctrl-C, SIGTERM and a closed terminal ask for an orderly end; a second one is not waited for."""
     stop = Stop()
-    before = {number: signal.signal(number, stop) for number in STOP_SIGNALS}
+    before = {number: signal.signal(number, stop) for number in _heeded()}
     try:
         yield stop
     finally:
@@ -42,9 +47,8 @@ def end_at_once_on_signals() -> None:
         os.write(2, f"deltaswarm: stopped by {signal.Signals(number).name}\n".encode())
         os._exit(1)
 
-    for number in STOP_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, end)
+    for number in _heeded():
+        signal.signal(number, end)
 
 
 def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> None:
@@ -54,6 +58,5 @@ def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> N
     """
     if threading.current_thread() is not threading.main_thread():
         return
-    for number in STOP_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, signal.default_int_handler if number in raising else signal.SIG_DFL)
+    for number in _heeded():
+        signal.signal(number, signal.default_int_handler if number in raising else signal.SIG_DFL)
