@@ -32,9 +32,14 @@ class Sent:
     sent_s: float
     answers: dict[int, int] = field(default_factory=dict)
 
-    def count(self, *states: int) -> int:
-        """How many agents told one of these states last."""
-        return sum(state in states for state in self.answers.values())
+    def count(self, state: int) -> int:
+        """How many agents told this state last."""
+        return list(self.answers.values()).count(state)
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many agents know it, have carried it out, and have refused it."""
+        return {"heard": len(self.answers), "done": self.count(DONE), "refused": self.count(REFUSED)}
 
     def state(self, now_s: float) -> str:
         """What has become of it: a fate that the station shows."""
@@ -128,11 +133,10 @@ class Commander:
         rows = []
         for index, sent in [*enumerate(self.sent)][-SHOWN:]:
             command = sent.command
-            counts = [sent.count(HEARD, DONE, REFUSED), sent.count(DONE), sent.count(REFUSED)]
             expires_s = sent.sent_s + command.life_s
             target = [command.target.kind, *command.target.numbers]
             told = [index, command.name, target, command.arguments, sent.sent_s]
-            rows.append([*told, *counts, expires_s, sent.state(now_s)])
+            rows.append([*told, *sent.counts.values(), expires_s, sent.state(now_s)])
         return rows
 
     def fates(self, now_s: float) -> list[dict[str, Any]]:
@@ -143,9 +147,7 @@ class Commander:
                 "name": sent.command.name,
                 "target": str(sent.command.target),
                 "sent_s": sent.sent_s,
-                "heard": sent.count(HEARD, DONE, REFUSED),
-                "done": sent.count(DONE),
-                "refused": sent.count(REFUSED),
+                **sent.counts,
                 "state": sent.state(now_s),
             }
             for sent in self.sent

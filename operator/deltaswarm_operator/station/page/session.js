@@ -1,6 +1,7 @@
 /** What a session asks before it begins, and notes at any time. */
 
-import { button, byId, dialog, element, input, make, setText } from "./dom.js";
+import { button, byId, element, input, make, setText } from "./dom.js";
+import { Question } from "./question.js";
 import { clock } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
@@ -14,8 +15,7 @@ export class SessionPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.dialog = dialog("sheet");
-    this.isSent = false;
+    this.question = new Question(app, "sheet", () => this.open());
     this.text = byId("note-text", HTMLTextAreaElement);
     this.text.value = sessionStorage.getItem(DRAFT) ?? "";
     this.text.addEventListener("input", () => sessionStorage.setItem(DRAFT, this.text.value));
@@ -23,9 +23,7 @@ export class SessionPanel {
       if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) this.note();
     });
     button("note-send").addEventListener("click", () => this.note());
-    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
-    this.dialog.addEventListener("close", () => this.update());
-    this.dialog.addEventListener("input", () => this.check());
+    this.question.dialog.addEventListener("input", () => this.check());
     byId("sheet-form", HTMLFormElement).addEventListener("submit", (event) => {
       event.preventDefault();
       this.begin();
@@ -63,12 +61,7 @@ export class SessionPanel {
   }
 
   update() {
-    const isAsked = this.app.model.picture?.probe?.kind === "sheet";
-    if (!isAsked) this.isSent = false;
-    const isWanted = isAsked && !this.isSent;
-    if (isWanted === this.dialog.open) return;
-    if (isWanted) this.open();
-    else this.dialog.close();
+    this.question.update();
   }
 
   open() {
@@ -79,7 +72,6 @@ export class SessionPanel {
     participant.value ||= sheet?.participant ?? "";
     condition.value ||= sheet?.condition ?? "";
     this.check();
-    this.dialog.showModal();
   }
 
   get hasConsent() {
@@ -95,8 +87,7 @@ export class SessionPanel {
     const [participant, condition] = [input("sheet-participant").value.trim(), input("sheet-condition").value.trim()];
     const isSent = this.app.send({ type: "sheet", participant, condition, consent: true });
     setText(element("sheet-answer"), isSent ? "" : "Not sent: there is no connection. Try again in a moment.");
-    this.isSent = isSent;
-    this.update();
+    this.question.answer(isSent);
   }
 
   /**
@@ -104,9 +95,8 @@ export class SessionPanel {
    * @param {string} why
    */
   reopen(why) {
-    if (!this.isSent) return;
-    this.isSent = false;
-    this.update();
+    if (!this.question.isSent) return;
+    this.question.answer(false);
     setText(element("sheet-answer"), `Not accepted: ${why}.`);
   }
 }

@@ -1,6 +1,7 @@
 /** NASA-TLX at the end of a run: six scales from 0 to 100 by 5; if asked for, which of each pair weighed more. */
 
-import { button, dialog, element, make, setText } from "./dom.js";
+import { button, element, make, setText } from "./dom.js";
+import { Question } from "./question.js";
 
 /** @typedef {import("./types.js").App} App */
 
@@ -41,12 +42,9 @@ export class TlxPanel {
   /** @param {App} app */
   constructor(app) {
     this.app = app;
-    this.dialog = dialog("tlx");
-    this.isSent = false;
+    this.question = new Question(app, "tlx", () => this.open());
     /** @type {{scales: Record<string, number>, pairs: Record<string, string>}} */
     this.answers = { scales: {}, pairs: {} };
-    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
-    this.dialog.addEventListener("close", () => this.update());
     button("tlx-send").addEventListener("click", () => this.send());
   }
 
@@ -55,12 +53,7 @@ export class TlxPanel {
   }
 
   update() {
-    const isAsked = this.app.model.picture?.probe?.kind === "tlx";
-    if (!isAsked) this.isSent = false;
-    const isWanted = isAsked && !this.isSent;
-    if (isWanted === this.dialog.open) return;
-    if (isWanted) this.open();
-    else this.dialog.close();
+    this.question.update();
   }
 
   /** The form, with what was filled in before the page was loaded again. */
@@ -72,7 +65,6 @@ export class TlxPanel {
       ...(this.asksWeights ? PAIRS.map(([first, second]) => this.pair(first, second)) : []),
     );
     this.note();
-    this.dialog.showModal();
   }
 
   /** @param {typeof SCALES[number]} scale */
@@ -156,8 +148,7 @@ export class TlxPanel {
     if (!this.app.send({ type: "tlx", scales, weights }))
       return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
     sessionStorage.removeItem(STORED);
-    this.isSent = true;
-    this.update();
+    this.question.answer(true);
     this.app.say("Thank you: your answers are noted.");
   }
 
@@ -166,10 +157,9 @@ export class TlxPanel {
    * @param {string} why
    */
   reopen(why) {
-    if (!this.isSent) return;
+    if (!this.question.isSent) return;
     sessionStorage.setItem(STORED, JSON.stringify(this.answers));
-    this.isSent = false;
-    this.update();
+    this.question.answer(false);
     setText(element("tlx-missing"), `Not accepted: ${why}.`);
   }
 }

@@ -1,0 +1,38 @@
+/** A dialog that is open while something is asked and no answer was sent; nothing but an answer closes it. */
+
+import { dialog } from "./dom.js";
+
+/** @typedef {import("./types.js").App} App */
+
+export class Question {
+  /**
+   * @param {App} app
+   * @param {"sheet" | "tlx"} kind of the probe, and the dialog's name
+   * @param {() => void} fill prepares the form before it opens
+   */
+  constructor(app, kind, fill) {
+    this.app = app;
+    this.kind = kind;
+    this.fill = fill;
+    this.dialog = dialog(kind);
+    this.isSent = false;
+    this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
+    this.dialog.addEventListener("close", () => this.update());
+  }
+
+  update() {
+    const isAsked = this.app.model.picture?.probe?.kind === this.kind;
+    if (!isAsked) this.isSent = false;
+    const isWanted = isAsked && !this.isSent;
+    if (isWanted === this.dialog.open) return;
+    if (!isWanted) return this.dialog.close();
+    this.fill();
+    this.dialog.showModal();
+  }
+
+  /** @param {boolean} isSent */
+  answer(isSent) {
+    this.isSent = isSent;
+    this.update();
+  }
+}
