@@ -24,6 +24,9 @@ SETTINGS = (
     "run.duration_s=900",
     "radio.loss=0.1",
     "uplink.latency_s=2",
+    "downlink.latency_s=3",
+    'command=[{at_s=100, name="set delta", arguments={delta=1}}, {at_s=400, name="hold", arguments={for_s=40}}]',
+    "operator.person.policy=threshold",
     'fault=[{kind="kill", at_s=130, agents=[1]}, {kind="restart", at_s=110, duration_s=30, agents=[2]},'
     '{kind="sensor-noisy", at_s=300, duration_s=400, noise_m=1.0, miss=0.3, agents=[4]}]',
 )
@@ -107,10 +110,14 @@ def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
     left = {path.name for path in swarm.out.iterdir()}
     assert left == {
         "agents",
+        "commands.toml",
         "events.csv",
         "layout.json",
         "logs",
         "manifest.json",
+        "operator.csv",
+        "operator.toml",
+        "probes.csv",
         "recording.mcap",
         "scenario.toml",
         "series.csv",

@@ -36,6 +36,7 @@ SCRIPT = (
     '{at_s=95, name="resume", target="agent", numbers=[3]},'
     '{at_s=120, name="set delta", target="tree", numbers=[1], arguments={delta=4}, life_s=30}]'
 )
+FAULTS = 'fault=[{kind="freeze", at_s=60, duration_s=40, agents=[2]}, {kind="kill", at_s=200, agents=[4]}]'
 DOWNLINK = ("downlink.loss=0.3", "downlink.latency_s=1.5", "downlink.jitter_s=2", "radio.loss=0.2")
 
 
@@ -102,8 +103,10 @@ def test_scripted_commands_give_one_digest(tmp_path: Path) -> None:
 
 
 def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
-    """40 commands at random, some during the run and more than a turn has room for in one pause."""
-    given = sets("run.duration_s=600", CONSENT, "downlink.range_m=15", "downlink.base_m=[5, 5]", "downlink.loss=0.2")
+    """40 commands at random, more than a turn has room for in one pause, while agents freeze and die."""
+    given = sets(
+        FAULTS, "run.duration_s=600", CONSENT, "downlink.range_m=15", "downlink.base_m=[5, 5]", "downlink.loss=0.2"
+    )
     rng = Random(13)
     numbers = []
     with at_the_station(tmp_path / "person", *given) as (swarm, person):

@@ -272,7 +272,8 @@ class _Run:
                     watch.to_the_end()
                 finally:
                     self._why += watch.why
-                    self._logs += [f"the last lines of the log of {who}:\n{tail}" for who, tail in watch.logs.items()]
+                    tails = [(who, tail) for who, tail in watch.logs.items() if tail.strip()]
+                    self._logs += [f"the last lines of the log of {who}:\n{tail}" for who, tail in tails]
                     self._operator_restarts = watch.operator_restarts
 
     def _conclude(self) -> dict[str, Any]:
