@@ -21,6 +21,7 @@ SHORTER = {
     "bench": "--agents 3 --steps 30",
     "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
     "bench --radio": "--agents 3 --steps 30 --rounds 1",
+    "bench --station": "--agents 3 --steps 40 --rounds 1",
 }
 
 

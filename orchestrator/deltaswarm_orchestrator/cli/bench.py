@@ -29,8 +29,9 @@ def add(command: argparse.ArgumentParser) -> None:
         "--coverage", action="store_true", help="measure how fast a command of the operator spreads, in one process"
     )
     command.add_argument(
-        "--rounds", type=count, default=3, metavar="N", help="with --scale, --radio or --coverage (default: 3)"
+        "--station", action="store_true", help="measure what the operator's station and its pages cost a run"
     )
+    command.add_argument("--rounds", type=count, default=3, metavar="N", help="with one of the four above (default: 3)")
     command.add_argument(
         "--plot", type=Path, metavar="NAME", help="with --scale or --coverage: draw NAME.png, NAME.svg and NAME.pdf"
     )
@@ -57,6 +58,10 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
 
     if arguments.coverage:
         return _coverage(arguments)
+    if arguments.station:
+        from deltaswarm_orchestrator.bench.station_cost import measure_station
+
+        return measure_station(arguments.agents, arguments.steps, arguments.rounds)
     if arguments.radio:
         return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
     if not arguments.scale:

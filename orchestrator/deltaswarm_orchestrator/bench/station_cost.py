@@ -1,0 +1,88 @@
+"""What the operator's station costs a run of processes: steps per second without it, with it, and with pages open."""
+
+import json
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import defaultdict
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import urlsplit
+
+from websockets.client import ClientProtocol
+from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
+from websockets.uri import parse_uri
+
+from deltaswarm_orchestrator.bench.bench import bench_scenario
+from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_orchestrator.run.station import address
+
+ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
+"""How many pages are open at the station; None: there is no station."""
+
+PATIENCE_S = 60.0
+
+
+def measure_station(agents: int, steps: int, rounds: int) -> dict[str, Any]:
+    """Medians over the rounds of steps/s as fast as possible, and of the share lost against the same round's `none`.
+
+    A page is a connection that takes what comes and draws nothing: what is measured is ours, not the browser's.
+    """
+    found: defaultdict[str, list[float]] = defaultdict(list)
+    with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
+        scenario = Path(name) / "bench.toml"
+        scenario.write_text(to_toml(bench_scenario(agents, steps)))
+        for index in range(rounds):
+            for arm, pages in ARMS.items():
+                found[arm].append(_steps_per_s(scenario, Path(name) / f"{arm}-{index}", pages))
+    lost = {arm: [1 - one / plain for one, plain in zip(own, found["none"], strict=True)] for arm, own in found.items()}
+    return {
+        "agents": agents,
+        "steps": steps,
+        "rounds": rounds,
+        "steps_per_s": {arm: median(values) for arm, values in found.items()},
+        "lost_share": {arm: median(values) for arm, values in lost.items() if arm != "none"},
+    }
+
+
+def _steps_per_s(scenario: Path, out: Path, pages: int | None) -> float:
+    command = [sys.executable, "-P", "-m", "deltaswarm_orchestrator", "run", str(scenario), "--out", str(out), "--json"]
+    if pages is not None:
+        command += ["--station", "--speed", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
+        if pages:
+            url = _address(out.with_name(f"{out.name}.part"), run)
+            for _ in range(pages):
+                threading.Thread(target=_look_on, args=(url,), daemon=True).start()
+        printed, _ = run.communicate()
+    summary = json.loads(printed or "{}")
+    if not summary.get("valid"):
+        raise ValueError(f"the measured run must be valid (got {summary.get('invalid_because', 'no summary')})")
+    return float(summary["steps_per_s"])
+
+
+def _address(folder: Path, run: subprocess.Popen[str]) -> str:
+    deadline = time.monotonic() + PATIENCE_S
+    while time.monotonic() < deadline and run.poll() is None:
+        try:
+            if url := address(folder):
+                return url
+        except ValueError:
+            pass  # half of it is written
+        time.sleep(0.02)
+    raise ValueError(f"the station must be there within {PATIENCE_S:.0f} s (got no address)")
+
+
+def _look_on(url: str) -> None:
+    page = urlsplit(url)
+    live = parse_uri(f"ws://{page.netloc}{page.path}live")
+    protocol = ClientProtocol(live, origin=f"http://{page.netloc}", extensions=[ClientPerMessageDeflateFactory()])  # type: ignore[arg-type]
+    protocol.send_request(protocol.connect())
+    with socket.create_connection((page.hostname, page.port)) as link:
+        link.sendall(b"".join(protocol.data_to_send()))
+        while link.recv(1 << 18):
+            pass
