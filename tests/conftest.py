@@ -1,10 +1,18 @@
-"""How properties are searched, what signals do and what is compiled only once, for all tests."""
+"""For all tests: how properties are searched, what signals do, what is compiled once; and a browser for some."""
 
 import os
 import signal
 import sys
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
+import pytest
 from hypothesis import HealthCheck, settings
+
+if TYPE_CHECKING:
+    from selenium.webdriver import Chrome
+
+    from tests.station_page import Page
 
 # The gate tries the same examples each time; with DELTASWARM_EXPLORE=1 others, each time anew. A loaded machine
 # is no failure; a failing example can be pasted from the log.
@@ -30,3 +38,39 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHUP, signal.SIG_DFL)):
     if signal.getsignal(number) is signal.SIG_IGN:
         signal.signal(number, usual)
+
+
+@pytest.fixture(scope="module")
+def driver() -> "Iterator[Chrome]":
+    """One browser for a file's tests; each has a station of its own, and so an origin of its own."""
+    from tests.station_page import start_browser
+
+    made = start_browser()
+    yield made
+    made.quit()
+
+
+@pytest.fixture
+def open_page(driver: "Chrome") -> "Iterator[Callable[..., Page]]":
+    """Opens the page on a swarm; afterwards the browser must have had nothing to complain about."""
+    from tests.station_feed import Feed, Swarm
+    from tests.station_page import Page
+
+    pages: list[Page] = []
+
+    def opened(swarm: Swarm | None = None) -> Page:
+        pages.append(Page(driver, swarm or Swarm(), Feed()))
+        return pages[-1]
+
+    yield opened
+    complaints = driver.get_log("browser")  # type: ignore[no-untyped-call]
+    driver.get("about:blank")
+    for page in pages:
+        page.feed.close()
+    assert complaints == []
+
+
+@pytest.fixture
+def page(open_page: "Callable[..., Page]") -> "Page":
+    """The page on a swarm that is as any."""
+    return open_page()

@@ -4,6 +4,7 @@ import shutil
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from selenium import webdriver
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
@@ -13,6 +14,8 @@ from selenium.webdriver.support.ui import WebDriverWait
 from tests.station_feed import PATIENCE_S, Feed, Message, Player, Swarm
 
 CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+MISSING = "chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
+NEEDS_BROWSER = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=MISSING)]
 
 
 def start_browser() -> webdriver.Chrome:

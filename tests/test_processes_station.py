@@ -265,7 +265,7 @@ def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
     """As far as its recording goes, with what had been reported, and what a person had commanded."""
     steps = tmp_path / "steps.msgpack"
     with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=1000000")) as (swarm, person):
-        person.begin()
+        person.begin(speed=50.0)  # faster, its recording grows as fast as it is read
         assert person.command("hold", "circle", {"for_s": 9}, x_m=5, y_m=6, radius_m=7)["type"] == "accepted"
 
         def is_readable() -> bool:
