@@ -28,6 +28,12 @@ def start_browser() -> webdriver.Chrome:
     return webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
 
 
+DRAWN = (
+    "requestAnimationFrame(() => requestAnimationFrame(() => arguments[0](document.querySelector('#map').toDataURL())))"
+)
+"""A script that calls back with the map's picture, once it is painted."""
+
+
 class Page:
     """The page as a person has it, and the operator behind it."""
 
@@ -58,6 +64,10 @@ class Page:
         """The texts of all elements, at one moment."""
         script = "return [...document.querySelectorAll(arguments[0])].map((found) => found.textContent)"
         return list(self.driver.execute_script(script, selector))  # type: ignore[no-untyped-call]
+
+    def drawn(self) -> str:
+        """The map as it is painted."""
+        return str(self.driver.execute_async_script(DRAWN))
 
     def press(self, *keys: str) -> None:
         """Keys, to whatever has the focus."""

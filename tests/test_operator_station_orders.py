@@ -8,9 +8,6 @@ from selenium.webdriver.support.ui import Select
 from tests.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
-DRAWN = (
-    "requestAnimationFrame(() => requestAnimationFrame(() => arguments[0](document.querySelector('#map').toDataURL())))"
-)
 
 
 def test_a_command_by_mouse(page: Page) -> None:
@@ -31,7 +28,8 @@ def test_a_command_by_mouse(page: Page) -> None:
     page.until(lambda: "heard by nobody yet" in page.text("fates"))
     page.player.swarm.commands[0][5:10] = [4, 3, 1, 160.0, "done"]
     page.player.show(102.0)
-    page.until(lambda: "heard by 4, refused by 1done by 3" in page.text("fates"))
+    page.until(lambda: "heard by 4, refused by 1;" in page.text("fates"))
+    assert page.text("fates").endswith("done by 3")
 
 
 def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
@@ -41,7 +39,7 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
         order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent"]
         page.player.show(100.0, commands=[order])
         page.until(lambda: page.text("fates").startswith("0 · hold"))
-        return str(page.driver.execute_async_script(DRAWN))
+        return page.drawn()
 
     assert drawn(200.0) != drawn(95.0)
 
@@ -106,6 +104,16 @@ def test_shortcuts_work_in_a_list_of_options(page: Page) -> None:
     assert page.at("note-text").get_property("value") == "p"
     page.press(Keys.ESCAPE, "p")
     assert page.asked("pace") == {"type": "pace", "paused": True}
+
+
+def test_a_place_outside_the_arena_is_not_sent(page: Page) -> None:
+    """As when a comma was typed for a point."""
+    Select(page.at("command-name")).select_by_value("attend a place")
+    page.at("command-x").send_keys("505")
+    page.at("command-y").send_keys("50")
+    page.at("command-send").click()
+    page.until(lambda: "505" in page.text("command-answer"))
+    assert not any(intent["type"] == "command" for intent in page.player.intents)
 
 
 def test_an_order_that_is_refused_says_why(page: Page) -> None:

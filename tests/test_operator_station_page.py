@@ -263,10 +263,20 @@ def test_every_panel_fits_on_the_screens_it_is_made_for(page: Page) -> None:
     page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
+def test_the_map_stays_as_it_was_moved(page: Page) -> None:
+    """The run's description comes again each second; only that of another run shows all of its arena."""
+    whole = page.drawn()
+    page.at("map-in").click()
+    near = page.drawn()
+    page.feed.send(page.player.swarm.hello(title="once more"))
+    page.until(lambda: page.text("title") == "once more")
+    assert page.drawn() == near != whole
+
+
 def test_the_end_of_the_run_is_told(page: Page) -> None:
     """The last picture stays."""
     page.feed.hang_up()
-    page.until(lambda: page.text("status") == "the run has ended")
+    page.until(lambda: page.text("status").startswith("the run has ended"))
     assert page.feed.process.wait(PATIENCE_S) == 0
     assert page.text("time") == "1:40"
     page.at("pause").click()

@@ -45,9 +45,9 @@ class Sent:
         """What has become of it: a fate that the station shows."""
         if self.count(DONE):
             return CARRIED_OUT
-        if now_s > self.sent_s + self.command.life_s:
-            return EXPIRED
-        return KNOWN if self.answers else SENT
+        if self.answers:
+            return KNOWN  # an agent may still be at it, or tell of it later
+        return EXPIRED if now_s > self.sent_s + self.command.life_s else SENT
 
 
 def _number(sent: Sent) -> int:

@@ -22,18 +22,18 @@ FORMS = (
         SET_DELTA,
         ANYBODY,
         (ArgumentForm("delta", "integer", 1, 1000, default=3, help="events sensed at once that make an agent a root"),),
-        "How many events sensed at once make an agent a root. More is less centralised. Refused but in hybrid control.",
+        "How many events sensed at once make an agent a root. More is less centralised. For hybrid control only.",
     ),
     CommandForm(
         RECALL,
         (TREE,),
-        (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="found no new tree for so long"),),
+        (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="they found no tree for this long"),),
         "Dissolve a tree: its root gives up, and its members go their own ways. Refused by agents outside any tree.",
     ),
     CommandForm(
         ATTEND,
         (PLACE,),
-        (ArgumentForm("within_m", "number", 1, 1000, default=20, unit="m", help="free agents up to here from it go"),),
+        (ArgumentForm("within_m", "number", 1, 1000, default=20, unit="m", help="free agents within this range go"),),
         "Send the free agents near a place to it. All others refuse.",
     ),
     CommandForm(

@@ -11,6 +11,8 @@ import { aim, argument as said, clock, fate, order } from "./words.js";
 
 /** @type {Record<TargetKind, string>} */
 const KINDS = { all: "all agents", circle: "a circle", tree: "a tree", agent: "one agent", place: "a place" };
+/** A second click so soon is the first one again. */
+const TWICE_MS = 500;
 const FIELDS = { x: "command-x", y: "command-y", radius: "command-radius" };
 
 export class CommandPanel {
@@ -25,6 +27,10 @@ export class CommandPanel {
     this.sent = 0;
     /** @type {Map<string, string>} words of each order that was sent and not answered yet */
     this.waiting = new Map();
+    /** @type {Map<string, Record<string, string | number>>} what was last given to each order */
+    this.given = new Map();
+    this.tookEvent = -1;
+    this.sentAt_ms = -Infinity;
     this.name.addEventListener("change", () => {
       this.answer("");
       this.show();
@@ -93,7 +99,11 @@ export class CommandPanel {
       }),
     );
     element("command-target").hidden = targets.length === 1 && targets[0] === "all";
-    element("command-arguments").replaceChildren(...(command?.arguments ?? []).map(field));
+    const given = this.given.get(command?.name ?? "") ?? {};
+    element("command-arguments").replaceChildren(
+      ...(command?.arguments ?? []).map((argument, at) => field(argument, at, given[argument.name])),
+    );
+    this.tree.value = this.agent.value = "";
     this.aim();
   }
 
@@ -117,8 +127,7 @@ export class CommandPanel {
         };
     const { selection } = this.app;
     if (selection?.kind === "agent") this.take(selection.id);
-    if (selection?.kind === "event" && input(FIELDS.x).value === "" && input(FIELDS.y).value === "")
-      this.takeEvent(selection.id);
+    if (selection?.kind === "event" && selection.id !== this.tookEvent) this.takeEvent(selection.id);
     this.app.redraw();
   }
 
@@ -148,7 +157,9 @@ export class CommandPanel {
    */
   takeEvent(id) {
     const found = this.app.model.events.find((event) => event[0] === id);
-    if (found && (this.kind === "place" || this.kind === "circle")) this.put({ x: found[1], y: found[2] });
+    if (!found || (this.kind !== "place" && this.kind !== "circle")) return;
+    this.tookEvent = id;
+    this.put({ x: found[1], y: found[2] });
   }
 
   /** As much of the target as is filled in. */
@@ -162,9 +173,21 @@ export class CommandPanel {
     return kind === "circle" ? { ...place, radius_m: number(FIELDS.radius) } : kind === "place" ? place : {};
   }
 
+  /** @param {ReturnType<import("./types.js").Pick["target"]>} target */
+  checkPlace({ x_m, y_m, radius_m }) {
+    const [width_m = Infinity, height_m = Infinity] = this.app.model.hello?.arena_m ?? [];
+    for (const [name, value, high] of /** @type {const} */ ([
+      ["x", x_m, width_m],
+      ["y", y_m, height_m],
+    ]))
+      if (value !== undefined && !(value >= 0 && value <= high))
+        throw new Error(`${name} must be from 0 to ${high} m (got ${value})`);
+    if (radius_m !== undefined && !(radius_m > 0)) throw new Error(`the radius must be above 0 m (got ${radius_m})`);
+  }
+
   submit() {
     const { command, kind } = this;
-    if (!command) return;
+    if (!command || performance.now() - this.sentAt_ms < TWICE_MS) return;
     try {
       const target = this.half();
       if (Object.values(target).some((value) => value === undefined || Number.isNaN(value)))
@@ -173,7 +196,10 @@ export class CommandPanel {
             ? `choose ${KINDS[kind]} first`
             : "fill in the place, or click on the map",
         );
+      this.checkPlace(target);
       const values = Object.fromEntries(command.arguments.map((argument, at) => [argument.name, read(argument, at)]));
+      this.given.set(command.name, values);
+      this.sentAt_ms = performance.now();
       this.sent += 1;
       const id = `c${Date.now().toString(36)}-${this.sent}`;
       this.waiting.set(id, command.name);
@@ -230,7 +256,7 @@ export class CommandPanel {
   }
 
   update() {
-    const { picture } = this.app.model;
+    const { hello, picture, now_s } = this.app.model;
     button("command-send").disabled = Boolean(picture?.over);
     if (picture?.over && !this.form.hidden) this.answer("The run is over: it takes no more orders.");
     this.lists();
@@ -246,8 +272,9 @@ export class CommandPanel {
         const [title, what, state] = line.children;
         if (!title || !what || !state) return;
         setText(title, `${row[0]} · ${order(row)}`);
-        setText(what, `to ${aim(row[2])}, sent ${clock(row[4])}: ${fate(row)}`);
-        setText(state, row[9] === "done" ? `done by ${row[6]}` : row[9]);
+        setText(what, `to ${aim(row[2])}, sent ${clock(row[4])}: ${fate(row, now_s)}`);
+        const all = row[2][0] === "all" && hello?.agents ? ` of ${hello.agents}` : "";
+        setText(state, row[9] === "done" ? `done by ${row[6]}${all}` : row[9]);
       },
     );
     element("fates-none").hidden = rows.length > 0;
@@ -257,8 +284,9 @@ export class CommandPanel {
 /**
  * @param {Argument} argument
  * @param {number} at
+ * @param {string | number} [given] what was last given
  */
-function field(argument, at) {
+function field(argument, at, given = argument.default) {
   const id = `argument-${at}`;
   const [bare, unit] = said(argument.name, argument.unit);
   const words = unit ? `${bare} [${unit}]` : bare;
@@ -277,7 +305,7 @@ function field(argument, at) {
     if (argument.low !== undefined) made.min = String(argument.low);
     if (argument.high !== undefined) made.max = String(argument.high);
   }
-  if (argument.default !== undefined) made.value = String(argument.default);
+  if (given !== undefined) made.value = String(given);
   return make("label", {}, words, made, make("small", {}, argument.help ?? ""));
 }
 

@@ -68,12 +68,17 @@ export class InboxPanel {
       },
     );
     if (!this.list.querySelector('[tabindex="0"]')) this.list.querySelector("li")?.setAttribute("tabindex", "0");
+    button("inbox-all-read").hidden = model.hello?.kind !== "live";
     const unread = model.picture?.unread ?? 0;
     setText(element("inbox-count"), unread ? `${unread} unread` : "all read");
     const hidden = wanted.length - MAX_SHOWN;
     setText(
       element("inbox-note"),
-      hidden > 0 ? `${hidden} more are not shown; filter to see them.` : wanted.length ? "" : "No messages.",
+      hidden > 0
+        ? `${hidden} more are not listed. Filter or sort for others, or select an agent and show its messages alone.`
+        : wanted.length
+          ? ""
+          : "No messages.",
     );
     document.title = `${unread ? `(${unread}) ` : ""}${model.hello?.title ?? "station"}`;
   }
@@ -95,7 +100,7 @@ export class InboxPanel {
       read.add(item[0]);
       this.update();
     }
-    this.app.select({ kind: "agent", id: item[2] }, true);
+    this.app.select({ kind: "agent", id: item[2] }, true, false);
     this.focus(row);
   }
 
@@ -156,6 +161,6 @@ function create(item) {
     make("time", {}, clock(item[1])),
     agent,
     make("span", { class: "what" }, message(item)),
-    make("span", { class: "state" }),
+    make("span", { class: "state", title: "It names an event or a root that was not known before." }),
   );
 }

@@ -1,6 +1,6 @@
 /** The question of how busy a person is right now (ISA): five buttons, or the keys 1 to 5, until its time is up. */
 
-import { byId, element, make, setText } from "./dom.js";
+import { byId, dialog, element, make, setText } from "./dom.js";
 
 /** @typedef {import("./types.js").App} App */
 
@@ -41,10 +41,15 @@ export class IsaPanel {
 
   update() {
     const probe = this.app.model.picture?.probe;
+    const { number: before } = this;
     const asked = probe?.kind === "isa" && probe.number !== this.answered ? probe : null;
     this.where.hidden = asked === null;
     this.number = asked?.number ?? null;
+    if (before !== null && before !== this.number && before !== this.answered)
+      this.app.say(`Question ${before + 1} was not answered in time.`);
     if (!asked) return;
+    if (before !== this.number) dialog("help").close();
+    setText(element("isa-title"), `How busy are you right now? (question ${asked.number + 1})`);
     byId("isa-left", HTMLProgressElement).value = asked.left_s;
     setText(element("isa-seconds"), `${Math.ceil(asked.left_s)} s left`);
   }

@@ -51,7 +51,7 @@ export class KnowledgePanel {
         words: aboutAgent(agent, model),
       })),
     );
-    const sorted = [...events].sort((a, b) => b[4] - a[4] || a[0] - b[0]);
+    const sorted = [...events].sort((a, b) => a[3] - b[3] || a[0] - b[0]);
     this.fill(
       this.events,
       "event",

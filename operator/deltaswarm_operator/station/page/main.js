@@ -36,11 +36,11 @@ const app = {
     window.clearTimeout(saidTimer);
     saidTimer = window.setTimeout(() => setText(element("said"), ""), SAID_MS);
   },
-  select(selection, reveal = false) {
+  select(selection, reveal = false, forOrder = true) {
     app.selection = selection;
     if (selection && reveal) map.reveal(selection);
-    if (selection?.kind === "agent") app.pick?.agent(selection.id);
-    if (selection?.kind === "event") app.pick?.event(selection.id);
+    if (forOrder && selection?.kind === "agent") app.pick?.agent(selection.id);
+    if (forOrder && selection?.kind === "event") app.pick?.event(selection.id);
     map.tell();
     map.redraw();
     knowledge.update();
@@ -124,7 +124,7 @@ function showStatus() {
   const isSilent = performance.now() - heardAt_ms > SILENT_MS;
   let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
   if (!picture) [state, words] = ["silent", "waiting for the run"];
-  if (link.hasEnded) [state, words] = ["ended", "the run has ended"];
+  if (link.hasEnded) [state, words] = ["ended", "the run has ended; this page may be closed"];
   else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", "the run is over"];
   else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
   else if (picture?.over) [state, words] = ["ended", "the run is over"];

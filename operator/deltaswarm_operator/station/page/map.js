@@ -35,6 +35,7 @@ export class MapPanel {
     this.legendOf = "";
     /** what kind of view it is: the truth needs no heat map, so that it is off there until it is asked for */
     this.kind = "";
+    this.arenaOf = "";
     this.layers = { heat: input("layer-heat"), labels: input("layer-labels"), trees: input("layer-trees") };
     for (const box of Object.values(this.layers)) box.addEventListener("change", () => this.redraw());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
@@ -83,7 +84,9 @@ export class MapPanel {
     this.heat.start(hello.run, hello.arena_m);
     if (hello.kind !== this.kind) this.layers.heat.checked = hello.kind !== "researcher";
     this.kind = hello.kind;
-    this.fit();
+    const arena = JSON.stringify([hello.run, hello.arena_m, hello.base_m]);
+    if (arena !== this.arenaOf) this.fit();
+    this.arenaOf = arena;
   }
 
   fit() {
@@ -264,8 +267,13 @@ export class MapPanel {
     if (!about && pick && pick !== "all") return setText(this.info, "Click on an agent on the map to choose.");
     const agent = about?.kind === "agent" ? model.agents.find((row) => row[0] === about.id) : undefined;
     const event = about?.kind === "event" ? model.events.find((row) => row[0] === about.id) : undefined;
-    if (agent) setText(this.info, `Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
-    else if (event) setText(this.info, `Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
+    const isOther = about?.kind !== selection?.kind || about?.id !== selection?.id;
+    const where = selection && isOther ? "At the pointer: " : "";
+    if (agent)
+      setText(this.info, `${where}Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
+    else if (event)
+      setText(this.info, `${where}Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
+    else if (about?.kind === "event") setText(this.info, `Event ${about.id} is no longer reported.`);
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
@@ -313,7 +321,7 @@ export class MapPanel {
         on.strokeRect(2.5, 3.5, 15, 13);
       }),
     );
-    element("heat-legend").replaceChildren(make("span", {}, "last word from there within"), ...bands);
+    element("heat-legend").replaceChildren(make("span", {}, "last heard from within"), ...bands);
   }
 }
 

@@ -10,6 +10,8 @@
 
 const MAX_INBOX = 1000;
 const MAX_HISTORY = 1200;
+/** Further than this the time of a replay goes only by a jump. */
+const JUMP_S = 60;
 
 export class Model {
   constructor() {
@@ -79,6 +81,10 @@ export class Model {
       if (!this.eventNumbers.has(id)) this.eventNumbers.set(id, this.eventNumbers.size + 1);
     const { workload, time_s } = this.picture;
     const last = this.history[this.history.length - 1];
+    if (picture.replay && last && time_s - last[0] > JUMP_S) {
+      this.history = [];
+      this.isCaughtUp = false;
+    }
     if (workload && (!last || last[0] < time_s)) this.history.push([time_s, workload.rate_1s_hz, workload.rate_60s_hz]);
     if (this.history.length > MAX_HISTORY) this.history.splice(0, this.history.length - MAX_HISTORY);
     const items = picture.inbox ?? [];

@@ -8,6 +8,7 @@ import { clock, number, speed } from "./words.js";
 const SEEK_EVERY_MS = 100;
 const JUMP_S = 10;
 const REACHED_OVER_MS = 5000;
+const ASKED_FOR_MS = 1000;
 
 export class PacePanel {
   /** @param {App} app */
@@ -21,6 +22,9 @@ export class PacePanel {
     /** @type {[number, number][]} wall time [ms] and time of the run [s] of the newest pictures */
     this.passed = [];
     this.reachedOf = "";
+    /** the speed that was asked for last: the next key may come before the picture that has it */
+    this.asked = 1;
+    this.askedAt_ms = -Infinity;
     this.pause.addEventListener("click", () => this.toggle());
     button("step").addEventListener("click", () => this.step());
     let byPointer = false;
@@ -46,7 +50,7 @@ export class PacePanel {
   }
 
   step() {
-    this.app.send({ type: "pace", steps: 1 });
+    this.app.send({ type: "pace", steps: this.state.speed < 0 ? -1 : 1 });
   }
 
   /**
@@ -55,8 +59,11 @@ export class PacePanel {
    */
   shift(by) {
     const speeds = [...(this.app.model.hello?.speeds ?? [])].sort((a, b) => (a || Infinity) - (b || Infinity));
-    const next = speeds[speeds.indexOf(this.state.speed) + by];
-    if (next !== undefined && speeds.includes(this.state.speed)) this.app.send({ type: "pace", speed: next });
+    const now_ms = performance.now();
+    const from = now_ms - this.askedAt_ms < ASKED_FOR_MS ? this.asked : this.state.speed;
+    const next = speeds[speeds.indexOf(from) + by];
+    if (next === undefined || !speeds.includes(from) || !this.app.send({ type: "pace", speed: next })) return;
+    [this.asked, this.askedAt_ms] = [next, now_ms];
   }
 
   /** @param {number} time_s */

@@ -147,7 +147,7 @@ export interface App {
   pick: Pick | null;
   send(intent: Intent): boolean;
   say(text: string): void;
-  select(selection: Selection | null, reveal?: boolean): void;
+  select(selection: Selection | null, reveal?: boolean, forOrder?: boolean): void;
   redraw(): void;
 }
 

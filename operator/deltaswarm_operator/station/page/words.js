@@ -91,7 +91,7 @@ export function seen(agent, now_s) {
  */
 export function reported([, , , first_s, seen_s, by], now_s) {
   const who = by >= 0 ? ` by agent ${by}` : "";
-  return `known since ${clock(first_s)}, reported ${ago(now_s - seen_s)}${who}`;
+  return `known for ${age(now_s - first_s)}, reported ${ago(now_s - seen_s)}${who}`;
 }
 
 /**
@@ -102,7 +102,9 @@ export const place = (x_m, y_m) => `(${number(x_m)}, ${number(y_m)}) m`;
 
 /** @param {InboxRow} item */
 export function message([, , , role, followers, events]) {
-  const what = events.length ? `${events.length > 1 ? "events" : "event"} ${events.join(", ")}` : "no event";
+  const what = events.length
+    ? `${events.length > 1 ? "events" : "event"} ${[...events].sort((a, b) => a - b).join(", ")}`
+    : "no event";
   const who = followers > 0 ? `${role}, ${count(followers, "follower")}` : role;
   return who ? `${who}: ${what}` : what;
 }
@@ -159,11 +161,15 @@ export function order([, name, , values]) {
   return given.length ? `${name} ${given.join(", ")}` : name;
 }
 
-/** @param {CommandRow} command */
-export function fate([, , , , , heard, done, refused, , state]) {
+/**
+ * What became of an order, and until when agents pass it on and begin it.
+ * @param {CommandRow} command
+ * @param {number} now_s
+ */
+export function fate([, , , , , heard, done, refused, expires_s, state], now_s) {
   const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
   if (done && state !== "done") parts.push(`done by ${done}`);
   if (refused) parts.push(`refused by ${refused}`);
-  if (state === "expired") return heard ? `${parts.join(", ")}; expired` : "expired, heard by nobody";
-  return parts.join(", ");
+  if (state === "expired") return "heard by nobody in time";
+  return now_s < expires_s ? `${parts.join(", ")}; passed on until ${clock(expires_s)}` : parts.join(", ");
 }
