@@ -1,5 +1,6 @@
 """Worker processes: what they give back, what happens when they are killed, and that none is left."""
 
+import contextlib
 import json
 import os
 import re
@@ -53,9 +54,10 @@ def killing(pids: Callable[[], list[int]], times: int) -> Iterator[list[int]]:
 
     def kill() -> None:
         while not ended.wait(0.02) and len(killed) < times:
-            for pid in [pid for pid in pids() if pid not in killed][:1]:
-                killed.append(pid)
-                os.kill(pid, signal.SIGKILL)
+            with contextlib.suppress(OSError):  # a process may end while it is looked at
+                for pid in [pid for pid in pids() if pid not in killed][:1]:
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
 
     thread = threading.Thread(target=kill)
     thread.start()
