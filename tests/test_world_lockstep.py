@@ -149,6 +149,19 @@ def test_a_board_may_answer_each_knock() -> None:
     assert not lockstep.may_speak(1)
 
 
+def test_who_closes_a_step_owes_nothing_of_before() -> None:
+    """A process that was started anew never answers for the one before it, and may say no more than others for that."""
+    lockstep = LockStep([0, 1], [1])
+    for step in range(3):
+        begin(lockstep, step)
+        lockstep.gone(1)
+        lockstep.back(1)
+    begin(lockstep, 3)
+    assert lockstep.close(1, 3)
+    assert not lockstep.may_speak(1)
+    assert not lockstep.answer_late(1, 0)
+
+
 @pytest.mark.parametrize("steps_away", [0, 1, 5])
 @pytest.mark.parametrize("hung", [False, True])
 def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away: int, hung: bool) -> None:

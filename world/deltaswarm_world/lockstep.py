@@ -109,6 +109,7 @@ class LockStep:
         """Take an act; return whether it closes the agent's step."""
         if agent in self.waiting and step == self.step:
             self.waiting.discard(agent)
+            self._answers_due.pop(agent, None)  # it answers in order: what is still due was lost
             return True
         return False
 
