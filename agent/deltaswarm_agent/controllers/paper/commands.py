@@ -27,7 +27,7 @@ FORMS = (
     CommandForm(
         RECALL,
         (TREE,),
-        (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="they found no tree for this long"),),
+        (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="they start no tree for this long"),),
         "Dissolve a tree: its root gives up, and its members go their own ways. Refused by agents outside any tree.",
     ),
     CommandForm(

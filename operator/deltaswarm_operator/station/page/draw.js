@@ -259,12 +259,12 @@ function picked(on, view, { pick, model }, hasFocus) {
  * @param {App} app
  */
 function ordered(on, view, { model }) {
-  on.strokeStyle = inks().accent;
-  on.lineWidth = 1.5;
   for (const [order, name, [kind, x_m = 0, y_m = 0, radius_m = 0], , , , , , expires_s] of model.picture?.commands ??
     []) {
     if (expires_s < model.now_s || (kind !== "place" && kind !== "circle")) continue;
     const [x, y] = view.toScreen(x_m, y_m);
+    on.strokeStyle = inks().accent;
+    on.lineWidth = 1.5;
     cross(on, x, y, 6);
     on.setLineDash([4, 4]);
     on.beginPath();
@@ -272,8 +272,6 @@ function ordered(on, view, { model }) {
     on.stroke();
     on.setLineDash([]);
     label(on, `${order} · ${name}`, x, y - 12);
-    on.strokeStyle = inks().accent;
-    on.lineWidth = 1.5;
   }
 }
 
