@@ -8,7 +8,8 @@ from typing import Any
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
-from deltaswarm_orchestrator.recording.recorder import RECORDING, Recorder
+from deltaswarm_orchestrator.recording.names import RECORDING
+from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload

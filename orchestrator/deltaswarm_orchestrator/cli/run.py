@@ -4,6 +4,7 @@ import argparse
 import json
 import sys
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -224,8 +225,8 @@ def _default_folder(scenario: Scenario) -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     mode = scenario.control.mode.replace(":", "-")
     base = Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}"
-    numbered = (base.with_name(f"{base.name}-{number}") for number in range(2, 10_000))
-    free = (p for p in (base, *numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
+    numbered = (base.with_name(f"{base.name}-{number}") for number in count(2))
+    free = (p for p in chain([base], numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
     return next(free)
 
 

@@ -40,7 +40,6 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
-    from deltaswarm_orchestrator.studies.page import write_index
     from deltaswarm_orchestrator.studies.plan import plan
     from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
@@ -68,6 +67,8 @@ def study(arguments: argparse.Namespace) -> int:
         codes.append(code)
         told.append(found)
     if is_collection and told:
+        from deltaswarm_orchestrator.studies.page import write_index  # with Matplotlib, which a plan need not wait for
+
         index = write_index(arguments.study, studies, out)
         print(f"{arguments.study}: {index}", file=sys.stderr)
     if arguments.json:

@@ -19,6 +19,7 @@ from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
+from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.recording.records import records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
@@ -35,7 +36,6 @@ from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 
-RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
 SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 
 CHUNK_BYTES = 256 * 1024

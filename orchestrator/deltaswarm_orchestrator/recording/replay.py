@@ -9,6 +9,7 @@ from typing import Any
 
 import msgpack
 
+from deltaswarm_orchestrator.recording.names import COMMANDS, DEEDS
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_wire import checked
@@ -17,12 +18,6 @@ from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_downlink import FIRST_STEP
-
-COMMANDS = "commands.toml"
-"""The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
-
-DEEDS = "deeds.csv"
-"""What the person at the station does, row by row while the run is under way."""
 
 
 def write_steps(run: Path, file: Path) -> None:

@@ -20,7 +20,6 @@ from deltaswarm_orchestrator.run import results, resume
 from deltaswarm_orchestrator.run.feed import ResearcherFeed
 from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
-from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.run.live_socket import LiveSocket
 from deltaswarm_orchestrator.run.observer import Observer
@@ -209,6 +208,8 @@ class _Run:
                 self._try_processes(recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
+        from deltaswarm_orchestrator.run.in_process import run_in_process  # with numpy, for which other runs would wait
+
         self._outcome = run_in_process(self._scenario, sink, self._reporter, lambda: self._stop.by)
         self._why += self._outcome.messages
 

@@ -7,13 +7,13 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from statistics import fmean, median
 from typing import Any, TypeVar
 
-import numpy as np
 import tomli_w
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.recording.replay import COMMANDS, DEEDS
+from deltaswarm_orchestrator.recording.names import COMMANDS, DEEDS
 from deltaswarm_wire import digest
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
@@ -26,7 +26,8 @@ EVENTS_SO_FAR = "world-events.csv"
 """A row for each change of an event, where the world has not come to write `events.csv`."""
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
-"""What the person at the station did, while the run is under way."""
+"""What world and operator leave for the tables of a run."""
+
 OPERATOR_TABLE, PROBES = "operator.csv", "probes.csv"
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, by the name that they have in `Workload`."""
@@ -189,7 +190,7 @@ def metrics(outcome: Outcome, step_s: float) -> dict[str, Any]:
     return {
         "waiting_time_s": {
             "mean": _mean(waits),
-            "median": float(np.median(waits)) if waits else None,
+            "median": float(median(waits)) if waits else None,
             "n": len(waits),
             "never_sensed": len(unsensed),
             "mean_with_never_sensed": _mean(waits + unsensed),
@@ -225,7 +226,7 @@ def metrics(outcome: Outcome, step_s: float) -> dict[str, Any]:
 
 
 def _mean(values: Sequence[float]) -> float | None:
-    return float(np.mean(values)) if len(values) else None
+    return fmean(values) if values else None
 
 
 def _rate(counts: Sequence[int], step_s: float) -> float | None:

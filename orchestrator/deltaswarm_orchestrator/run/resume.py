@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.recording.recorder import PART, RECORDING, WIRE
+from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.run.folder import FolderError
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.plugins import source_digest
