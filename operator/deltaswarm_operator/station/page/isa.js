@@ -46,11 +46,15 @@ export class IsaPanel {
     this.where.hidden = asked === null;
     this.number = asked?.number ?? null;
     if (before !== null && before !== this.number && before !== this.answered)
-      this.app.say(`Question ${before + 1} was not answered in time.`);
+      this.app.say(`Question ${before + 1} is closed without an answer from this page.`);
     if (!asked) return;
-    if (before !== this.number) dialog("help").close();
+    const left = byId("isa-left", HTMLProgressElement);
+    if (before !== this.number) {
+      dialog("help").close();
+      left.max = asked.left_s;
+    }
     setText(element("isa-title"), `How busy are you right now? (question ${asked.number + 1})`);
-    byId("isa-left", HTMLProgressElement).value = asked.left_s;
+    left.value = asked.left_s;
     setText(element("isa-seconds"), `${Math.ceil(asked.left_s)} s left`);
   }
 
