@@ -14,6 +14,8 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.run import launch
+from deltaswarm_orchestrator.run.fork_server import kill_fork_server
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
@@ -253,7 +255,7 @@ def test_a_signal_is_heard_as_soon_as_the_world_listens(tmp_path: Path) -> None:
 
 def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
     """The world does not wait for ever: it says for whom it waited, and ends."""
-    scenario = load_scenario("smoke", ["run.start_timeout_s=2", "record=off"])
+    scenario = load_scenario("smoke", ["run.start_timeout_s=10", "record=off"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     with Swarm(scenario, "incomplete", tmp_path) as swarm:
         swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
@@ -262,10 +264,23 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
             swarm.start_agents([0, 1, 2, 4])
             wait_until(lambda: swarm.part(WORLD).exit_code is not None, "the world's end")
         assert swarm.part(WORLD).exit_code == 1
-        (said,) = [line for line in swarm.part(WORLD).log_tail().splitlines() if " 2 s (missing: " in line]
+        (said,) = [line for line in swarm.part(WORLD).log_tail().splitlines() if " 10 s (missing: " in line]
         assert {"agent 3", "agent 5"} <= set(said.partition("missing: ")[2].rstrip(")").split(", "))
         pids = {part.name: part.pid for part in swarm.parts}
     all_gone(pids)
+
+
+def test_slow_imports_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """They do not count as time to come up: the fork server is not killed while it is at them."""
+    (tmp_path / "slow_to_import.py").write_text("import time\ntime.sleep(2)\n")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(launch, "PRELOADED", ["slow_to_import", *launch.PRELOADED])
+    kill_fork_server()
+    scenario = load_scenario("smoke", ["run.start_timeout_s=1", "record=off"])
+    (tmp_path / "scenario.toml").write_text(to_toml(scenario))
+    with Swarm(scenario, "slow", tmp_path) as swarm:
+        swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+        assert swarm.endpoints
 
 
 def test_a_world_that_cannot_listen_says_so(tmp_path: Path) -> None:

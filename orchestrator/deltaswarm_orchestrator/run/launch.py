@@ -264,7 +264,7 @@ class Swarm:
     @contextmanager
     def _impatience(self) -> Iterator[None]:
         """A fork server that has been stopped answers to nobody, and is waited for without end."""
-        timer = threading.Timer(self._scenario.run.start_timeout_s, kill_fork_server)
+        timer = threading.Timer(self._scenario.run.start_timeout_s + PYTHON_S, kill_fork_server)
         timer.daemon = True
         timer.start()
         try:
