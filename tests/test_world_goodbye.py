@@ -1,4 +1,4 @@
-"""An operator that is killed between the last step and its word that it has it: another one gets what is missing."""
+"""The last step, whoever is killed, gone or far behind when it comes: all have it, or it is on file."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,16 +7,18 @@ from typing import Any, cast
 import pytest
 
 from deltaswarm_orchestrator.run.scenario import load_scenario
-from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import ClosedStep
+from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.process import WorldProcess
 from deltaswarm_world.saving import SavedWorld
 from deltaswarm_world.waker import Taken, Token, Waker
 from deltaswarm_world.wires import Wires
 
 LAST = 3
+AGENTS = [Token(AGENT, agent, True) for agent in range(6)]
 
 
 class Fabric:
@@ -27,6 +29,7 @@ class Fabric:
         self.deadline = float("inf")
         self.stop_requested = False
         self.clocks: list[bytes] = []
+        self.truths: list[bytes] = []
         self.has_left = False
         self._batches = iter(batches)
 
@@ -45,12 +48,26 @@ class Fabric:
         """A step is handed on."""
         self.clocks.append(data)
 
+    def frames(self, frames: Any) -> None:
+        """Nobody answers."""
+
+    def take_waiting(self, taker: Any) -> None:
+        """Nobody was late."""
+
+    def truth(self, data: bytes) -> None:
+        """A step is told to the recorder."""
+        self.truths.append(data)
+
     def status(self, status: Any) -> None:
         """Nobody watches."""
 
     def leave(self) -> None:
         """The world's token goes."""
         self.has_left = True
+
+    def stop(self) -> None:
+        """As after a signal, once its time is up."""
+        self.stop_requested, self.deadline = True, 0.0
 
 
 class Queue(list[Any]):
@@ -62,6 +79,14 @@ class Queue(list[Any]):
 
 
 COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
+
+
+def begun(fabric: Fabric, folder: Path) -> WorldProcess:
+    """A world for which all have come."""
+    config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), folder, folder, publish_truth=True)
+    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric), SavedWorld.new(config))
+    world.wait_for_all()
+    return world
 
 
 @pytest.mark.parametrize(
@@ -76,10 +101,8 @@ COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
 )
 def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Taken]], tmp_path: Path) -> None:
     """However the news of one that dies and of its successor come together."""
-    fabric = Fabric([[COMES, *(Token(AGENT, agent, True) for agent in range(6))], *batches])
-    config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), tmp_path, tmp_path)
-    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric), SavedWorld.new(config))
-    world.wait_for_all()
+    fabric = Fabric([[COMES, *AGENTS], *batches])
+    world = begun(fabric, tmp_path)
     world._core.lockstep.step, world._has_begun = LAST, True
     for step in range(LAST + 1):
         world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
@@ -87,3 +110,23 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Ta
     assert fabric.has_left
     lives = sum(news == GOES for batch in batches for news in batch)
     assert fabric.clocks == [b"0", b"1", b"2", b"3"] + [b"2", b"3"] * (lives - 1)
+
+
+def test_a_step_that_was_told_is_on_file(tmp_path: Path) -> None:
+    """Also if the operator goes in it and a signal comes before it is back."""
+    fabric = Fabric([[COMES, *AGENTS], [GOES], []])
+    world = begun(fabric, tmp_path)
+    fabric.stop()
+    with WorldOutput(tmp_path) as output, pytest.raises(InterruptedError):
+        world.run(output)
+    _, *rows = (tmp_path / "world.csv").read_text().splitlines()
+    assert len(rows) == len(fabric.truths) == 1
+
+
+def test_a_signal_ends_the_wait_for_who_is_far_behind(tmp_path: Path) -> None:
+    """Without an error: the run goes on, and its next step is the last."""
+    fabric = Fabric([[COMES, *AGENTS], []])
+    world = begun(fabric, tmp_path)
+    world._taken = {RECORDER: 0}
+    fabric.stop()
+    world._let_catch_up(5000)

@@ -75,8 +75,8 @@ class WorldProcess(Attention):
             self._wires.frames(self._core.begin(step, last))
             self._collect()
             tally = self._core.end()
+            output.write(tally, self._core.environment.changed)  # first: others are told of it, whatever happens then
             self._close(tally, last)
-            output.write(tally, self._core.environment.changed)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")
             if last:
@@ -239,10 +239,15 @@ class WorldProcess(Attention):
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
+        """Wait for who is far behind; after a signal the last step comes at once."""
+
         def behind() -> list[str]:
             return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
 
-        if not self._wait_until(lambda: self._operator_left or not behind(), self._settings.start_timeout_s):
+        def is_over() -> bool:
+            return self._waker.stop_requested or self._operator_left or not behind()
+
+        if not self._wait_until(is_over, self._settings.start_timeout_s):
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
