@@ -1,4 +1,4 @@
-"""The last step, whoever is killed, gone or far behind when it comes: all have it, or it is on file."""
+"""A run's last steps, while parts are killed, leave or fall far behind: no step is lost."""
 
 from collections.abc import Iterable
 from pathlib import Path
