@@ -18,6 +18,7 @@ def main(endpoint: str, *keys: str) -> None:
         ("connect/endpoints", f'["{endpoint}"]'),
         ("listen/endpoints", "[]"),
         ("scouting/multicast/enabled", "false"),
+        ("transport/shared_memory/enabled", "false"),
     ):
         config.insert_json5(key, value)
     samples = []
