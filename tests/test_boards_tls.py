@@ -171,7 +171,7 @@ def test_agent_3s_certificate_hears_agent_3s_frames_alone(router: Router, way: s
         ]
         frame = router.session.declare_publisher(KEYS.agent(3, FRAME), allowed_destination=zenoh.Locality.REMOTE)
         wait_until(lambda: frame.matching_status.matching, "the agent's subscription")
-        router.session.put(KEYS.agent(4, FRAME), b"4")
+        router.session.put(KEYS.agent(4, FRAME), b"4", allowed_destination=zenoh.Locality.REMOTE)
         frame.put(b"3")
         wait_until(lambda: heard, "its own frame")
         frame.undeclare()

@@ -275,6 +275,7 @@ def test_slow_imports_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / "slow_to_import.py").write_text("import time\ntime.sleep(2)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(launch, "PRELOADED", ["slow_to_import", *launch.PRELOADED])
+    monkeypatch.setattr(launch, "PYTHON_S", PATIENCE_S)
     kill_fork_server()
     scenario = load_scenario("smoke", ["run.start_timeout_s=1", "record=off"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
