@@ -146,7 +146,7 @@ def test_a_board_may_answer_each_knock() -> None:
         lockstep.give_up()
     begin(lockstep, 3)
     assert [lockstep.answer_late(1, step) for step in (0, 1, 2, 2)] == [True, True, True, False]
-    assert not lockstep.may_speak(1)
+    assert not lockstep.unanswered(1)
 
 
 def test_who_closes_a_step_owes_nothing_of_before() -> None:
@@ -158,7 +158,7 @@ def test_who_closes_a_step_owes_nothing_of_before() -> None:
         lockstep.back(1)
     begin(lockstep, 3)
     assert lockstep.close(1, 3)
-    assert not lockstep.may_speak(1)
+    assert not lockstep.unanswered(1)
     assert not lockstep.answer_late(1, 0)
 
 
@@ -176,9 +176,9 @@ def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away
     for step in range(2, 2 + steps_away):
         begin(lockstep, step)
     lockstep.back(1)
-    assert lockstep.may_speak(1)
+    assert lockstep.unanswered(1)
     assert [(lockstep.close(1, 0), lockstep.answer_late(1, 0)) for _ in range(2)] == [(False, True), (False, False)]
-    assert not lockstep.may_speak(1)
+    assert not lockstep.unanswered(1)
 
 
 def test_an_agent_that_is_late_again_and_again_costs_little() -> None:

@@ -1,10 +1,11 @@
 """The samples of agents in a step, checked at the world's edge, since agents are untrusted.
 
 Of each agent and step one radio frame, one report and one act are taken; what is beyond that is dropped and counted.
+A board that was late may answer several frames at once: each answer counts for the frame that it answers.
 Of a radio frame the world reads the envelope, never the payload.
 """
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterable
 from typing import Any
 
@@ -26,7 +27,12 @@ class Inbox:
     def __init__(self, lockstep: LockStep) -> None:
         self.spoken: dict[int, bytes] = {}
         """Radio frames, by sender."""
-        self.reports: dict[int, bytes] = {}
+        self._reports: dict[int, deque[bytes]] = {}
+        """Reports not yet taken; more than one only of an agent that was late."""
+        self._newest_report: dict[int, int] = {}
+        """The step of each agent's newest report."""
+        self._ahead: Counter[int] = Counter()
+        """Number of reports of each agent that came before the act of their frame."""
         self.acts: dict[int, tuple[bytes, Act]] = {}
         self.rejected: Counter[int] = Counter()
         """Dropped samples by the agent of their key."""
@@ -40,7 +46,6 @@ class Inbox:
         """Number of confirmations still due from each agent."""
         self._lockstep = lockstep
         self._step = -1
-        self._spoke_late: set[int] = set()
         self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
         self._rejected_before = self._lost_before = 0
 
@@ -48,10 +53,10 @@ class Inbox:
         """Open a step; reports since the last step was closed belong to this one."""
         self._step = step
         self.spoken, self.acts = {}, {}
-        self._spoke_late.clear()
 
     def begin_anew(self, agent: int) -> None:
         """Expect the numbers of a new process of this agent."""
+        self._ahead[agent] = 0
         self._radio_numbers.begin_anew(agent)
         self._report_numbers.begin_anew(agent)
 
@@ -63,29 +68,41 @@ class Inbox:
     def hear(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> str | None:
         """Take one sample on an agent's key and its attached act; return the reason if anything is dropped."""
         if leaf == keys.RADIO:
-            reason = self.hear_radio(agent, data)
-            return reason if act is None else self.hear_act(agent, act) or reason
+            return self.hear_radio(agent, data) if act is None else self.hear_both(agent, data, act)
         if leaf == keys.REPORT:
             return self.hear_report(agent, data)
         return self.hear_saved(agent, data) if leaf == keys.TAKEN else self.hear_act(agent, data)
 
-    def hear_radio(self, agent: int, data: bytes) -> str | None:
+    def hear_both(self, agent: int, data: bytes, act_bytes: bytes) -> str | None:
+        """Take one encoded radio frame with its act; return the reason if one of them is dropped."""
+        try:
+            act = decode_act(act_bytes)
+        except WireError as error:
+            self.hear_radio(agent, data)
+            return self.reject(agent, str(error))
+        late = act.step < self._step or agent not in self._lockstep.waiting
+        reason = self.hear_radio(agent, data, late)
+        return self.take_act(agent, act, act_bytes) or reason
+
+    def hear_radio(self, agent: int, data: bytes, late: bool = False) -> str | None:
         """Take one encoded radio frame; return the reason if it is dropped."""
         try:
             counter = decode_sample(data).counter
         except WireError as error:
             return self.reject(agent, str(error))
-        return self.take_radio(agent, counter, data)
+        return self.take_radio(agent, counter, data, late)
 
-    def take_radio(self, agent: int, counter: int, data: bytes) -> str | None:
-        """Take one decoded radio frame; return the reason if it is dropped."""
+    def take_radio(self, agent: int, counter: int, data: bytes, late: bool = False) -> str | None:
+        """Take one decoded radio frame; return the reason if it is dropped.
+
+        One that comes with the act of an earlier step is `late`: nobody hears it, and its act is what counts.
+        """
         self._radio_numbers.follow(agent, counter)
-        if agent in self.spoken or agent in self._spoke_late or not self._lockstep.may_speak(agent):
+        if late and self._lockstep.unanswered(agent):
+            return None
+        if late or agent in self.spoken or agent not in self._lockstep.waiting:
             return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
-        if agent in self._lockstep.waiting:
-            self.spoken[agent] = data
-        else:  # as late as the act that follows
-            self._spoke_late.add(agent)
+        self.spoken[agent] = data
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
@@ -103,9 +120,11 @@ class Inbox:
         if report.step > self._step:
             return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
         self._report_numbers.follow(agent, report.sequence)
-        if agent in self.reports or not self._lockstep.may_speak(agent):
+        if report.step <= self._newest_report.get(agent, -1) or self._ahead[agent] >= self._lockstep.unanswered(agent):
             return self.reject_excess(agent, "report: a second one in one step, or one out of turn")
-        self.reports[agent] = data
+        self._newest_report[agent] = report.step
+        self._ahead[agent] += 1
+        self._reports.setdefault(agent, deque()).append(data)
         return None
 
     def hear_act(self, agent: int, data: bytes) -> str | None:
@@ -121,9 +140,11 @@ class Inbox:
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
         if self._lockstep.close(agent, act.step):
+            self._ahead[agent] = 0
             self.acts[agent] = (data, act)
             return None
         if self._lockstep.answer_late(agent, act.step):
+            self._ahead[agent] = max(0, self._ahead[agent] - 1)
             self.late_acts[agent] += 1
             return None
         return self.reject_excess(agent, "act: a second one in one step, or one out of turn")
@@ -162,8 +183,9 @@ class Inbox:
             self.spoken.pop(agent, None)
 
     def take_reports(self) -> dict[int, bytes]:
-        """Take the step's reports by agent; later ones belong to the next step."""
-        reports, self.reports = self.reports, {}
+        """Take each agent's oldest report; what else it reported is for the steps that follow."""
+        reports = {agent: waiting.popleft() for agent, waiting in self._reports.items()}
+        self._reports = {agent: waiting for agent, waiting in self._reports.items() if waiting}
         return reports
 
     def said(self, reports: dict[int, bytes]) -> list[Said]:

@@ -101,9 +101,9 @@ class LockStep:
         for agent, attendance in self.boards.items():
             attendance.absent_steps += agent not in self.alive
 
-    def may_speak(self, agent: int) -> bool:
-        """Whether an agent has a frame without an act."""
-        return agent in self.waiting or agent in self.hanging or self._answers_due[agent] > 0
+    def unanswered(self, agent: int) -> int:
+        """Number of frames of an agent without an act."""
+        return (agent in self.waiting) + (agent in self.hanging) + self._answers_due[agent]
 
     def close(self, agent: int, step: int) -> bool:
         """Take an act; return whether it closes the agent's step."""
