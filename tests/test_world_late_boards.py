@@ -5,27 +5,28 @@ from collections import deque
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_wire.checked import load
-from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import ACT, RADIO, REPORT
-from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.messages import encode_act
 from deltaswarm_wire.operator_messages import Report, decode_report, encode_report
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.core import WorldCore
+from tests.worlds import Stage, an_act, sample
 
 AGENT, BOARD = 0, 1
 ALL = 1000
 
 
 def act_of(step: int) -> bytes:
-    return encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1))
+    return encode_act(an_act(step))
+
+
+def report_of(step: int, sequence: int) -> bytes:
+    return encode_report(Report(BOARD, sequence, step, "root", 1.0, 1.0, 0, ()))
 
 
 class Late:
     """A world with an agent, which is always in time, and a board, which answers its frames in order at some time."""
 
     def __init__(self) -> None:
-        self.core = WorldCore(load(Scenario, {"agents": {"count": 2}, "events": {"rate_hz": 0}}), [BOARD])
+        self.core = Stage(2, [BOARD]).core
         self.frames: deque[int] = deque()
         """The steps of the frames that the board has not answered."""
         self.reported: list[int] = []
@@ -38,14 +39,15 @@ class Late:
 
     def answer(self, step: int) -> None:
         """A report, which the world takes once, then a radio frame with the act."""
-        report = encode_report(Report(BOARD, len(self.reported), step, "root", 1.0, 1.0, 0, ()))
+        number = len(self.reported)
+        report = report_of(step, number)
         assert self.hear(REPORT, report) is None
         assert self.hear(REPORT, report) is not None
-        assert self.hear(RADIO, encode_sample(Sample(len(self.reported), b"%d" % step)), act_of(step)) is None
+        assert self.hear(RADIO, sample(number, b"%d" % step), act_of(step)) is None
         self.reported.append(step)
 
     def play(self, *, probed: bool, answers: int) -> None:
-        """A step in which so many frames are answered."""
+        """Play a step; the board answers at most this many of its frames in it."""
         self.step += 1
         if probed:
             self.core.lockstep.probe()
@@ -56,7 +58,7 @@ class Late:
             self.answer(self.frames.popleft())
         is_closed = is_awaited and self.reported[-1:] == [self.step]
         said = self.core.inbox.spoken.get(BOARD)
-        assert said == (encode_sample(Sample(len(self.reported) - 1, b"%d" % self.step)) if is_closed else None)
+        assert said == (sample(len(self.reported) - 1, b"%d" % self.step) if is_closed else None)
         self.core.end()
         self.forwarded += [decode_report(forwarded.report).step for forwarded in self.core.forwarded]
 
@@ -91,9 +93,8 @@ def test_who_owes_nothing_may_say_nothing_of_before() -> None:
     stage = Late()
     stage.play(probed=False, answers=1)
     stage.core.begin(1, last=False)
-    report = encode_report(Report(BOARD, 1, 0, "root", 1.0, 1.0, 0, ()))
-    assert stage.hear(REPORT, report) is not None
-    assert stage.hear(RADIO, encode_sample(Sample(1, b"old")), act_of(0)) is not None
+    assert stage.hear(REPORT, report_of(0, 1)) is not None
+    assert stage.hear(RADIO, sample(1, b"old"), act_of(0)) is not None
     assert stage.core.inbox.spoken == {}
     assert stage.core.inbox.excess == {BOARD: 3}, "with the report that was said twice"
 
@@ -103,5 +104,5 @@ def test_reports_without_acts_are_taken_once_per_frame() -> None:
     stage = Late()
     for step in range(50):
         stage.play(probed=step in (20, 30), answers=0)
-    reports = [encode_report(Report(BOARD, step, step, "root", 1.0, 1.0, 0, ())) for step in range(50)]
+    reports = [report_of(step, step) for step in range(50)]
     assert [stage.hear(REPORT, report) is None for report in reports] == [True] * 3 + [False] * 47

@@ -95,7 +95,7 @@ class Inbox:
     def take_radio(self, agent: int, counter: int, data: bytes, late: bool = False) -> str | None:
         """Take one decoded radio frame; return the reason if it is dropped.
 
-        One that comes with the act of an earlier step is `late`: nobody hears it, and its act is what counts.
+        A `late` one, whose step does not wait for the agent, is not delivered; its act is checked and counted.
         """
         self._radio_numbers.follow(agent, counter)
         if late and self._lockstep.unanswered(agent):
@@ -183,7 +183,7 @@ class Inbox:
             self.spoken.pop(agent, None)
 
     def take_reports(self) -> dict[int, bytes]:
-        """Take each agent's oldest report; what else it reported is for the steps that follow."""
+        """Take each agent's oldest report; its newer ones wait for the next steps."""
         reports = {agent: waiting.popleft() for agent, waiting in self._reports.items()}
         self._reports = {agent: waiting for agent, waiting in self._reports.items() if waiting}
         return reports

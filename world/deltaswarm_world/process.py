@@ -75,7 +75,7 @@ class WorldProcess(Attention):
             self._wires.frames(self._core.begin(step, last))
             self._collect()
             tally = self._core.end()
-            output.write(tally, self._core.environment.changed)  # before anybody is told of the step
+            output.write(tally, self._core.environment.changed)  # a step is on file before anyone is told of it
             self._close(tally, last)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")
