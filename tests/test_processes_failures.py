@@ -116,7 +116,9 @@ def test_without_its_world_everything_ends(tmp_path: Path) -> None:
     """With a clear error and exit code 1; what was written is readable, marked incomplete, and says why."""
     with running(tmp_path / "run", *LONG) as swarm:
         wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(150)
+        swarm.wait_for_steps(1)
+        events = swarm.part / "world-events.csv"
+        wait_until(lambda: events.read_text().count("\n") > 1, "an event on file")
         pids = swarm.pids
         swarm.signal("world", signal.SIGKILL)
         code, _, errors = swarm.finish()

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_orchestrator.stopping import Stop
-from deltaswarm_wire.exits import NO_ROOM
+from deltaswarm_wire.exits import FAILED, NO_ROOM
 from deltaswarm_wire.keys import OPERATOR, WORLD
 
 POLL_S = 0.1
@@ -20,6 +20,9 @@ SILENCE_S = 8.0
 STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
 """An operator that still asks its person something after the last step ends before this."""
+
+WORLD_FIRST_S = 2.0
+"""An operator that ended by itself has mostly lost its world, whose own end may take so long to be known."""
 
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
@@ -70,9 +73,9 @@ class Watch:
                 swarm.carry_out(order)
                 observer.confirm(order)
             observer.leave_when_done()
-            self._look_after_parts(is_stopping)
             if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
                 break
+            self._look_after_parts(is_stopping)
             if time.monotonic() - observer.heard_at > self._patience_s:
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
@@ -80,8 +83,8 @@ class Watch:
             pass
         if swarm.has_station and swarm.part(WORLD).exit_code == 0:
             self._let_person_answer()
-        if not is_stopping:  # a world that failed just now is why others did
-            self._mourn(self._failed(), first=True)
+        if not is_stopping:
+            self._mourn(self._failed())
 
     def _let_person_answer(self) -> None:
         """At a station the operator may have something to ask after the last step; it ends by itself."""
@@ -145,6 +148,8 @@ class Watch:
         code = operator.exit_code
         if not self._has_begun or code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
             return False
+        if self._swarm.part(WORLD).exit_code is not None:
+            return False
         try:
             self._swarm.start_operator(publish_all=self._observer.records, go_on=True)
         except LaunchError as error:
@@ -161,14 +166,19 @@ class Watch:
         return status is not None and status.phase != "waiting"
 
     def _failed(self) -> list[Part]:
-        """Who has ended since, and not as planned."""
-        ended = [part for part in self._swarm.ended() if part not in self._noted]
+        """Who has ended since, and not as planned; the world before those that lost it."""
+        ended = self._newly_ended()
+        if any(part.role == OPERATOR and part.exit_code == FAILED for part in ended):
+            wait_for([self._swarm.part(WORLD)], WORLD_FIRST_S)
+            ended = self._newly_ended()
         self._noted.update(ended)
         return [part for part in ended if part.exit_code != 0 and not part.ends_as_planned]
 
-    def _mourn(self, failed: list[Part], *, first: bool = False) -> None:
-        lines = [part.obituary(self._step if self._has_begun else None) for part in failed]
-        self.why[:] = [*lines, *self.why] if first else [*self.why, *lines]
+    def _newly_ended(self) -> list[Part]:
+        return [part for part in self._swarm.ended() if part not in self._noted]
+
+    def _mourn(self, failed: list[Part]) -> None:
+        self.why += [part.obituary(self._step if self._has_begun else None) for part in failed]
         self.logs |= {part.name: part.log_tail() for part in failed}
 
     @property
