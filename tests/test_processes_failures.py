@@ -8,6 +8,7 @@ import socket
 import subprocess
 import sys
 import tempfile
+from multiprocessing import forkserver
 from pathlib import Path
 from typing import Any
 
@@ -270,6 +271,15 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
         assert {"agent 3", "agent 5"} <= set(said.partition("missing: ")[2].rstrip(")").split(", "))
         pids = {part.name: part.pid for part in swarm.parts}
     all_gone(pids)
+
+
+def test_a_killed_fork_server_is_dead_before_a_process_is_started() -> None:
+    """One that is still dying would be asked for the next process."""
+    for _ in range(5):
+        forkserver.ensure_running()
+        pid = forkserver._forkserver._forkserver_pid  # type: ignore[attr-defined]
+        kill_fork_server()
+        assert os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def test_slow_imports_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

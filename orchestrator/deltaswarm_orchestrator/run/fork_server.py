@@ -1,6 +1,7 @@
 """The fork server from which all parts are started: clean of this program's own arguments and folder."""
 
 import os
+import select
 import signal
 import sys
 import types
@@ -8,12 +9,18 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from multiprocessing import forkserver
 
+DEAD_WITHIN_MS = 5000
+
 
 def kill_fork_server() -> None:
-    """Whatever state it is in; the next process that is started gets a new one."""
+    """Whatever state it is in, and wait until it is dead; the next process that is started gets a new one."""
     if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
+            poll = select.poll()
+            poll.register(handle := os.pidfd_open(pid), select.POLLIN)
+            poll.poll(DEAD_WITHIN_MS)
+            os.close(handle)
 
 
 @contextmanager
