@@ -2,14 +2,9 @@
 
 from typing import Any
 
-from deltaswarm_wire.checked import load
-from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.messages import Act, Frame, Standing, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Tally
-from deltaswarm_world.core import WorldCore
 from deltaswarm_world.lockstep import Attendance, LockStep
+from tests.worlds import Stage
 
 AGENT, BOARD = 0, 1
 
@@ -67,35 +62,9 @@ def test_only_boards_that_hang_are_knocked_for() -> None:
     assert lockstep.probed == [BOARD]
 
 
-class Two:
-    """A world with an agent and a board, played by hand."""
-
-    def __init__(self, **tables: Any) -> None:
-        scenario = load(Scenario, {"agents": {"count": 2}, "events": {"rate_hz": 0}, **tables})
-        self.core = WorldCore(scenario, [BOARD])
-        self.step = -1
-
-    def begin(self, last: bool = False) -> dict[int, Frame]:
-        """The next step's frames."""
-        self.step += 1
-        return dict(self.core.begin(self.step, last))
-
-    def say(self, counter: int) -> None:
-        """A frame and a report of the board."""
-        assert self.core.inbox.hear_radio(BOARD, encode_sample(Sample(counter, b"here"))) is None
-        report = encode_report(Report(BOARD, counter, self.step, "root", 1.0, 1.0, 0, ()))
-        assert self.core.inbox.hear_report(BOARD, report) is None
-
-    def end(self, *silent: int) -> Tally:
-        """Acts of all but the silent, and the end of the step."""
-        for agent in sorted(self.core.lockstep.waiting - set(silent)):
-            self.core.inbox.hear_act(agent, encode_act(Act(self.step, 0.0, 0.0, (), Standing(), self.step + 1)))
-        return self.core.end()
-
-
 def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) -> list[int]:
     """What counts as lost in each step in which the board says this; it goes and comes back before one of them."""
-    stage = Two(**tables)
+    stage = Stage(2, [BOARD], **tables)
     lost = []
     for position, counter in enumerate(counters):
         if position == away_before:
@@ -103,7 +72,10 @@ def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) ->
             stage.core.lockstep.back(BOARD)
             stage.core.inbox.go_on_anywhere(BOARD)
         stage.begin()
-        stage.say(counter)
+        stage.counters[BOARD] = counter
+        stage.say(BOARD)
+        report = encode_report(Report(BOARD, counter, stage.step, "root", 1.0, 1.0, 0, ()))
+        assert stage.core.inbox.hear_report(BOARD, report) is None
         lost.append(stage.end().transport_lost)
     return lost
 
@@ -117,7 +89,7 @@ def test_what_a_board_said_while_it_was_away_is_no_loss() -> None:
 
 def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     """Once; and the answer brings the board back into the next step."""
-    stage = Two()
+    stage = Stage(2, [BOARD])
     stage.begin()
     stage.end(BOARD)
     assert set(stage.begin()) == {AGENT}
@@ -127,7 +99,7 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
     assert stage.core.lockstep.waiting == {AGENT}
-    stage.core.inbox.hear_act(BOARD, encode_act(Act(stage.step, 0.0, 0.0, (), Standing(), stage.step + 1)))
+    assert stage.act(BOARD) is None
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}
     stage.end(BOARD)
