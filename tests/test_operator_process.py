@@ -11,6 +11,7 @@ import pytest
 
 from deltaswarm_operator.process import End
 from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
 from deltaswarm_wire.session import (
@@ -240,14 +241,14 @@ def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals)
 
 
 def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
-    """Exit code 1, a clear message, and every step that was closed before."""
+    """An exit code that says so, a clear message, and every step that was closed before."""
     process = world.start_operator()
     world.wait_for_operator()
     wait_until_heard(world.clock)
     for step in range(500):
         world.close_step(step)
     world.token.undeclare()
-    assert process.wait(PATIENCE_S) == 1
+    assert process.wait(PATIENCE_S) == WORLD_LOST
     assert [row.step for row in world.rows()] == list(range(500))
     assert world.totals()["complete"] is False
     assert f"ERROR deltaswarm.operator: {End.WORLD_GONE.value}: 500 steps" in world.log.read_text()
@@ -294,7 +295,7 @@ def test_it_ends_when_the_world_is_killed(tmp_path: Path, with_token: bool) -> N
             assert router.poll() is None
         router.kill()
         router.communicate()
-        assert process.wait(PATIENCE_S) == 1
+        assert process.wait(PATIENCE_S) == WORLD_LOST
         assert [row.step for row in world.rows()] == [0, 1, 2]
         assert world.totals()["end"] == End.WORLD_GONE.value
 

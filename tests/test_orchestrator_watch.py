@@ -15,6 +15,7 @@ import pytest
 
 from deltaswarm_orchestrator.run.part import Part
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD
 
 UNTIL_KILLED = "import signal; signal.pause()"
@@ -55,13 +56,13 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
 ) -> None:
     """Even if the orchestrator hears of the operator's end first; and nobody starts an operator without a world."""
     world = Told(UNTIL_KILLED, told_after)
-    operator = Told("raise SystemExit(1)", told_after=0)
+    operator = Told(f"raise SystemExit({WORLD_LOST})", told_after=0)
     for process in (world, operator):
         ending.callback(process.end)
     parts = [Part(role, 0, cast(Any, each), tmp_path / role) for role, each in ((WORLD, world), (OPERATOR, operator))]
     for part in parts:
         ending.callback(part.close)
-    assert operator._process.wait() == 1
+    assert operator._process.wait() == WORLD_LOST
     assert world.end() == -signal.SIGKILL
     started: list[bool] = []
     swarm = SimpleNamespace(

@@ -7,6 +7,9 @@ FAILED = 1
 NO_ROOM = 74
 """A file could not be written: the disk is full or faulty (`EX_IOERR` of sysexits.h)."""
 
+WORLD_LOST = 69
+"""An operator's world, or the link to it, went before the last step (`EX_UNAVAILABLE` of sysexits.h)."""
+
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EROFS}
 
 

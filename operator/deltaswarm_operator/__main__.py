@@ -116,7 +116,7 @@ def open_air_parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the operator. Exit code: 0 after a complete run, 2 for bad arguments, else 1."""
+    """Run the operator. Exit code: 0 after a complete run, 2 for bad arguments, else one of `deltaswarm_wire.exits`."""
     argv = sys.argv[1:] if argv is None else argv
     log_to_standard_error()
     without_world = NO_WORLD in argv

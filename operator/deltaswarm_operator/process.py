@@ -19,6 +19,7 @@ from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import encode_pace, encode_turn
+from deltaswarm_wire.exits import FAILED, WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken
@@ -282,7 +283,7 @@ def _workload(row: Sequence[str]) -> Workload:
 
 
 def run_operator(config: OperatorConfig) -> int:
-    """Run the operator of one run; return the exit code: 0 after the last clock, else 1.
+    """Run the operator of one run. Exit code: 0 after the last clock, `WORLD_LOST` if the world went before, else 1.
 
     Call it in the main thread: it stops on SIGTERM, SIGINT and SIGHUP unless they are ignored.
 
@@ -299,7 +300,7 @@ def run_operator(config: OperatorConfig) -> int:
         session = zenoh.open(settings)
     except zenoh.ZError as error:
         log.error("cannot join the world at %s (is it running, is the password right?): %s", link.endpoint, error)
-        return 1
+        return FAILED
     with session, Output(config.out, Workload._fields, go_on=config.go_on) as output:
         process = OperatorProcess(config, session, inbox, output)
         end = End.FAILED
@@ -318,7 +319,7 @@ def run_operator(config: OperatorConfig) -> int:
     totals = meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR
     log.log(level, "%s: %d steps, %d messages", end.value, totals["steps"], totals["messages"])
-    return 0 if end is End.LAST_CLOCK else 1
+    return {End.LAST_CLOCK: 0, End.WORLD_GONE: WORLD_LOST}.get(end, FAILED)
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:

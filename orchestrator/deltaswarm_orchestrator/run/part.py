@@ -9,12 +9,14 @@ from contextlib import suppress
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
-from deltaswarm_wire.exits import NO_ROOM
+from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT
 
 LOG_TAIL_LINES = 12
 UNKNOWN = 255
 """The exit code of a process whose fork server is gone; also what nobody can know of it."""
+
+HOW = {UNKNOWN: "ended, nobody knows how", WORLD_LOST: "lost its world"}
 
 POLL_S, SHORT_POLL_S = 0.2, 0.01
 EXIT_CODE_WITHIN_S = 1.0
@@ -69,7 +71,7 @@ class Part:
             return f"{self.name} could not write into {self.log_file.parents[1]}: {_room(self.log_file.parents[1])}"
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
-        how = "ended, nobody knows how" if code == UNKNOWN else f"ended with exit code {code}"
+        how = HOW.get(code, f"ended with exit code {code}")
         return f"{self.name} {how}{when}"
 
     def log_tail(self) -> str:

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_orchestrator.stopping import Stop
-from deltaswarm_wire.exits import FAILED, NO_ROOM
+from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD
 
 POLL_S = 0.1
@@ -21,8 +21,8 @@ STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
 """An operator that still asks its person something after the last step ends before this."""
 
-WORLD_FIRST_S = 2.0
-"""An operator that ended by itself has mostly lost its world, whose own end may take so long to be known."""
+WORLD_ENDS_WITHIN_S = 5.0
+"""If an operator has lost its world, the world's own end may take so long to be known."""
 
 RESTARTS_WITHOUT_A_STEP = 3
 """So often an operator may die before it has taken a single step more; then it cannot be helped."""
@@ -145,8 +145,7 @@ class Watch:
         taken = self._observer.newest_step
         self._vain_restarts = self._vain_restarts + 1 if taken <= self._taken_before else 0
         self._taken_before = taken
-        code = operator.exit_code
-        if not self._has_begun or code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
+        if not self._has_begun or operator.exit_code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
             return False
         if self._swarm.part(WORLD).exit_code is not None:
             return False
@@ -168,8 +167,8 @@ class Watch:
     def _failed(self) -> list[Part]:
         """Who has ended since, and not as planned; the world before those that lost it."""
         ended = self._newly_ended()
-        if any(part.role == OPERATOR and part.exit_code == FAILED for part in ended):
-            wait_for([self._swarm.part(WORLD)], WORLD_FIRST_S)
+        if any(part.exit_code == WORLD_LOST for part in ended):
+            wait_for([self._swarm.part(WORLD)], WORLD_ENDS_WITHIN_S)
             ended = self._newly_ended()
         self._noted.update(ended)
         return [part for part in ended if part.exit_code != 0 and not part.ends_as_planned]
