@@ -1,5 +1,6 @@
 """A study's page: whole in one file, the same from its tables, and honest about what cannot be shown."""
 
+import base64
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -20,24 +21,26 @@ ASKED = OWN + (
     '[[claim]]\nid = "c"\ntext = "Hybrid | waits less"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.0, decentralised"\n'
     '[[recovery]]\nmetric = "waiting_all"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
     'after_s = 300.0\n'
+    '[[finding]]\ntext = "Nothing follows."\nbecause = [{ claim = "c", is = "undecided" }]\n'
+)  # fmt: skip
+DRAWN = ASKED + (
     '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
     '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
     '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
     'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
     '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\ncaption = "Plane."\n'
-    '[[finding]]\ntext = "Nothing follows."\nbecause = [{ claim = "c", is = "undecided" }]\n'
-)  # fmt: skip
+)
 PROVENANCE = pd.DataFrame({"what": ["runs"], "value": ["60"]})
 
 
 @pytest.fixture(scope="module")
 def evidence() -> Evidence:
-    return Evidence.of_sweep(made(ASKED), runs_table(), series(lambda level, mode, replicate, time_s: 20.0 + replicate))
+    return Evidence.of_sweep(made(DRAWN), runs_table(), series(lambda level, mode, replicate, time_s: 20.0 + replicate))
 
 
 def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
     """No script, nothing fetched; figures are in it; what a file says is text, not markup."""
-    html, _, pictures = pages(made(ASKED), evidence, PROVENANCE)
+    html, _, pictures = pages(made(DRAWN), evidence, PROVENANCE)
     assert [picture.name for picture in pictures] == ["boxes", "levels", "time", "plane"]
     assert html.count("data:image/") == 4
     assert not re.search(r"<script|<link|(?:src|href)=\"(?!data:|#)", html)
@@ -47,7 +50,7 @@ def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
 
 def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
     """As many, each as wide as its heading, whatever stands in a cell."""
-    html, markdown, pictures = pages(made(ASKED), evidence, PROVENANCE)
+    html, markdown, pictures = pages(made(DRAWN), evidence, PROVENANCE)
     rendered = MarkdownIt("commonmark").enable("table").render(markdown)
     assert rendered.count("<table>") == html.count("<table>") >= 5
     assert rendered.count("<tr>") == len(re.findall(r"<tr[ >]", html))
@@ -57,8 +60,8 @@ def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
 
 
 def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path: Path) -> None:
-    """Byte for byte, without a run; figures too, as PNG, SVG and PDF."""
-    study = made(ASKED)
+    """Byte for byte, without a run; figures too, as PNG, SVG and PDF, and the same within the page as beside it."""
+    study = made(DRAWN)
     first = write(study, evidence, PROVENANCE, tmp_path)
     before = {file.name: file.read_bytes() for file in first}
     again = write(study, Evidence.of_folder(study, tmp_path), PROVENANCE, tmp_path)
@@ -67,6 +70,10 @@ def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path
         if file.suffix != ".parquet":
             assert file.read_bytes() == before[file.name], file.name
     assert {f"time.{kind}" for kind in ("png", "svg", "pdf")} <= set(before)
+    drawings = {
+        base64.b64decode(data) for data in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", first[0].read_text())
+    }
+    assert drawings == {data for name, data in before.items() if name.endswith(".svg")}
 
 
 def test_a_finding_stands_on_the_page_only_while_it_is_carried(evidence: Evidence) -> None:
@@ -123,8 +130,8 @@ def test_nothing_is_left_out_silently_in_a_template() -> None:
 def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None:
     """The page says which, and why."""
     nothing = evidence.runs.assign(waiting=float("nan"))
-    found = Evidence.of(made(ASKED), nothing, evidence.courses, evidence.recovery)
-    _, markdown, pictures = pages(made(ASKED), found, PROVENANCE)
+    found = Evidence.of(made(DRAWN), nothing, evidence.courses, evidence.recovery)
+    _, markdown, pictures = pages(made(DRAWN), found, PROVENANCE)
     assert "boxes" not in [picture.name for picture in pictures]
     assert "'boxes' is missing" in markdown
 

@@ -3,7 +3,7 @@
 import base64
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import jinja2
@@ -29,13 +29,20 @@ class Picture:
     """Of its files, without a suffix."""
     drawing: Figure
     caption: str
+    _files: dict[str, bytes] = field(default_factory=dict, repr=False)
+
+    def file(self, kind: str) -> bytes:
+        """The drawing as PNG, SVG or PDF; each is drawn once, for the page and for its own file."""
+        if kind not in self._files:
+            self._files[kind] = style.rendered(self.drawing, kind)
+        return self._files[kind]
 
     @property
     def uri(self) -> str:
         """The drawing within the page: an image, so that the names within one drawing cannot meet those of another."""
-        kind, data = "svg+xml", style.rendered(self.drawing, "svg")
+        kind, data = "svg+xml", self.file("svg")
         if len(data) > MAX_SVG_BYTES:
-            kind, data = "png", style.rendered(self.drawing, "png")
+            kind, data = "png", self.file("png")
         return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 

@@ -261,7 +261,7 @@ def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Pa
     for file, text in zip(files, (html, markdown), strict=True):
         write_whole(file, text.encode())
     for picture in pictures:
-        files += style.save(picture.drawing, folder / "figures" / picture.name)
+        files += style.save_as(picture.file, folder / "figures" / picture.name)
     return [*files, *evidence.save(folder), *write_table(folder / "provenance", provenance)]
 
 

@@ -7,9 +7,10 @@ and figures are made without pyplot.
 import io
 import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -152,7 +153,12 @@ def save(figure: Figure, path: Path) -> list[Path]:
     Raises:
         OSError: a file cannot be written.
     """
+    return save_as(partial(rendered, figure), path)
+
+
+def save_as(as_kind: Callable[[str], bytes], path: Path) -> list[Path]:
+    """The same for a figure that is drawn elsewhere: `as_kind` gives it as `png`, `svg` or `pdf`."""
     files = [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
     for file, kind in zip(files, METADATA, strict=True):
-        file.write_bytes(rendered(figure, kind))
+        file.write_bytes(as_kind(kind))
     return files
