@@ -43,11 +43,10 @@ for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHU
 @pytest.fixture(scope="module")
 def driver() -> "Iterator[Chrome]":
     """One browser for a file's tests; each has a station of its own, and so an origin of its own."""
-    from tests.station_page import start_browser
+    from tests.station_page import browser
 
-    made = start_browser()
-    yield made
-    made.quit()
+    with browser() as made:
+        yield made
 
 
 @pytest.fixture

@@ -1,7 +1,10 @@
 """The station's page in a browser, as a person has it, for tests."""
 
+import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import pytest
@@ -18,14 +21,18 @@ MISSING = "chromium and chromedriver are not installed (Debian: chromium, chromi
 NEEDS_BROWSER = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=MISSING)]
 
 
-def start_browser() -> webdriver.Chrome:
-    """Chromium without a window."""
+@contextmanager
+def browser() -> Iterator[webdriver.Chrome]:
+    """Chromium without a window, and without the temporary folder that it leaves behind."""
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM or ""
     for switch in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1366,768"):
         options.add_argument(switch)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    return webdriver.Chrome(options=options, service=webdriver.ChromeService(DRIVER))
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # short: it takes a socket, whose path is limited
+        service = webdriver.ChromeService(DRIVER, env={**os.environ, "TMPDIR": folder})
+        with webdriver.Chrome(options=options, service=service) as made:
+            yield made
 
 
 DRAWN = (
