@@ -1,6 +1,7 @@
 """How speed scales: scenarios of one density at any size, and each measurement in a process of its own."""
 
 import itertools
+import math
 
 import pytest
 
@@ -34,7 +35,8 @@ def test_growth_is_measured_between_sizes() -> None:
         assert row["agent_steps_per_s"] == pytest.approx(row["agents"] * row["steps_per_s"])
         assert 0 <= row["share_in_trees"] <= 1
         assert 10 < row["peak_memory_mb"] < 1000
-    assert 0 < found["step_time_exponent"] < 3
+    small, large = (row["steps_per_s"] for row in found["sizes"])
+    assert found["step_time_exponent"] == pytest.approx(math.log(small / large) / math.log(20 / 5))
 
 
 @pytest.mark.parametrize("sizes", [(25, 25), ()])
