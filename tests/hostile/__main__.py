@@ -1,6 +1,8 @@
 """`python -m tests.hostile`: every flood against `smoke` and a shortened `paper-25`, as a table."""
 
 import argparse
+import signal
+import sys
 import tempfile
 from pathlib import Path
 
@@ -16,6 +18,7 @@ def main() -> int:
         "--sessions", type=int, nargs="+", default=[1, 4], help="sessions of the flooder (default: 1 4)"
     )
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leaves no process and no folder
     harmed = 0
     print("scenario  flood                     sessions  same acts  wall [s]  world, operator [MB]  excess")
     with tempfile.TemporaryDirectory(prefix="deltaswarm-hostile-") as folder:
