@@ -1,11 +1,10 @@
 """`python -m tests.hostile`: every flood against `smoke` and a shortened `paper-25`, as a table."""
 
 import argparse
-import signal
-import sys
 import tempfile
 from pathlib import Path
 
+from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
 from tests.hostile.attacker import FLOODS, SILENCE
 from tests.hostile.stage import play
 
@@ -18,7 +17,7 @@ def main() -> int:
         "--sessions", type=int, nargs="+", default=[1, 4], help="sessions of the flooder (default: 1 4)"
     )
     arguments = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leaves no process and no folder
+    raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     harmed = 0
     print("scenario  flood                     sessions  same acts  wall [s]  world, operator [MB]  excess")
     with tempfile.TemporaryDirectory(prefix="deltaswarm-hostile-") as folder:

@@ -1,12 +1,11 @@
 """`python -m tests.storm --runs 100 --seed 1`: a table of stormy runs; exit code 1 if anything did not hold."""
 
 import argparse
-import signal
-import sys
 import tempfile
 from pathlib import Path
 from random import Random
 
+from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
 from tests.storm.judge import judge
 from tests.storm.storm import play
 
@@ -18,7 +17,7 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="all blows come from it (default: 1)")
     parser.add_argument("--first", type=int, default=0, metavar="N", help="begin with this one (default: 0)")
     arguments = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))  # leaves no process and no folder
+    raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     bad = landed = 0
     for number in range(arguments.first, arguments.first + arguments.runs):
         with tempfile.TemporaryDirectory(prefix="storm-") as name:
