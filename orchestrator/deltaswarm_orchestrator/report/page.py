@@ -29,7 +29,7 @@ class Picture:
     """Of its files, without a suffix."""
     drawing: Figure
     caption: str
-    _files: dict[str, bytes] = field(default_factory=dict, repr=False)
+    _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def file(self, kind: str) -> bytes:
         """The drawing as PNG, SVG or PDF; each is drawn once, for the page and for its own file."""

@@ -17,6 +17,7 @@ UNKNOWN = 255
 """The exit code of a process whose fork server is gone; also what nobody can know of it."""
 
 HOW = {UNKNOWN: "ended, nobody knows how", WORLD_LOST: "lost its world"}
+"""What some exit codes mean, in a sentence that begins with the part's name."""
 
 POLL_S, SHORT_POLL_S = 0.2, 0.01
 EXIT_CODE_WITHIN_S = 1.0

@@ -1,1 +1,1 @@
-"""Figures: data frames in, matplotlib figures out; only `style.save` writes files."""
+"""Figures: data frames in, matplotlib figures out; only `style` writes files."""
