@@ -5,7 +5,7 @@ import subprocess
 import sys
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,10 +13,18 @@ from typing import Any, cast
 
 import pytest
 
+from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.part import Part
+from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD
+from deltaswarm_wire.operator_messages import Report
+from deltaswarm_wire.truth import Truth
+from deltaswarm_world.handing_on import AHEAD_STEPS
 
 UNTIL_KILLED = "import signal; signal.pause()"
 
@@ -89,3 +97,45 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     assert [line.split()[0] for line in watch.why] == [WORLD, OPERATOR]
     assert "SIGKILL" in watch.why[0]
     assert not started
+
+
+STEP_TAKES_S = 0.01
+STOPPED_AT = 20
+
+
+class SlowSink:
+    """A recorder to which the world is always far ahead; the run is asked to end in one of its steps."""
+
+    def __init__(self, stop: Stop) -> None:
+        self._stop = stop
+        self.steps: list[int] = []
+
+    def step(self, truth: Truth, reports: Sequence[Report]) -> None:
+        """See the protocol `Sink`."""
+        time.sleep(STEP_TAKES_S)
+        self.steps.append(truth.step)
+        if truth.step == STOPPED_AT:
+            self._stop(signal.SIGTERM, None)
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None
+
+
+@pytest.mark.processes
+def test_a_recorder_that_is_far_behind_does_not_put_off_the_end(tmp_path: Path) -> None:
+    """Its queue is never empty: what else is to be done, is done between two of its steps."""
+    scenario = load_scenario("smoke", ["run.duration_s=1_000_000", "agents.count=2"])
+    file = tmp_path / "scenario.toml"
+    file.write_text(to_toml(scenario))
+    stop = Stop()
+    sink = SlowSink(stop)
+    reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
+    with Swarm(scenario, "behind", tmp_path) as swarm:
+        swarm.start_world(file, listen="tcp/127.0.0.1:0", record=True)
+        with Observer("behind", swarm.recorder_link(), cast(Sink, sink), wire=False) as observer:
+            swarm.start_operator(publish_all=True)
+            swarm.start_agents()
+            Watch(swarm, observer, cast(Any, reporter), stop, patience_s=60.0).to_the_end()
+    assert stop.by
+    assert STOPPED_AT <= sink.steps[-1] <= STOPPED_AT + 2 * AHEAD_STEPS
+    assert sink.steps == list(range(sink.steps[-1] + 1))

@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-AHEAD_STEPS = 1000
+AHEAD_STEPS = 200
 """Lead over a part's newest taken step at which the world waits; bounds kept steps and queues."""
 
 

@@ -31,8 +31,8 @@ from deltaswarm_wire.truth import Truth, decode_truth, decode_wire
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
-BATCH_SAMPLES = 20_000
-"""At most so many samples are taken in one go."""
+BATCH_S = 0.1
+"""Samples are taken for at most so long in one go: whoever takes them has other things to look after."""
 
 CONFIRM_STEPS = 100
 """So often the world is told what has been taken; it does not go far ahead of that, so the queue stays short."""
@@ -113,13 +113,14 @@ class Observer:
         self._session.close()
 
     def work(self, timeout_s: float) -> bool:
-        """Take what has arrived, after waiting at most `timeout_s` for the first; False if nothing came."""
+        """Wait at most `timeout_s` for a sample, then take what is there for at most BATCH_S; False if none came."""
         try:
             self._take(*self._queue.get(timeout=timeout_s))
-            for _ in range(BATCH_SAMPLES):
-                self._take(*self._queue.get_nowait())
         except queue.Empty:
             return False
+        until = time.monotonic() + BATCH_S
+        while time.monotonic() < until and not self._queue.empty():
+            self._take(*self._queue.get_nowait())
         return True
 
     @property

@@ -79,8 +79,8 @@ class Watch:
             if time.monotonic() - observer.heard_at > self._patience_s:
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
-        while observer.work(0.0):
-            pass
+        while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
+            pass  # of a world that does not end there may be no end
         if swarm.has_station and swarm.part(WORLD).exit_code == 0:
             self._let_person_answer()
         if not is_stopping:
@@ -103,7 +103,7 @@ class Watch:
             onlooker.look(observer)
 
     def _end_soon(self) -> None:
-        self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S / 2)
+        self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S)
         self._swarm.stop_world()
 
     def _look_after_parts(self, is_stopping: bool) -> None:
