@@ -140,6 +140,25 @@ def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
 
+def is_asked_to_end(pid: int) -> bool:
+    """Whether SIGTERM waits for a stopped process to go on."""
+    [pending] = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("ShdPnd")]
+    return bool(int(pending.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+
+
+def test_a_second_signal_cuts_the_orderly_end_short(tmp_path: Path) -> None:
+    """An agent that is stopped does not hear the request; nor does it outlive who asked twice."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        pids = swarm.wait_until_under_way()
+        swarm.signal("agent 3", signal.SIGSTOP)
+        swarm.interrupt()
+        wait_until(lambda: is_asked_to_end(pids["agent 3"]), "the request")
+        swarm.interrupt()
+        code, _ = ends_by_itself(swarm)
+    assert code == 1
+    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
+
+
 def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:
     """A tick of five minutes: the world does not sleep through it, and what happened is in the tables."""
     slow = ("--set", "run.clock=realtime", "--set", f"run.real_time_factor={1 / 300:.6f}")

@@ -323,22 +323,21 @@ class Swarm:
             if part.is_stopped:
                 part.ends_as_planned = True
                 part.send(signal.SIGKILL)  # it would not hear the request
-        if not at_once:
+        try:
+            if not at_once:
+                for part in self.join(0):
+                    part.send(signal.SIGTERM)
+                self.join(END_WITHIN_S / 2)
+        finally:  # a second signal may end the wait
             for part in self.join(0):
-                part.send(signal.SIGTERM)
-            self.join(END_WITHIN_S / 2)
-        for part in self.join(0):
-            part.send(signal.SIGKILL)
-        self.join(END_WITHIN_S)
-        if any(part.exit_code == UNKNOWN for part in self.parts):
-            kill_fork_server()  # it tells nothing any more: else it, or who waits for it, would stay
-        for part in self.parts:
-            part.close()
-        self._kept_end.close()
-        for page in self._pages:
-            page.close()
-        self._lifeline.close()
-        self._forget_secrets()
+                part.send(signal.SIGKILL)
+            self.join(END_WITHIN_S)
+            if any(part.exit_code == UNKNOWN for part in self.parts):
+                kill_fork_server()  # it tells nothing any more: else it, or who waits for it, would stay
+            ours: list[Part | Station | Connection] = [*self.parts, *self._pages, self._kept_end, self._lifeline]
+            for each in ours:
+                each.close()
+            self._forget_secrets()
 
     def _forget_secrets(self) -> None:
         shutil.rmtree(self._secrets_folder, ignore_errors=True)
