@@ -12,6 +12,9 @@ from pathlib import Path
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
 PACKAGES = ("deltaswarm_wire", "deltaswarm_agent", "deltaswarm_world", "deltaswarm_operator", "deltaswarm_orchestrator")
 
+GIT_WITHIN_S = 5.0
+"""A git that takes longer, as on a network drive that is gone, has nothing to tell."""
+
 
 def now() -> str:
     """Date and time, UTC."""
@@ -41,14 +44,16 @@ def host() -> dict[str, str | int | None]:
 def commit() -> str | None:
     """The git commit of the sources, with `-dirty` if they differ from it; None outside of a git checkout."""
     here = Path(__file__)
-    git = ["git", "-C", str(here.parent)]
+
+    def git(*arguments: str) -> str:
+        command = ["git", "-C", str(here.parent), *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True, timeout=GIT_WITHIN_S).stdout.strip()
+
     try:
-        subprocess.run([*git, "ls-files", "--error-unmatch", here.name], capture_output=True, check=True)
-        done = subprocess.run([*git, "describe", "--always", "--dirty", "--exclude=*", "--abbrev=40"],
-                              capture_output=True, text=True, check=True)  # fmt: skip
-    except (OSError, subprocess.CalledProcessError):
+        git("ls-files", "--error-unmatch", here.name)
+        return git("describe", "--always", "--dirty", "--exclude=*", "--abbrev=40")
+    except (OSError, subprocess.SubprocessError):
         return None
-    return done.stdout.strip()
 
 
 @cache
