@@ -6,14 +6,17 @@ import sys
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from itertools import chain, count
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+from numpy import arange
 
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.run import watch
 from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.part import Part
@@ -21,11 +24,13 @@ from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import WORLD_LOST
-from deltaswarm_wire.keys import OPERATOR, WORLD
+from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.truth import Truth
 from deltaswarm_world.handing_on import AHEAD_STEPS
+from tests.swarms import started, wait_until
 
+PATIENCE_S = 60.0
 UNTIL_KILLED = "import signal; signal.pause()"
 
 
@@ -92,11 +97,63 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
         leave_when_done=lambda: None,
     )
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
-    watch = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), cast(Any, SimpleNamespace(by=None)), 60.0)
-    watch.to_the_end()
-    assert [line.split()[0] for line in watch.why] == [WORLD, OPERATOR]
-    assert "SIGKILL" in watch.why[0]
+    made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S)
+    made.to_the_end()
+    assert [line.split()[0] for line in made.why] == [WORLD, OPERATOR]
+    assert "SIGKILL" in made.why[0]
     assert not started
+
+
+class Clock:
+    """A world that says nothing until `ends_at_s`, as an orchestrator sees it that looks at these times [s]."""
+
+    def __init__(self, looks_at_s: Iterator[float], ends_at_s: float) -> None:
+        self.now_s = 0.0
+        self._looks_at_s, self._ends_at_s = looks_at_s, ends_at_s
+
+    def work(self, within_s: float) -> bool:
+        """Until it looks again."""
+        self.now_s = next(self._looks_at_s)
+        return False
+
+    @property
+    def exit_code(self) -> int | None:
+        """Of the world."""
+        return None if self.now_s < self._ends_at_s else 0
+
+
+def whys(monkeypatch: pytest.MonkeyPatch, looks_at_s: Iterator[float], ends_at_s: float) -> list[str]:
+    """What a watch says of a world that is silent until its end."""
+    clock = Clock(looks_at_s, ends_at_s)
+    monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
+    observer = SimpleNamespace(
+        work=clock.work, status=None, orders=deque(), heard_at=0.0, newest_step=7, leave_when_done=lambda: None
+    )
+    swarm = SimpleNamespace(has_station=False, part=lambda role: clock, ended=list)
+    made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, None), Stop(), PATIENCE_S)
+    made.to_the_end()
+    return made.why
+
+
+def test_a_world_that_is_silent_for_too_long_hangs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And not before."""
+    too_long_s = PATIENCE_S + watch.SILENCE_S + 1.0
+    assert len(whys(monkeypatch, count(0.0, 0.1), ends_at_s=too_long_s)) == 1
+    assert not whys(monkeypatch, count(0.0, 0.1), ends_at_s=too_long_s - 2.0)
+
+
+def test_who_did_not_look_blames_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An orchestrator that was stopped, or held up by its disk, has not heard what the world said meanwhile."""
+    looks = chain(arange(0.0, 10.0, 0.1), count(10.0 + 2 * PATIENCE_S, 0.1))
+    assert not whys(monkeypatch, map(float, looks), ends_at_s=10.0 + 2.5 * PATIENCE_S)
+
+
+@pytest.mark.processes
+def test_a_world_is_heard_before_what_it_said_is_taken(tmp_path: Path) -> None:
+    """A recorder that is long at work with one step has its world nonetheless."""
+    with started(load_scenario("smoke", ["run.duration_s=1_000_000"]), "heard", tmp_path) as (_, observer):
+        before = observer.heard_at
+        wait_until(lambda: observer.heard_at > before, "a sign of life")
 
 
 STEP_TAKES_S = 0.01
@@ -121,21 +178,39 @@ class SlowSink:
         return lambda *_: None
 
 
+@contextmanager
+def recorded(run: str, folder: Path, sink: SlowSink) -> Iterator[tuple[Swarm, Observer]]:
+    """A run of two agents without an end, and who hears it for a recorder."""
+    scenario = load_scenario("smoke", ["run.duration_s=1_000_000", "agents.count=2"])
+    file = folder / "scenario.toml"
+    file.write_text(to_toml(scenario))
+    with Swarm(scenario, run, folder) as swarm:
+        swarm.start_world(file, listen="tcp/127.0.0.1:0", record=True)
+        with Observer(run, swarm.recorder_link(), cast(Sink, sink), wire=False) as observer:
+            swarm.start_operator(publish_all=True)
+            swarm.start_agents()
+            yield swarm, observer
+
+
 @pytest.mark.processes
 def test_a_recorder_that_is_far_behind_does_not_put_off_the_end(tmp_path: Path) -> None:
     """Its queue is never empty: what else is to be done, is done between two of its steps."""
-    scenario = load_scenario("smoke", ["run.duration_s=1_000_000", "agents.count=2"])
-    file = tmp_path / "scenario.toml"
-    file.write_text(to_toml(scenario))
     stop = Stop()
     sink = SlowSink(stop)
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
-    with Swarm(scenario, "behind", tmp_path) as swarm:
-        swarm.start_world(file, listen="tcp/127.0.0.1:0", record=True)
-        with Observer("behind", swarm.recorder_link(), cast(Sink, sink), wire=False) as observer:
-            swarm.start_operator(publish_all=True)
-            swarm.start_agents()
-            Watch(swarm, observer, cast(Any, reporter), stop, patience_s=60.0).to_the_end()
+    with recorded("behind", tmp_path, sink) as (swarm, observer):
+        Watch(swarm, observer, cast(Any, reporter), stop, PATIENCE_S).to_the_end()
     assert stop.by
     assert STOPPED_AT <= sink.steps[-1] <= STOPPED_AT + 2 * AHEAD_STEPS
     assert sink.steps == list(range(sink.steps[-1] + 1))
+
+
+@pytest.mark.processes
+def test_the_world_waits_for_a_recorder_that_takes_nothing(tmp_path: Path) -> None:
+    """Not even its first step: else all that the world says meanwhile would have to be kept."""
+    with recorded("idle", tmp_path, SlowSink(Stop())) as (_, observer):
+        for _ in range(8):  # signs of life
+            before = observer.heard_at
+            wait_until(lambda before=before: observer.heard_at > before, "a sign of life")  # type: ignore[misc]
+        waiting = [observer._queue.get_nowait()[0] for _ in range(observer._queue.qsize())]
+    assert 0 < waiting.count(Keys("idle").clock) <= AHEAD_STEPS + 1

@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 
 from deltaswarm_wire.commands import Pace, Turn
-from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.config import WorldConfig
@@ -109,6 +109,8 @@ class Attention:
                 continue
             role, number, is_there = news
             (self._there.add if is_there else self._there.discard)((role, number))
+            if role == RECORDER and is_there:  # it says what it has only after its first steps
+                self._taken.setdefault(role, self._core.lockstep.step)
             if role == AGENT and number < self._config.scenario.agents.count:
                 self._take_token(number, is_there)
             elif not is_there:

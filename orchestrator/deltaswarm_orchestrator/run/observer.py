@@ -102,7 +102,10 @@ class Observer:
         self._token: zenoh.LivelinessToken | None = self._session.liveliness().declare_token(keys.token(RECORDER))
 
     def _put(self, sample: zenoh.Sample) -> None:
-        self._queue.put((str(sample.key_expr), sample.payload.to_bytes()))
+        key = str(sample.key_expr)
+        if key == self._keys.status:  # when it comes: it may be long before it is taken
+            self.heard_at = time.monotonic()
+        self._queue.put((key, sample.payload.to_bytes()))
 
     def __enter__(self) -> Self:
         return self
@@ -160,7 +163,6 @@ class Observer:
             self._take_wire(data)
         elif key == keys.status:
             self.status = decode_status(data)
-            self.heard_at = time.monotonic()
         elif key == keys.orders:
             order = decode_order(data)
             if self._sink is not None:

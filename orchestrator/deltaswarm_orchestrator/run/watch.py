@@ -17,6 +17,9 @@ POLL_S = 0.1
 SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
 
+STOOD_STILL_S = 2.0
+"""Who has not looked for so long was stopped or held up, and cannot say who was silent meanwhile."""
+
 STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
 """An operator that still asks its person something after the last step ends before this."""
@@ -54,6 +57,7 @@ class Watch:
         self._noted: set[Part] = set()
         self._deadline = float("inf")
         """When the orchestrator waits no longer for the world to end."""
+        self._silent_since = self._looked_at = time.monotonic()
         self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
@@ -76,7 +80,7 @@ class Watch:
             if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
                 break
             self._look_after_parts(is_stopping)
-            if time.monotonic() - observer.heard_at > self._patience_s:
+            if self._is_silent():
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
         while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
@@ -85,6 +89,14 @@ class Watch:
             self._let_person_answer()
         if not is_stopping:
             self._mourn(self._failed())
+
+    def _is_silent(self) -> bool:
+        """Whether the world has said nothing for too long, during which the orchestrator itself looked all the time."""
+        now = time.monotonic()
+        if now - self._looked_at > STOOD_STILL_S:
+            self._silent_since = now
+        self._looked_at, self._silent_since = now, max(self._silent_since, self._observer.heard_at)
+        return now - self._silent_since > self._patience_s
 
     def _let_person_answer(self) -> None:
         """At a station the operator may have something to ask after the last step; it ends by itself."""
