@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import subprocess
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +17,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import read_outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
-from tests.swarms import COMMAND, RunningSwarm, is_running, running, wait_until
+from tests.swarms import BOUND_S, COMMAND, RunningSwarm, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -164,6 +165,29 @@ def test_a_controller_that_cannot_be_saved_is_refused(tmp_path: Path, monkeypatc
     assert "Traceback" not in process.stderr
     process = subprocess.run([*holder, "--out", str(tmp_path / "other")], capture_output=True, text=True)
     assert process.returncode == 0, process.stderr
+
+
+def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It acts in time; each of ten checkpoints would wait for it as long as for a start."""
+    (tmp_path / "forgetful.py").write_text(
+        "import deltaswarm_agent.process\n"
+        "from deltaswarm_agent.controllers.potential import PotentialController\n"
+        "class Forgetful(PotentialController):\n"
+        "    def __init__(self, context):\n"
+        "        super().__init__(context)\n"
+        "        if context.agent == 3:\n"
+        "            deltaswarm_agent.process._save = lambda *_: None\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    sets = ["control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1"]
+    settings = [part for text in sets for part in ("--set", text)]
+    began = time.monotonic()
+    with running(tmp_path / "run", *settings, "--checkpoint", "5") as swarm:
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    assert time.monotonic() - began < BOUND_S
+    assert "agent 3 did not save itself" in swarm.log("world")
+    assert not swarm.summary()["agents_lost"]
 
 
 @pytest.mark.parametrize(

@@ -18,19 +18,19 @@ class Patience:
     """
 
     def __init__(self, most_s: float) -> None:
-        self._most_s = most_s
+        self.most_s = most_s
         self._misses: Counter[int] = Counter()
         self._forgiven_at: dict[int, int] = {}
         """The step at which the next miss of an agent is forgiven."""
 
     def left_s(self, agent: int, step: int) -> float:
         """Time that this step may wait for an agent [s]."""
-        return self._most_s * 0.5 ** self._counted(agent, step)
+        return self.most_s * 0.5 ** self._counted(agent, step)
 
     def with_any(self, agents: Collection[int], step: int) -> tuple[float, float]:
         """The shortest and the longest time that this step may wait for one of these agents [s]."""
         if not self._misses or not agents:
-            return self._most_s, self._most_s
+            return self.most_s, self.most_s
         left_s = [self.left_s(agent, step) for agent in agents]
         return min(left_s), max(left_s)
 

@@ -12,6 +12,7 @@ from deltaswarm_world import saving
 from deltaswarm_world.attention import Attention
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep
+from deltaswarm_world.lockstep import Patience
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.saving import SavedWorld
@@ -19,6 +20,9 @@ from deltaswarm_world.waker import Waker
 from deltaswarm_world.wires import Wires
 
 log = logging.getLogger("deltaswarm.world")
+
+SAVING_STEPS = 2.0
+"""An agent may take so many times the time of a step to save itself, and less each time that it does not."""
 
 GOODBYE_S = 3.0
 """Time at the end for the other parts to leave."""
@@ -30,6 +34,7 @@ class WorldProcess(Attention):
     def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
         super().__init__(config, wires, waker, saved)
         self._patience = saved.patience
+        self._saving_patience = Patience(SAVING_STEPS * self._settings.step_timeout_s)
         self._restarts = saved.restarts
         self._overruns_before = saved.overruns
         self._probe_due = 0.0
@@ -126,15 +131,25 @@ class WorldProcess(Attention):
         def can_be_saved() -> bool:
             return not self._operator_left and agents == lockstep.alive
 
-        def is_saved() -> bool:
-            return not inbox.unsaved and all(self._taken.get(role, -1) >= step for role in others)
+        def others_have() -> bool:
+            return all(self._taken.get(role, -1) >= step for role in others)
+
+        patience, began = self._saving_patience, time.monotonic()
+
+        def is_enough() -> bool:
+            _, longest_s = patience.with_any(inbox.unsaved, step)
+            return not inbox.unsaved or time.monotonic() >= began + longest_s
 
         if can_be_saved():
             inbox.await_saved(agents)
             self._wires.save(agents, step)
-            self._wait_until(lambda: not can_be_saved() or is_saved(), self._settings.start_timeout_s)
-        if not can_be_saved() or not is_saved():
+            self._wait_until(lambda: not can_be_saved() or is_enough(), patience.most_s)
+            self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
+        if not can_be_saved() or inbox.unsaved or not others_have():
             log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
+            for agent in sorted(inbox.unsaved):
+                patience.missed(agent, step)
+                log.warning("agent %d did not save itself", agent)
             return
         saving.save(
             self._config.out,
