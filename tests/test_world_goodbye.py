@@ -11,10 +11,11 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import ClosedStep
+from deltaswarm_world.news import NewsQueue, Taken, Token
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.process import WorldProcess
 from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.waker import Taken, Token, Waker
+from deltaswarm_world.waker import Waker
 from deltaswarm_world.wires import Wires
 
 LAST = 3
@@ -25,7 +26,7 @@ class Fabric:
     """Wires and waker in one: brings news batch by batch, and keeps what is sent."""
 
     def __init__(self, batches: Iterable[list[Token | Taken]]) -> None:
-        self.news: list[Token | Taken] = []
+        self.news = NewsQueue()
         self.deadline = float("inf")
         self.stop_requested = False
         self.clocks: list[bytes] = []
@@ -35,7 +36,8 @@ class Fabric:
 
     def take(self, taker: Any) -> bool:
         """A wake-up, with the next batch of news."""
-        self.news = cast(Any, Queue(next(self._batches)))
+        for news in next(self._batches):
+            self.news.put(news)
         return False
 
     def wake_at(self, deadline_s: float) -> None:
@@ -68,14 +70,6 @@ class Fabric:
     def stop(self) -> None:
         """As after a signal, once its time is up."""
         self.stop_requested, self.deadline = True, 0.0
-
-
-class Queue(list[Any]):
-    """With what of a deque is used."""
-
-    def popleft(self) -> Any:
-        """The first."""
-        return self.pop(0)
 
 
 COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)

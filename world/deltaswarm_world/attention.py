@@ -2,6 +2,7 @@
 
 import logging
 import time
+from collections import Counter
 from collections.abc import Callable
 
 from deltaswarm_wire.commands import Pace, Turn
@@ -10,16 +11,19 @@ from deltaswarm_wire.operator_messages import Status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.handing_on import HandingOn
+from deltaswarm_world.news import Counted, Said, Taken
 from deltaswarm_world.pace import RealTimePace
 from deltaswarm_world.rhythm import Rhythm
 from deltaswarm_world.saving import SavedWorld
 from deltaswarm_world.turns import LIVE, OFF
-from deltaswarm_world.waker import Counted, Said, Taken, Waker
+from deltaswarm_world.waker import Waker
 from deltaswarm_world.wires import Wires
 
 log = logging.getLogger("deltaswarm.world")
 
 STATUS_EVERY_S = 0.5
+MAX_TOLD = 100
+"""The log tells of so many comings and goings of one agent."""
 
 
 class Attention:
@@ -50,6 +54,7 @@ class Attention:
         self._operator_left = False
         """The operator went, and has not been given what it missed."""
         self._warned: set[int] = set()
+        self._comings: Counter[int] = Counter()
 
     def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
@@ -94,8 +99,7 @@ class Attention:
 
         What the operator counted is handed on to the recorder.
         """
-        while self._waker.news:
-            news = self._waker.news.popleft()
+        for news in self._waker.news.take():
             if isinstance(news, Taken):
                 self._taken[news.role] = news.step
                 if news.role == OPERATOR and not self._operator_left:
@@ -109,7 +113,7 @@ class Attention:
                 continue
             role, number, is_there = news
             (self._there.add if is_there else self._there.discard)((role, number))
-            if role == RECORDER and is_there:  # it says what it has only after its first steps
+            if role == RECORDER and is_there and self._config.publish_truth:  # what it has, it says only later
                 self._taken.setdefault(role, self._core.lockstep.step)
             if role == AGENT and number < self._config.scenario.agents.count:
                 self._take_token(number, is_there)
@@ -129,10 +133,13 @@ class Attention:
         lockstep = self._core.lockstep
         if self._in_hand is not None and agent in self._in_hand.agents:
             return
+        was_there = agent in lockstep.alive
         (lockstep.back if there else lockstep.gone)(agent)
         if agent in lockstep.boards:  # samples may overtake the token that tells of a return
             self._core.inbox.go_on_anywhere(agent)
-        if self._has_begun and not self._is_over:
+        has_changed = was_there != (agent in lockstep.alive)
+        self._comings[agent] += has_changed
+        if has_changed and self._has_begun and not self._is_over and self._comings[agent] <= MAX_TOLD:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
 
     def _send_status(self, step: int, phase: str) -> None:

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 FORGIVEN_STEPS = 2500
 """After this many steps the patience with a late agent doubles again, up to its initial value."""
 
+MAX_RETURNS = 20
+"""An agent, unless it is a board, may so often come back after its process died."""
+
 MAX_MISSES = 20
 """Maximum number of counted misses; almost no patience is left then."""
 
@@ -163,8 +166,8 @@ class LockStep:
         self.hanging.discard(agent)
 
     def back(self, agent: int) -> None:
-        """Note that an agent's token reappeared; it takes part from the next step on."""
-        if agent not in self.alive:
+        """Note that an agent's token reappeared; it takes part from the next step on, unless it died too often."""
+        if agent not in self.alive and self.lost.count(agent) <= MAX_RETURNS:
             self.alive.add(agent)
             self.returned.add(agent)
             self.hanging.discard(agent)

@@ -7,13 +7,13 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from typing import NamedTuple
 
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import Pace, Turn, decode_pace, decode_turn
 from deltaswarm_wire.keys import Keys, parse_token
 from deltaswarm_wire.orders import decode_done, decode_taken
 from deltaswarm_wire.session import use_one_worker_thread
+from deltaswarm_world.news import Counted, NewsQueue, Said, Taken, Token
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -27,36 +27,6 @@ STOP_WITHIN_S = 1.0
 """Time that a stopping run waits for agents to close the step."""
 
 
-class Token(NamedTuple):
-    """A process appeared or disappeared."""
-
-    role: str
-    number: int
-    is_there: bool
-
-
-class Taken(NamedTuple):
-    """Newest step on disk at operator or recorder (-1: none yet)."""
-
-    role: str
-    step: int
-
-
-class Counted(NamedTuple):
-    """The operator's encoded workload."""
-
-    data: bytes
-
-
-class Said(NamedTuple):
-    """What the operator says of the steps: its turn, or the pace that it wants."""
-
-    word: Turn | Pace
-
-
-News = Token | Taken | Counted | Said
-
-
 class Waker:
     """Wakes the main thread from its wait for samples: at a deadline, a token, or a signal.
 
@@ -67,8 +37,7 @@ class Waker:
         self.deadline = float("inf")
         """Wall time (monotonic) of the next wake-up; set by `wake_at`."""
         self.stop_requested = False
-        self.news: deque[News] = deque()
-        """In order of arrival."""
+        self.news = NewsQueue()
         self.done: deque[int] = deque()
         """Numbers of completed orders."""
         self._session = session
@@ -100,7 +69,7 @@ class Waker:
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = parse_token(str(sample.key_expr))
         if token is not None:
-            self.news.append(Token(*token, sample.kind == zenoh.SampleKind.PUT))
+            self.news.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
             self._nudge.set()
 
     def _on_done(self, sample: zenoh.Sample) -> None:
@@ -112,18 +81,18 @@ class Waker:
 
     def _on_taken(self, sample: zenoh.Sample) -> None:
         try:
-            self.news.append(Taken(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
+            self.news.put(Taken(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
         except WireError as error:
             log.warning("dropped a sample on %s: %s", sample.key_expr, error)
         self._nudge.set()
 
     def _on_workload(self, sample: zenoh.Sample) -> None:
-        self.news.append(Counted(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
+        self.news.put(Counted(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
 
     def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
         def on_word(sample: zenoh.Sample) -> None:
             try:
-                self.news.append(Said(decode(sample.payload.to_bytes())))
+                self.news.put(Said(decode(sample.payload.to_bytes())))
             except WireError as error:
                 log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
             self._nudge.set()

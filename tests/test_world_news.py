@@ -1,0 +1,47 @@
+"""What the world is told: in order, and with a bound on what an agent may tell."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_world.lockstep import MAX_RETURNS, LockStep
+from deltaswarm_world.news import News, NewsQueue, Taken, Token
+
+TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
+
+
+@given(st.lists(TOKENS | st.builds(Taken, st.just(OPERATOR), st.integers(0, 9))))
+def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: list[News]) -> None:
+    queue = NewsQueue()
+    for news in told:
+        queue.put(news)
+    taken = list(queue.take())
+    assert not list(queue.take())
+
+    def of(agent: int, found: list[News]) -> list[News]:
+        return [news for news in found if isinstance(news, Token) and (news.role, news.number) == (AGENT, agent)]
+
+    agents = [news for agent in range(3) for news in of(agent, told)]
+    assert [news for news in taken if news not in agents] == [news for news in told if news not in agents]
+    for agent in range(3):
+        assert of(agent, taken) == of(agent, told)[-2:]
+
+
+def test_who_comes_and_goes_without_end_is_taken_back_only_so_often() -> None:
+    lockstep = LockStep([0, 1])
+    for step in range(10 * MAX_RETURNS):
+        lockstep.begin(step, [0])
+        lockstep.gone(1)
+        lockstep.back(1)
+    assert lockstep.alive == {0}
+    assert lockstep.lost == [1] * (MAX_RETURNS + 1)
+
+
+def test_a_board_is_always_taken_back() -> None:
+    """Its link may fail as often as it will."""
+    lockstep = LockStep([0, 1], boards=[1])
+    for step in range(10 * MAX_RETURNS):
+        lockstep.begin(step, [0])
+        lockstep.gone(1)
+        lockstep.back(1)
+    assert lockstep.alive == {0, 1}
