@@ -59,9 +59,12 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Router]:
     pairs = router_pairs(link, str(credentials), KEYS, AGENTS, endpoints)
     with zenoh.open(configured(zenoh.Config, pairs, link)) as session:
         router = Router(folder, *endpoints, session)
-        session.declare_subscriber(
-            KEYS.from_agents, lambda sample: router.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
-        )
+
+        def hear(sample: zenoh.Sample) -> None:
+            router.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+        # In the thread that reads the link, which also notes its end: what was sent before that is heard before that.
+        session.declare_subscriber(KEYS.from_agents, zenoh.handlers.Callback(hear, indirect=False))
         yield router
 
 
