@@ -208,6 +208,22 @@ def test_of_two_runs_one_gets_the_folder(
     kept.finish()
 
 
+def test_what_a_resume_needs_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The scenario, and the names that lead to it, whatever becomes of the machine."""
+    synced: set[int] = set()
+    sync = os.fsync
+
+    def noted(file: int) -> None:
+        synced.add(os.fstat(file).st_ino)
+        sync(file)
+
+    monkeypatch.setattr(os, "fsync", noted)
+    with RunFolder(tmp_path / "run", force=False) as folder:
+        folder.begin(load_scenario("smoke"), {})
+        needed = tmp_path, folder.path, folder.path / "scenario.toml"
+        assert {path.stat().st_ino for path in needed} <= synced
+
+
 CROWD = """
 import errno, fcntl, os, sys
 from pathlib import Path

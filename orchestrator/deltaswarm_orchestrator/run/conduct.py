@@ -31,6 +31,7 @@ from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop, stoppable
 from deltaswarm_wire import checked, checkpoint
+from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.settings import Scenario
 
 
@@ -238,6 +239,7 @@ class _Run:
         zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
         if every:
             (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
+            sync_folder(folder)
         station = self._options.station
         stopped, resumed = (lambda: self._stop.by), self._resumed
         with Swarm(scenario, name, folder, zenoh, who, stopped, every, resumed, station) as swarm:

@@ -13,12 +13,13 @@ from deltaswarm_orchestrator.exits import FAILED, CommandError
 from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.run.results import write_json
 from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_wire.files import sync_folder, write_whole
 from deltaswarm_wire.settings import Scenario
 
 RUN_FILES = {"manifest.json", "scenario.toml"}
 """What every run folder has, and no sweep's."""
 
-BEGINNING = {*LOCK_FILES, "scenario.toml", "manifest.json.part"}
+BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", "manifest.json.part"}
 """All that is in the folder of a run that was killed before it had these."""
 
 DELETE_TRIES = 10
@@ -80,8 +81,13 @@ class RunFolder:
         self._lock.release()
 
     def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
-        """Write what is known before the first step."""
-        (self.path / "scenario.toml").write_text(to_toml(scenario))
+        """Write what is known before the first step.
+
+        The scenario is on the disk then: a run that goes on after a loss of power needs it.
+        """
+        write_whole(self.path / "scenario.toml", to_toml(scenario).encode())
+        with suppress(PermissionError):  # a folder that may be written, but not read
+            sync_folder(self.path.parent)
         self.write_manifest(manifest)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
