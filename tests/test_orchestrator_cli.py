@@ -231,7 +231,7 @@ def test_info_tells_a_run_that_goes_on_from_one_that_was_killed(tmp_path: Path, 
         assert main(["info", str(folder.path), "--json"]) == 0
         return str(json.loads(capsys.readouterr().out)["state"])
 
-    killed = "incomplete (killed, or its machine stopped)"
+    killed = "incomplete (killed, its machine stopped, or its disk was full)"
     assert [state(), state()] == ["running", "running"]
     folder.close()
     assert state() == killed

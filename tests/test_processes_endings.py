@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import pytest
 
 from deltaswarm_orchestrator import room
+from deltaswarm_orchestrator.run.folder import RunFolder
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
 
@@ -182,24 +183,56 @@ def may_mount(target: Path) -> bool:
     return subprocess.run([*in_little_room("100k", target), "true"], capture_output=True).returncode == 0
 
 
-def test_a_full_disk_ends_it_with_a_line(tmp_path: Path) -> None:
-    """It names the file and the cause; exit code 1; the folder says the same, and what was written can be read."""
-    small = tmp_path / "small"
-    small.mkdir()
-    if not may_mount(small):
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Where a small disk may be mounted."""
+    target = tmp_path / "small"
+    target.mkdir()
+    if not may_mount(target):
         pytest.skip("needs to mount a small disk: root in a namespace of its own")
-    kept = tmp_path / "kept"
-    copy = ["sh", "-c", f'"$@"; code=$?; cp -r "{small}/run" "{kept}"; exit $code', "sh"]
-    with running(small / "run", *IMPATIENT, inside=[*in_little_room("500k", small), *copy]) as swarm:
+    return target
+
+
+def fill(small: Path, size: str) -> tuple[str, Path]:
+    """A run on a disk of some size that is full early or late: what it says, and a copy of what is left."""
+    kept = small.with_name("kept")
+    copy = ["sh", "-c", f'"$@"; code=$?; cp -r "{small}" "{kept}"; exit $code', "sh"]
+    with running(small / "run", *IMPATIENT, inside=[*in_little_room(size, small), *copy]) as swarm:
         code, errors = ends_by_itself(swarm)
     assert code == 1
-    assert os.strerror(errno.ENOSPC) in errors or "bytes are free" in errors, errors
-    assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) <= 8, (
-        errors
-    )  # each part may be the first to see it
-    told = subprocess.run([*COMMAND, "info", str(kept)], capture_output=True, text=True, check=True).stdout
+    assert str(small / "run") in errors
+    assert is_full(errors), errors
+    return errors, kept
+
+
+def is_full(text: str) -> bool:
+    """Whether a text names the cause."""
+    return os.strerror(errno.ENOSPC) in text or "bytes are free" in text
+
+
+@pytest.mark.parametrize("size", ["8k", "12k", "52k", "60k", "72k", "90k", "110k", "500k"])
+def test_a_full_disk_ends_it_with_a_line(size: str, small: Path) -> None:
+    """Whatever cannot be written first: it names the file and the cause, and the folder says the same."""
+    errors, kept = fill(small, size)
+    lines = [line for line in errors.splitlines() if line.startswith("deltaswarm: ")]
+    assert len(lines) <= 8, errors  # each part may be the first to see it
+    assert "" not in errors.splitlines()  # where a reason should be
+    [left] = kept.iterdir()
+    told = subprocess.run([*COMMAND, "info", str(left)], capture_output=True, text=True, check=True).stdout
     assert "incomplete (failed)" in told
-    assert os.strerror(errno.ENOSPC) in told or "bytes are free" in told
+    assert is_full(told)
+
+
+@pytest.mark.parametrize("size", ["4k", "1m,nr_inodes=1"])
+def test_a_disk_without_room_for_a_manifest_ends_it_with_a_line(size: str, small: Path) -> None:
+    """What is left pretends to be nothing, and a run with more room may replace it."""
+    errors, kept = fill(small, size)
+    assert len([line for line in errors.splitlines() if line.startswith("deltaswarm: ")]) == 1, errors
+    for left in kept.iterdir():
+        told = subprocess.run([*COMMAND, "info", str(left)], capture_output=True, text=True)
+        assert told.returncode != 0
+        assert "manifest.json" in told.stderr
+        RunFolder(kept / "run", force=True).close()
 
 
 @pytest.mark.parametrize(("free_mb", "is_said"), [(1, True), (1000, False)])

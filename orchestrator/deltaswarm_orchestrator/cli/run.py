@@ -167,7 +167,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     elif not result.summary["steps"]:
-        complain(f"{result.exit_reason}: no step was made; see {result.folder}")
+        complain(f"{result.exit_reason}: no step is on file; see {result.folder}")
         return FAILED
     else:
         Console().print(result_table(result.summary))

@@ -77,18 +77,25 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         FolderTakenError: it could not get its name in the end.
         SettingsError: the scenario cannot be run with these boards.
         LiveError: the run cannot be shown live.
+        RoomError: the disk is so full that the folder cannot tell how the run ended.
     """
-    with stoppable() as stop, _viewer(scenario, options, reporter) as viewer:
-        if options.boards:
-            options.boards.prepare(scenario)
-        if options.resume:
-            resume.newest(options.out)  # before the folder is touched
-            resume.check_code(options.out, scenario)
-            with ResumedFolder(options.out) as folder:
-                resume.wait_for_leftovers(folder.path)
-                return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).do()
-        with RunFolder(options.out, force=options.force) as folder:
-            return _Run(scenario, options, folder, reporter, stop, viewer).do()
+    with room.room_in(options.out), stoppable() as stop, _viewer(scenario, options, reporter) as viewer:
+        return _run(scenario, options, reporter, stop, viewer)
+
+
+def _run(
+    scenario: Scenario, options: RunOptions, reporter: Reporter, stop: Stop, viewer: FoxgloveServer | None
+) -> RunResult:
+    if options.boards:
+        options.boards.prepare(scenario)
+    if options.resume:
+        resume.newest(options.out)  # before the folder is touched
+        resume.check_code(options.out, scenario)
+        with ResumedFolder(options.out) as folder:
+            resume.wait_for_leftovers(folder.path)
+            return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).do()
+    with RunFolder(options.out, force=options.force) as folder:
+        return _Run(scenario, options, folder, reporter, stop, viewer).do()
 
 
 @contextmanager
@@ -132,48 +139,64 @@ class _Run:
             self._manifest = json.loads((folder.path / "manifest.json").read_text())
             self._manifest |= {"exit_reason": results.RUNNING}
             self._manifest["resumed"] = [*self._manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
-            folder.write_manifest(self._manifest)
         else:
             engine = "in-process" if options.in_process else "processes"
             self._manifest = results.new_manifest(scenario, engine, scenario.record)
             self._manifest |= {"checkpoint_steps": options.checkpoint_steps, "resumed": []}
-            folder.begin(scenario, self._manifest)
         self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
 
     def do(self) -> RunResult:
         """All steps, then tables, summary and manifest."""
         folder = self._folder.path
-        if warning := room.shortage(folder, self._scenario):
-            self._reporter.say(f"warning: {warning}")
         summary: dict[str, Any] = {}
-        can_go_on = False
         try:
-            room.keep_reserve(folder)
-            with self._recorder() as recorder:
-                try:
+            with room.room_in(folder):
+                self._begin()
+                with self._recorder() as recorder:
                     self._do_steps(recorder)
-                finally:
                     summary = self._conclude()
-                if isinstance(recorder, Recorder):
-                    recorder.close(self._manifest, results.person_tables(folder))
-            assert self._outcome is not None
-            can_go_on = not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
-            with room.room_for(folder):
-                results.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
-            if not can_go_on:
-                shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
+                    if isinstance(recorder, Recorder):
+                        recorder.close(self._manifest, results.person_tables(folder))
+                self._write_tables()
         except RoomError as error:
             self._why.append(str(error))
-            summary = self._conclude() | {"valid": False}
-            summary["invalid_because"].append(str(error))
+            summary = self._conclude()
+            if summary["complete"]:
+                summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
         finally:
             room.give_up_reserve(folder)  # for what follows alone: recording and tables could use it up
+        self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
         results.write_json(folder / "summary.json", summary)
-        self._folder.write_manifest(self._manifest)
         path = self._folder.finish()
-        hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if can_go_on else []
+        hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
         messages = (*self._why, *self._logs, *hint)
         return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
+
+    def _begin(self) -> None:
+        """The folder as the first step needs it."""
+        folder = self._folder.path
+        if warning := room.shortage(folder, self._scenario):
+            self._reporter.say(f"warning: {warning}")
+        if self._resumed:
+            self._folder.go_on(self._manifest)
+        else:
+            self._folder.begin(self._scenario, self._manifest)
+        if self._checkpoint_steps:
+            (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
+            sync_folder(folder)
+
+    def _write_tables(self) -> None:
+        """Unless the run can go on, they replace what its parts wrote."""
+        folder = self._folder.path
+        assert self._outcome is not None
+        can_go_on = self._can_go_on(folder)
+        results.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
+        if not can_go_on:
+            shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
+
+    def _can_go_on(self, folder: Path) -> bool:
+        assert self._outcome is not None
+        return not self._outcome.is_complete and (folder / checkpoint.FOLDER / checkpoint.NEWEST).exists()
 
     @contextmanager
     def _recorder(self) -> Iterator[Sink | None]:
@@ -218,6 +241,7 @@ class _Run:
         try:
             self._run_processes(recorder)
         except (LaunchError, ConnectionError) as error:
+            room.check_spare(self._folder.path)  # a part that finds no room cannot say so
             self._why.append(str(error))
         except StoppedError:
             pass
@@ -237,9 +261,6 @@ class _Run:
         name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
         who = boards.agents if boards else ()
         zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
-        if every:
-            (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
-            sync_folder(folder)
         station = self._options.station
         stopped, resumed = (lambda: self._stop.by), self._resumed
         with Swarm(scenario, name, folder, zenoh, who, stopped, every, resumed, station) as swarm:

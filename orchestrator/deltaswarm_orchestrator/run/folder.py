@@ -9,6 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
+from deltaswarm_orchestrator import room
 from deltaswarm_orchestrator.exits import FAILED, CommandError
 from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.run.results import write_json
@@ -19,7 +20,7 @@ from deltaswarm_wire.settings import Scenario
 RUN_FILES = {"manifest.json", "scenario.toml"}
 """What every run folder has, and no sweep's."""
 
-BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", "manifest.json.part"}
+BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", room.RESERVE, "manifest.json.part"}
 """All that is in the folder of a run that was killed before it had these."""
 
 DELETE_TRIES = 10
@@ -57,14 +58,14 @@ class RunFolder:
             self._lock = FolderLock(made)
         except OSError as error:
             shutil.rmtree(made, ignore_errors=True)
-            raise FolderError(f"{self.path} cannot be made: {error.strerror}") from None
+            raise FolderError(f"{self.path} cannot be made: {error.strerror}", _code_of(error)) from None
         try:
             self._move_away_what_was_left()
             made.rename(self.path)  # fails if somebody else's is there: it is never empty
         except OSError as error:
             is_late = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT)
             reason = "another run has just made it" if is_late else error.strerror
-            raise FolderError(f"{self.path} cannot be made: {reason}") from None
+            raise FolderError(f"{self.path} cannot be made: {reason}", _code_of(error)) from None
         finally:
             if not self._lock.is_at(self.path):
                 self._lock.release()
@@ -81,13 +82,18 @@ class RunFolder:
         self._lock.release()
 
     def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
-        """Write what is known before the first step.
+        """Write what is known before the first step, and set room aside for what is known after the last.
 
         The scenario is on the disk then: a run that goes on after a loss of power needs it.
         """
         write_whole(self.path / "scenario.toml", to_toml(scenario).encode())
         with suppress(PermissionError):  # a folder that may be written, but not read
             sync_folder(self.path.parent)
+        self.go_on(manifest)
+
+    def go_on(self, manifest: dict[str, Any]) -> None:
+        """The same where the scenario is there."""
+        room.keep_reserve(self.path)
         self.write_manifest(manifest)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
@@ -171,6 +177,11 @@ class ResumedFolder(RunFolder):
             self._lock.release()
             raise FolderError(f"{folder} has just become another run's")
         folder.rename(self.path)
+
+
+def _code_of(error: OSError) -> int | None:
+    """The exit code where this is not the user's mistake."""
+    return FAILED if room.is_refused(error) else None
 
 
 def _beside(path: Path) -> Path:

@@ -67,7 +67,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
         return "complete"
     if manifest["exit_reason"] != results.RUNNING:
         return f"incomplete ({manifest['exit_reason']})"
-    died = "incomplete (killed, or its machine stopped)"
+    died = "incomplete (killed, its machine stopped, or its disk was full)"
     return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_held(folder)]
 
 
