@@ -5,14 +5,17 @@ import os
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
 from deltaswarm_orchestrator import room
+from deltaswarm_orchestrator.recording.names import DEEDS
 from deltaswarm_orchestrator.run.folder import RunFolder
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
@@ -158,6 +161,86 @@ def test_a_second_signal_cuts_the_orderly_end_short(tmp_path: Path) -> None:
         code, _ = ends_by_itself(swarm)
     assert code == 1
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
+
+
+@pytest.mark.parametrize("stopped", [False, True])
+def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Path) -> None:
+    """Held up on a file that it reads after the last step, and signalled twice, it still writes what is true."""
+    length = () if stopped else ("--set", "run.duration_s=50")
+    with running(tmp_path / "run", *IMPATIENT, *length) as swarm:
+        wait_until((swarm.part / "manifest.json").exists, "the folder")
+        os.mkfifo(swarm.part / DEEDS)
+        if stopped:
+            swarm.wait_until_under_way()
+            os.kill(swarm.process.pid, signal.SIGINT)
+        with os.fdopen(wait_until(lambda: reached(swarm.part / DEEDS), "the conclusion"), "w"):
+            for number in (signal.SIGINT, signal.SIGTERM):
+                os.kill(swarm.process.pid, number)
+        code, errors = ends_by_itself(swarm)
+    manifest, summary = swarm.manifest(), swarm.summary()
+    assert code == int(stopped), errors
+    assert manifest["exit_reason"] == summary["exit_reason"] == ("stopped by SIGINT" if stopped else "finished")
+    assert manifest["complete"] == summary["complete"] == summary["valid"] == (not stopped)
+
+
+def reached(fifo: Path) -> int | None:
+    """The writing end, once somebody reads."""
+    try:
+        return os.open(fifo, os.O_WRONLY | os.O_NONBLOCK)
+    except OSError:
+        return None
+
+
+def with_a_full_pipe(swarm: RunningSwarm) -> None:
+    """Whatever it prints has to wait until somebody reads."""
+    pipe = os.open(f"/proc/{swarm.process.pid}/fd/1", os.O_WRONLY | os.O_NONBLOCK)
+    with suppress(BlockingIOError):
+        while os.write(pipe, b"\n" * 4096):
+            pass
+    os.close(pipe)
+
+
+def test_a_signal_after_the_conclusion_comes_too_late(tmp_path: Path) -> None:
+    """The folder has its name and says that all is well, and so does the exit code; what was found is printed."""
+    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
+        with_a_full_pipe(swarm)
+        wait_until(swarm.out.exists, "the folder's name")
+        os.kill(swarm.process.pid, signal.SIGTERM)
+        code, printed, errors = swarm.finish()
+    assert code == 0, errors
+    assert str(swarm.out) in printed
+    assert swarm.summary()["valid"]
+
+
+def test_who_stops_reading_does_not_keep_a_run_that_is_over(tmp_path: Path) -> None:
+    """Who asks again is heard, and the exit code is still that of the run."""
+    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
+        with_a_full_pipe(swarm)
+        wait_until(swarm.out.exists, "the folder's name")
+
+        def asked_again() -> bool:
+            os.kill(swarm.process.pid, signal.SIGTERM)
+            return swarm.process.poll() is not None
+
+        wait_until(asked_again, "the end")
+    assert swarm.process.returncode == 0
+
+
+def test_a_signal_too_late_for_one_thing_is_in_time_for_the_next() -> None:
+    """Between two runs of a session."""
+    source = (
+        "import os, signal\n"
+        "from deltaswarm_orchestrator.stopping import begin_anew, decide, end_at_once_on_signals, stoppable\n"
+        "end_at_once_on_signals()\n"
+        "with stoppable() as stop:\n"
+        "    stop.conclude()\n"
+        "    os.kill(os.getpid(), signal.SIGINT)\n"
+        "    decide(0)\n"
+        "begin_anew()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
+    assert ended.returncode == 1
+    assert "SIGINT" in ended.stderr
 
 
 def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import whole
 from deltaswarm_orchestrator.exits import FAILED, OK, complain
 from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_orchestrator.stopping import begin_anew
 
 RECORD = "session.json"
 
@@ -44,6 +45,7 @@ def session(arguments: argparse.Namespace) -> int:
         print(f"run {place} of {len(planned) - 1}: {one.label}")
         code = _do(one, folder)
         _write(folder, participant, planned)
+        begin_anew()
         if code != OK:
             complain(
                 f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"

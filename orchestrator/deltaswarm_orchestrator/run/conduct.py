@@ -11,6 +11,7 @@ from typing import Any
 
 from deltaswarm_orchestrator import provenance, room
 from deltaswarm_orchestrator.boards.boards import Boards, commands
+from deltaswarm_orchestrator.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
@@ -29,10 +30,12 @@ from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
-from deltaswarm_orchestrator.stopping import Stop, stoppable
+from deltaswarm_orchestrator.stopping import Stop, decide, stoppable
 from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.settings import Scenario
+
+AT_ONCE = "a second signal came: nothing was waited for"
 
 
 @dataclass(frozen=True)
@@ -78,9 +81,14 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         SettingsError: the scenario cannot be run with these boards.
         LiveError: the run cannot be shown live.
         RoomError: the disk is so full that the folder cannot tell how the run ended.
+        CommandError: somebody asked twice for the end before there was a run.
     """
-    with room.room_in(options.out), stoppable() as stop, _viewer(scenario, options, reporter) as viewer:
-        return _run(scenario, options, reporter, stop, viewer)
+    with stoppable() as stop:
+        try:
+            with room.room_in(options.out), _viewer(scenario, options, reporter) as viewer:
+                return _run(scenario, options, reporter, stop, viewer)
+        except KeyboardInterrupt:
+            raise CommandError(f"stopped by {stop.by}", FAILED) from None
 
 
 def _run(
@@ -146,7 +154,10 @@ class _Run:
         self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
 
     def do(self) -> RunResult:
-        """All steps, then tables, summary and manifest."""
+        """All steps, then tables, summary and manifest.
+
+        From its last step on a run is what it is: a signal then comes too late to change what the records say.
+        """
         folder = self._folder.path
         summary: dict[str, Any] = {}
         try:
@@ -158,8 +169,9 @@ class _Run:
                     if isinstance(recorder, Recorder):
                         recorder.close(self._manifest, results.person_tables(folder))
                 self._write_tables()
-        except RoomError as error:
-            self._why.append(str(error))
+        except (RoomError, KeyboardInterrupt) as error:
+            self._stop.conclude()
+            self._why.append(str(error) or AT_ONCE)
             summary = self._conclude()
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
@@ -168,6 +180,7 @@ class _Run:
         self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
         results.write_json(folder / "summary.json", summary)
         path = self._folder.finish()
+        decide(OK if summary["valid"] else FAILED)
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
         messages = (*self._why, *self._logs, *hint)
         return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
@@ -220,6 +233,14 @@ class _Run:
             yield recorder
 
     def _do_steps(self, recorder: Sink | None) -> None:
+        """All steps that are made, as fast as a second signal wants; any further one comes too late."""
+        try:
+            self._try_steps(recorder)
+            self._stop.conclude()
+        except KeyboardInterrupt:
+            self._why.append(AT_ONCE)
+
+    def _try_steps(self, recorder: Sink | None) -> None:
         """By real processes or in one; who wants to look on may come."""
         if self._options.in_process and recorder is None:  # there would be nothing to see
             self._run_in_process(None)
@@ -245,8 +266,6 @@ class _Run:
             self._why.append(str(error))
         except StoppedError:
             pass
-        except KeyboardInterrupt:
-            self._why.append("a second signal came: nothing was waited for")
 
     def _run_processes(self, recorder: Sink | None) -> None:
         """Launch, watch, end.
