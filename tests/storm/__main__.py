@@ -1,6 +1,7 @@
 """`python -m tests.storm --runs 100 --seed 1`: a table of stormy runs; exit code 1 if anything did not hold."""
 
 import argparse
+import os
 import tempfile
 from pathlib import Path
 from random import Random
@@ -19,6 +20,7 @@ def main() -> int:
     arguments = parser.parse_args()
     raise_on_signals(STOP_SIGNALS)  # so that no process and no folder stays behind
     bad = landed = 0
+    before = shared_memory()
     for number in range(arguments.first, arguments.first + arguments.runs):
         with tempfile.TemporaryDirectory(prefix="storm-") as name:
             folder = Path(name)
@@ -34,7 +36,14 @@ def main() -> int:
             bad += bool(found)
             landed += bool(seen.landed)
     print(f"{arguments.runs} runs, {landed} of them hit, {bad} in which something did not hold")
-    return 1 if bad else 0
+    if left := shared_memory() - before:
+        print(f"left behind in shared memory: {', '.join(sorted(left))}")
+    return 1 if bad or left else 0
+
+
+def shared_memory() -> set[str]:
+    """The segments of all processes of this machine."""
+    return set(os.listdir("/dev/shm"))
 
 
 if __name__ == "__main__":

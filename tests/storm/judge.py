@@ -1,14 +1,16 @@
 """What must hold of a run, whatever was done to it."""
 
 import json
+import re
 import signal
 from pathlib import Path
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run import info
-from tests.storm.storm import ORCHESTRATOR, Seen
+from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen
 
 KILL = signal.SIGKILL
+KILLED = re.compile(r"(.+) was killed by (SIG[A-Z]+)(?: at step \d+)?")
 
 
 def judge(folder: Path, seen: Seen) -> list[str]:
@@ -23,7 +25,7 @@ def judge(folder: Path, seen: Seen) -> list[str]:
         found.append("both the run's folder and its .part are there")
     was_killed = seen.landed_on(ORCHESTRATOR, KILL)
     if run.exists():
-        return found + _records(run, seen.code, was_killed)
+        return found + _records(run, seen.code, was_killed) + _whys(run, seen)
     if part.exists():
         return found + (_of_a_killed(part) if was_killed else ["a .part without a killed orchestrator"])
     return found if was_killed or seen.code == 1 else [*found, f"no folder, and exit code {seen.code}"]
@@ -46,6 +48,18 @@ def _records(run: Path, code: int, was_killed: bool) -> list[str]:
     if (state == "complete") != summary["complete"] or state.startswith("running"):
         found.append(f"info says {state!r}")
     return found + _recording(run)
+
+
+def _whys(run: Path, seen: Seen) -> list[str]:
+    """Who is said to have been killed was, by that signal; and why it failed begins with one that was struck."""
+    manifest = json.loads((run / "manifest.json").read_text())
+    struck = {(blow.target, blow.number.name) for blow in seen.landed}
+    killed = [match.groups() for line in manifest["why"] if (match := KILLED.fullmatch(line))]
+    found = [f"why says {part} was killed by {name}" for part, name in killed if (part, name) not in struck]
+    targets = [target for target, _ in struck if target != FORK_SERVER]
+    if manifest["exit_reason"] == "failed" and targets and not any(one in manifest["why"][0] for one in targets):
+        found.append(f"why begins with none that was struck: {manifest['why']}")
+    return found
 
 
 def _of_a_killed(part: Path) -> list[str]:
