@@ -163,12 +163,16 @@ def run(out: Path, *arguments: str, scenario: str = "smoke") -> dict[str, Any]:
 
 @contextmanager
 def started(
-    scenario: Scenario, run: str, folder: Path, agents: Iterable[int] | None = None
+    scenario: Scenario,
+    run: str,
+    folder: Path,
+    agents: Iterable[int] | None = None,
+    zenoh: Sequence[tuple[str, str]] = (),
 ) -> Iterator[tuple[Swarm, Observer]]:
     """World, operator and agents (default: all) as the orchestrator starts them, and the observer of their run."""
     file = folder / "scenario.toml"
     file.write_text(to_toml(scenario))
-    with Swarm(scenario, run, folder) as swarm:
+    with Swarm(scenario, run, folder, zenoh) as swarm:
         swarm.start_world(file, listen="tcp/127.0.0.1:0")
         with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
             swarm.start_operator(publish_all=False)

@@ -3,6 +3,7 @@
 The world's session is the router; `access.py` has its access rules.
 """
 
+import hashlib
 import json
 import os
 import re
@@ -14,7 +15,7 @@ from deltaswarm_wire.access import TLS, world_rules
 from deltaswarm_wire.checked import one_line
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.endpoints import protocol_of
-from deltaswarm_wire.keys import Keys
+from deltaswarm_wire.keys import OPERATOR, RECORDER, Keys
 
 CONFIG_VARIABLE = "DELTASWARM_ZENOH_CONFIG"
 """Names a JSON5 file that a session starts from, as in rmw_zenoh."""
@@ -124,12 +125,22 @@ def without_sources(text: str) -> str:
     return _RUST_SOURCE.sub("", text)
 
 
+def secret_id(user: str, password: str) -> str:
+    """The id of the operator's or recorder's session, by which the world tells its link from others'.
+
+    Zenoh does not say which user a link belongs to. Nobody can take this id who does not know the password.
+    """
+    return "1" + hashlib.sha256(f"{user}:{password}".encode()).hexdigest()[:31]  # Zenoh accepts no leading zero
+
+
 def client_pairs(link: RouterLink) -> Pairs:
     """Settings of a client that connects to a known router and does not scout."""
     pairs: Pairs = [("mode", "client"), ("connect/endpoints", [link.endpoint]), *quiet_pairs(link.low_latency)]
     user, password = (CERTIFIED, CERTIFIED) if link.tls else (link.user, link.password)
     if user:
         pairs += [("transport/auth/usrpwd/user", user), ("transport/auth/usrpwd/password", password)]
+    if user in (OPERATOR, RECORDER):
+        pairs.append(("id", secret_id(user, password)))
     return pairs + tls_pairs(link.tls, "connect")
 
 

@@ -9,6 +9,7 @@ from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.process import WorldProcess
 from deltaswarm_world.saving import SavedWorld
+from deltaswarm_world.slow_links import SlowLinks, trusted_sessions
 from deltaswarm_world.waker import Waker
 from deltaswarm_world.wires import Wires, open_router
 
@@ -28,12 +29,14 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
             signal.signal(number, lambda number, _: early.append(number))
     saved = saved or SavedWorld.new(config)
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
+    trusted = trusted_sessions(config.credentials.read_text())
     asked = config.listen or (config.link.endpoint,)
     with (
         WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output,
         open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
     ):
         waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
+        slow_links = SlowLinks(session, trusted, wires.waits_for)
         if early:  # the signal came before the waker was ready
             signal.raise_signal(early[0])
         try:
@@ -47,4 +50,5 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
         finally:
             wires.close()
             waker.close()
+            slow_links.close()
     return 0 if complete else 1

@@ -1,4 +1,4 @@
-"""Wakes the world's process from its wait for samples. Only this file and `wires.py` use Zenoh."""
+"""Wakes the world's process from its wait for samples. Only this file, `wires.py` and `slow_links.py` use Zenoh."""
 
 import logging
 import signal

@@ -18,6 +18,8 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 RELIEF_EVERY_S = 0.05
+BLOCKED_S = 0.2
+"""Sending for so long [s] is a matter of the receiver, not of a busy machine."""
 PORT_TRIES = 20
 ANY_PORT = ":0"
 
@@ -55,6 +57,8 @@ class Wires:
             )
 
         self._frames = [publisher(keys.agent(agent, FRAME), "Frame") for agent in range(agents)]
+        self._sending: tuple[int, float] | None = None
+        """The agent that gets a message now, and since when [wall s]."""
         self._status = publisher(keys.status, "Status")
         self._orders = publisher(keys.orders, "Order")
         self.clock = publisher(keys.clock, "Clock").put
@@ -68,12 +72,21 @@ class Wires:
     def frames(self, frames: Iterable[tuple[int, Frame]]) -> None:
         """Send each of these agents its frame."""
         for agent, frame in frames:
+            self._sending = agent, time.monotonic()
             self._frames[agent].put(encode_frame(frame))
+        self._sending = None
 
     def save(self, agents: Iterable[int], step: int) -> None:
         """Request that these agents save their state after this step."""
         for agent in agents:
+            self._sending = agent, time.monotonic()
             self._frames[agent].put(encode_save(step), attachment=b"save")  # distinguishes it from a frame
+        self._sending = None
+
+    def waits_for(self) -> str:
+        """The agent whose link blocks the world's sending, if one does."""
+        agent, since_s = self._sending or (0, float("inf"))
+        return f"agent {agent}" if time.monotonic() - since_s > BLOCKED_S else ""
 
     def order(self, order: ProcessOrder) -> None:
         """Send an order to the orchestrator."""
