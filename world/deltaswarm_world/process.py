@@ -1,4 +1,4 @@
-"""The world's process: lock-step and clock. What touches Zenoh is in `wires.py` and `waker.py`."""
+"""The world's process: lock-step and clock. What touches Zenoh is in `wires.py`, `waker.py` and `slow_links.py`."""
 
 import logging
 import time
