@@ -1,5 +1,6 @@
 """A client that does not read loses its link; the run goes on, and operator and recorder keep theirs."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -18,8 +19,8 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, FRAME, OPERATOR, RECORDER, WORLD, Keys
-from deltaswarm_wire.session import RouterLink
-from deltaswarm_world.slow_links import PATIENCE_S, SlowLinks, trusted_sessions
+from deltaswarm_wire.session import RouterLink, client_pairs, configured
+from deltaswarm_world.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, trusted_sessions
 from deltaswarm_world.wires import open_router
 from tests.hostile.attacker import WHO
 from tests.swarms import BOUND_S, started, wait_until
@@ -113,6 +114,24 @@ def test_operator_and_recorder_are_not_cut(link: str, tmp_path: Path, caplog: py
         wait_until(lambda: "is cut" in caplog.text, "the cut")
         assert caplog.text.count("is cut") == 1
         assert to_both.blocked_s > PATIENCE_S + 1
+
+
+def test_links_that_come_and_go_leave_no_descriptor(tmp_path: Path) -> None:
+    """Each is looked for among all descriptors of the process, of which most are no links."""
+    credentials = tmp_path / "credentials"
+    credentials.write_text(f"{OPERATOR}:secret\n")
+    endpoints: list[str] = []
+    router = RouterLink("tcp/127.0.0.1:0")
+    with open_router(router, str(credentials), KEYS, range(1), [router.endpoint], endpoints.append) as session:
+        links = SlowLinks(session, trusted_sessions(credentials.read_text()), lambda: "")
+        before = len(os.listdir(DESCRIPTORS))
+        client = RouterLink(endpoints[0], OPERATOR, "secret")
+        for _ in range(10):
+            with zenoh.open(configured(zenoh.Config, client_pairs(client), client)):
+                wait_until(lambda: links._watched, "the link")
+            wait_until(lambda: not links._watched, "its end")
+        assert len(os.listdir(DESCRIPTORS)) == before
+        links.close()
 
 
 class Feeder:

@@ -130,8 +130,13 @@ class SlowLinks:
 
 
 def _duplicate(descriptor: int) -> socket.socket:
-    """The same connection; stays valid when Zenoh closes it."""
-    return socket.socket(fileno=os.dup(descriptor))
+    """The same connection; stays valid when Zenoh closes it. Raises OSError if it is no socket."""
+    duplicate = os.dup(descriptor)
+    try:
+        return socket.socket(fileno=duplicate)
+    except OSError:
+        os.close(duplicate)
+        raise
 
 
 def _other_end(link: socket.socket) -> Address | None:
