@@ -7,17 +7,21 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import pytest
 
 from deltaswarm_orchestrator import room
 from deltaswarm_orchestrator.recording.names import DEEDS
+from deltaswarm_orchestrator.run import launch
 from deltaswarm_orchestrator.run.folder import RunFolder
+from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_wire.keys import AGENT
 from tests.swarms import BOUND_S, COMMAND, SMOKE_PROCESSES, RunningSwarm, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
@@ -144,23 +148,40 @@ def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
 
-def is_asked_to_end(pid: int) -> bool:
-    """Whether SIGTERM waits for a stopped process to go on."""
-    [pending] = [line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("ShdPnd")]
-    return bool(int(pending.split()[1], 16) >> (signal.SIGTERM - 1) & 1)
+def test_a_second_signal_cuts_the_orderly_end_short(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A part that does not heed the request does not outlive who asked twice."""
+
+    def wait_in_vain(parts: list[Part], within_s: float) -> list[Part]:
+        if within_s == launch.END_WITHIN_S / 2:
+            raise KeyboardInterrupt
+        return wait_for(parts, within_s)
+
+    monkeypatch.setattr(launch, "wait_for", wait_in_vain)
+    with swarm_of("signal.signal(signal.SIGTERM, signal.SIG_IGN)", tmp_path) as (swarm, process):
+        with pytest.raises(KeyboardInterrupt):
+            swarm.end()
+        assert process.wait() == -signal.SIGKILL
 
 
-def test_a_second_signal_cuts_the_orderly_end_short(tmp_path: Path) -> None:
-    """An agent that is stopped does not hear the request; nor does it outlive who asked twice."""
-    with running(tmp_path / "run", *IMPATIENT) as swarm:
-        pids = swarm.wait_until_under_way()
-        swarm.signal("agent 3", signal.SIGSTOP)
-        swarm.interrupt()
-        wait_until(lambda: is_asked_to_end(pids["agent 3"]), "the request")
-        swarm.interrupt()
-        code, _ = ends_by_itself(swarm)
-    assert code == 1
-    wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
+def test_a_part_that_is_stopped_ends_as_asked(tmp_path: Path) -> None:
+    """When the others are gone nobody else could wake it, should the orchestrator be killed meanwhile."""
+    with swarm_of("", tmp_path) as (swarm, process):
+        process.send_signal(signal.SIGSTOP)
+        swarm.end()
+        assert process.wait() == -signal.SIGTERM
+
+
+@contextmanager
+def swarm_of(line: str, folder: Path) -> Iterator[tuple[launch.Swarm, subprocess.Popen[bytes]]]:
+    """A swarm with one part, which runs this line and waits for signals."""
+    source = f"import signal\n{line}\nprint(flush=True)\nsignal.pause()"
+    with subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        swarm = launch.Swarm(load_scenario("smoke"), "short", folder)
+        told = SimpleNamespace(pid=process.pid, exitcode=0)
+        swarm.parts.append(Part(AGENT, 3, cast(Any, told), folder / "log"))
+        yield swarm, process
 
 
 @pytest.mark.parametrize("stopped", [False, True])

@@ -327,6 +327,7 @@ class Swarm:
             if not at_once:
                 for part in self.join(0):
                     part.send(signal.SIGTERM)
+                    part.send(signal.SIGCONT)  # one that somebody has stopped hears the request, too
                 self.join(END_WITHIN_S / 2)
         finally:  # a second signal may end the wait
             for part in self.join(0):
