@@ -14,6 +14,7 @@ from typing import Any
 from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.settings import Scenario
 
 COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]
@@ -151,6 +152,17 @@ def running(out: Path, *arguments: str, scenario: str = "smoke", inside: Sequenc
         for pid in pids.values():
             if is_running(pid):
                 os.kill(pid, signal.SIGKILL)
+
+
+def wait_for_end(swarm: Swarm, observer: Observer, within_s: float = PATIENCE_S) -> None:
+    """Take what a run under way says, until its world has ended."""
+
+    def has_ended() -> bool:
+        observer.work(0.01)
+        observer.leave_when_done()
+        return swarm.part(WORLD).exit_code is not None
+
+    wait_until(has_ended, "the end of the run", within_s)
 
 
 def run(out: Path, *arguments: str, scenario: str = "smoke") -> dict[str, Any]:

@@ -14,10 +14,10 @@ from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.scenario import load_scenario
-from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, WORLD, Keys
+from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.stranger import RUBBISH
-from tests.swarms import PATIENCE_S, started, wait_until
+from tests.swarms import PATIENCE_S, started, wait_for_end, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -46,13 +46,7 @@ class Stage:
 
     def finish(self) -> dict[str, Any]:
         """The summary, once the run has come to its end."""
-
-        def has_ended() -> bool:
-            self.observer.work(0.01)
-            self.observer.leave_when_done()
-            return self.swarm.part(WORLD).exit_code is not None
-
-        wait_until(has_ended, "the end of the run")
+        wait_for_end(self.swarm, self.observer)
         assert not self.swarm.join(PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)
         return results.summary(results.read_outcome(self.folder), scenario) | {

@@ -18,12 +18,12 @@ from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.access import user_name
-from deltaswarm_wire.keys import AGENT, FRAME, OPERATOR, RECORDER, WORLD, Keys
+from deltaswarm_wire.keys import AGENT, FRAME, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from deltaswarm_world.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, trusted_sessions
 from deltaswarm_world.wires import open_router
 from tests.hostile.attacker import WHO
-from tests.swarms import BOUND_S, started, wait_until
+from tests.swarms import BOUND_S, started, wait_for_end, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -68,13 +68,7 @@ def play(folder: Path, link: str = "") -> tuple[dict[str, Any], str]:
 
 def _finish(swarm: Swarm, observer: Observer, last: int, folder: Path) -> tuple[dict[str, Any], str]:
     swarm.start_agents([last])
-
-    def has_ended() -> bool:
-        observer.work(0.05)
-        observer.leave_when_done()
-        return swarm.part(WORLD).exit_code is not None
-
-    wait_until(has_ended, "the end of the run", BOUND_S)
+    wait_for_end(swarm, observer, BOUND_S)
     return results.read_outcome(folder).world, (folder / "logs" / "world-0.log").read_text()
 
 
