@@ -15,7 +15,7 @@ class _EndAtOnce:
     """A handler of signals for as long as there is nothing to end in order: one line, and exit code 1.
 
     Once another exit code is decided, the first signal is too late, and the second one ends the process with that code:
-    whoever reads the output may have stopped reading.
+    the reader of its output may have stopped reading.
     """
 
     def __init__(self) -> None:

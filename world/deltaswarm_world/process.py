@@ -22,7 +22,7 @@ from deltaswarm_world.wires import Wires
 log = logging.getLogger("deltaswarm.world")
 
 SAVING_STEPS = 2.0
-"""An agent may take so many times the time of a step to save itself, and less each time that it does not."""
+"""An agent may take this many step timeouts to save itself, and half as long after each miss."""
 
 GOODBYE_S = 3.0
 """Time at the end for the other parts to leave."""

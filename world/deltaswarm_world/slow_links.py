@@ -25,9 +25,9 @@ log = logging.getLogger("deltaswarm.world")
 
 LOOK_EVERY_S = 0.05
 PATIENCE_S = 2.0
-"""Time that all slow links together may take, before they are cut at sight."""
+"""Total time that slow links may take before they are cut on sight."""
 REGAINED = 0.01
-"""Patience that comes back in each second without a slow link [s/s]; bounds what one who returns again can cost."""
+"""Patience regained in each second without a slow link [s/s]; bounds what a client that keeps coming back costs."""
 
 DESCRIPTORS = "/dev/fd"
 

@@ -19,7 +19,7 @@ import zenoh  # noqa: E402 (reads its thread settings at import)
 
 RELIEF_EVERY_S = 0.05
 BLOCKED_S = 0.2
-"""Sending for so long [s] is a matter of the receiver, not of a busy machine."""
+"""If sending takes this long [s], the receiver is the cause, not a busy machine."""
 PORT_TRIES = 20
 ANY_PORT = ":0"
 

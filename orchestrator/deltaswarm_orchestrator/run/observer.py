@@ -32,7 +32,7 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 BATCH_S = 0.1
-"""Samples are taken for at most so long in one go: whoever takes them has other things to look after."""
+"""Samples are taken for at most this long at a time, so that signals, orders and dying parts are noticed."""
 
 CONFIRM_STEPS = 100
 """So often the world is told what has been taken; it does not go far ahead of that, so the queue stays short."""

@@ -18,7 +18,7 @@ SILENCE_S = 8.0
 """The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
 
 STOOD_STILL_S = 2.0
-"""Who has not looked for so long was stopped or held up, and cannot say who was silent meanwhile."""
+"""If this long passes between two looks, the orchestrator itself stood still, and the silence counts against nobody."""
 
 STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
