@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.lives import RETURNS
+from deltaswarm_operator.lives import RESTART_S, RETURNS
 from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
@@ -192,10 +192,18 @@ def test_a_board_whose_clock_was_set_back_is_believed_when_it_goes_on() -> None:
     books = meter()
     for sequence in (50, 51):
         assert hear(books, 1, sequence, 7200.0 + sequence) is None
-    answers = [hear(books, 1, sequence, 3600.0 + sequence) for sequence in range(8)]
+    answers = [hear(books, 1, sequence, 3600.0 + sequence, RESTART_S) for sequence in range(8)]
     assert [answer is None for answer in answers] == [False] * (INSISTS - 1) + [True] * (9 - INSISTS)
     found = books.totals["agents"]["1"]
     assert (found["restarts"], found["stale"], found["reports"]) == (1, INSISTS - 1, 2 + 9 - INSISTS)
+
+
+def test_old_reports_are_not_believed_while_the_board_reports() -> None:
+    """However many of a recording come in order between two of its own."""
+    books = meter()
+    for sequence in range(50, 60):
+        assert hear(books, 1, sequence, 7200.0 + sequence, float(sequence)) is None
+        assert all(hear(books, 1, old, 3600.0 + old, sequence + 0.9 * RESTART_S) for old in range(20))
 
 
 def test_copies_of_old_reports_are_never_a_new_beginning() -> None:

@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltaswarm_operator.lives import Lives
+from deltaswarm_operator.lives import RESTART_S, Lives
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
 from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_health, decode_report
@@ -19,7 +19,8 @@ MAX_SENT_S = 1e11
 
 
 INSISTS = 5
-"""After this many old reports in order they count as new: the agent restarted with its clock set back."""
+"""After this many old reports in order, and none newer for `RESTART_S`, they count as new: the agent restarted with
+its clock set back."""
 
 MAX_AGENTS = 4096
 """Maximum number of known agents: without admission control one sender could use every number."""
@@ -70,15 +71,16 @@ class Known:
         self.lives.hear(report.sequence, now_s)
         return self.lives.lost - lost
 
-    def is_old(self, sequence: int, sent_s: float | None) -> bool:
+    def is_old(self, sequence: int, sent_s: float | None, now_s: float) -> bool:
         """Whether a report whose sequence number did not grow is old."""
         assert self.newest is not None
+        assert self.last_heard_s is not None
         began_anew = sequence < self.newest.sequence if sent_s is None else sent_s > self.newest_sent_s
         if began_anew:
             return False
         self.stale_run = self.stale_run + 1 if sequence > self.newest_stale else 1
         self.newest_stale = sequence
-        return self.stale_run < INSISTS
+        return self.stale_run < INSISTS or now_s - self.last_heard_s < RESTART_S
 
     def take(self, report: Report, sent_s: float | None, now_s: float) -> None:
         """Accept a report as the newest."""
@@ -159,7 +161,7 @@ class OpenAirMeter:
 
         `sent` is the board's wall clock, if attached. If the sequence number did not grow, a later `sent` means that
         the agent restarted; otherwise the report is old. A board without a battery clock may restart in the past; it
-        is accepted after `INSISTS` reports.
+        is accepted after `INSISTS` reports, but a recording is not, while the board itself reports.
         """
         try:
             report = decode_report(data)
@@ -183,7 +185,7 @@ class OpenAirMeter:
         if (
             known.newest is not None
             and report.sequence <= known.newest.sequence
-            and known.is_old(report.sequence, sent_s)
+            and known.is_old(report.sequence, sent_s, now_s)
         ):
             known.stale += 1
             return f"report.sequence must grow from {known.newest.sequence} (got {report.sequence})"
