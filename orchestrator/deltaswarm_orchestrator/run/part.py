@@ -19,6 +19,9 @@ UNKNOWN = 255
 HOW = {UNKNOWN: "ended, nobody knows how", WORLD_LOST: "lost its world"}
 """What some exit codes mean, in a sentence that begins with the part's name."""
 
+ERROR = " ERROR "
+"""In a log's line of this level; what it says follows the first colon and blank."""
+
 POLL_S, SHORT_POLL_S = 0.2, 0.01
 EXIT_CODE_WITHIN_S = 1.0
 """The fork server tells how a process ended within so long, or not at all."""
@@ -73,15 +76,18 @@ class Part:
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         how = HOW.get(code, f"ended with exit code {code}")
-        return f"{self.name} {how}{when}"
+        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line] if code != WORLD_LOST else []
+        return f"{self.name} {how}{when}" + (f": {errors[-1]}" if errors else "")
 
     def log_tail(self) -> str:
         """The last lines of its log, for an error message."""
+        return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
+
+    def _last_lines(self) -> list[str]:
         try:
-            lines = self.log_file.read_text(errors="replace").splitlines()
+            return self.log_file.read_text(errors="replace").splitlines()[-LOG_TAIL_LINES:]
         except OSError:
-            return "(no log)"
-        return "\n".join(f"    {line}" for line in lines[-LOG_TAIL_LINES:])
+            return []
 
 
 def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
