@@ -10,7 +10,7 @@ from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
 from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
-from deltaswarm_wire.keys import AGENT
+from deltaswarm_wire.keys import AGENT, WORLD
 
 LOG_TAIL_LINES = 12
 UNKNOWN = 255
@@ -76,12 +76,16 @@ class Part:
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         how = HOW.get(code, f"ended with exit code {code}")
-        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line] if code != WORLD_LOST else []
-        return f"{self.name} {how}{when}" + (f": {errors[-1]}" if errors else "")
+        whom = self._last_error() if self.role == WORLD else ""  # the world may have waited for somebody in vain
+        return f"{self.name} {how}{when}{whom}"
 
     def log_tail(self) -> str:
         """The last lines of its log, for an error message."""
         return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
+
+    def _last_error(self) -> str:
+        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
+        return f": {errors[-1]}" if errors else ""
 
     def _last_lines(self) -> list[str]:
         try:
