@@ -93,11 +93,9 @@ def test_operator_and_recorder_are_not_cut(link: str, tmp_path: Path, caplog: py
     users = {OPERATOR: KEYS.clock, RECORDER: KEYS.clock, user_name(AGENT, WHO): KEYS.agent(WHO, FRAME)}
     credentials.write_text("".join(f"{user}:secret\n" for user in users))
     router = RouterLink("tcp/127.0.0.1:0", overrides=(*SMALL_BUFFERS, NEVER_CLOSE))
-    endpoints: list[str] = []
+    session, endpoints = open_router(router, str(credentials), KEYS, range(WHO + 1), [router.endpoint])
     with ExitStack() as stack:
-        session = stack.enter_context(
-            open_router(router, str(credentials), KEYS, range(WHO + 1), [router.endpoint], endpoints.append)
-        )
+        stack.enter_context(session)
         stack.callback(SlowLinks(session, trusted_sessions(credentials.read_text()), lambda: "").close)
         for user, key in users.items():
             stack.enter_context(slow_reader(endpoints[0], user, "secret", key, link))
@@ -114,9 +112,9 @@ def test_links_that_come_and_go_leave_no_descriptor(tmp_path: Path) -> None:
     """Each is looked for among all descriptors of the process, of which most are no links."""
     credentials = tmp_path / "credentials"
     credentials.write_text(f"{OPERATOR}:secret\n")
-    endpoints: list[str] = []
     router = RouterLink("tcp/127.0.0.1:0")
-    with open_router(router, str(credentials), KEYS, range(1), [router.endpoint], endpoints.append) as session:
+    session, endpoints = open_router(router, str(credentials), KEYS, range(1), [router.endpoint])
+    with session:
         links = SlowLinks(session, trusted_sessions(credentials.read_text()), lambda: "")
         before = len(os.listdir(DESCRIPTORS))
         client = RouterLink(endpoints[0], OPERATOR, "secret")
@@ -126,6 +124,17 @@ def test_links_that_come_and_go_leave_no_descriptor(tmp_path: Path) -> None:
             wait_until(lambda: not links._watched, "its end")
         assert len(os.listdir(DESCRIPTORS)) == before
         links.close()
+
+
+@pytest.mark.parametrize("link", LINKS)
+def test_a_link_that_was_there_before_does_no_harm(link: str, tmp_path: Path) -> None:
+    """As that of a board that knows the port."""
+    credentials = tmp_path / "credentials"
+    credentials.write_text(f"{OPERATOR}:secret\n")
+    router = RouterLink("tcp/127.0.0.1:0")
+    session, endpoints = open_router(router, str(credentials), KEYS, range(1), [router.endpoint])
+    with session, slow_reader(endpoints[0], OPERATOR, "secret", KEYS.clock, link):
+        SlowLinks(session, trusted_sessions(credentials.read_text()), lambda: "").close()
 
 
 class Feeder:

@@ -31,24 +31,24 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
     trusted = trusted_sessions(config.credentials.read_text())
     asked = config.listen or (config.link.endpoint,)
-    with (
-        WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output,
-        open_router(config.link, str(config.credentials), keys, agents, asked, announce) as session,
-    ):
-        waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
-        slow_links = SlowLinks(session, trusted, wires.waits_for)
-        if early:  # the signal came before the waker was ready
-            signal.raise_signal(early[0])
-        try:
-            world = WorldProcess(config, wires, waker, saved)
-            world.wait_for_all()
-            complete = world.run(output)
-            world.goodbye()
-        except (TimeoutError, InterruptedError) as error:
-            log.error("the run ends: %s", error)
-            complete = False
-        finally:
-            wires.close()
-            waker.close()
-            slow_links.close()
+    with WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output:
+        session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
+        with session:
+            waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
+            slow_links = SlowLinks(session, trusted, wires.waits_for)
+            announce(" ".join(endpoints))  # from here on they come
+            if early:  # the signal came before the waker was ready
+                signal.raise_signal(early[0])
+            try:
+                world = WorldProcess(config, wires, waker, saved)
+                world.wait_for_all()
+                complete = world.run(output)
+                world.goodbye()
+            except (TimeoutError, InterruptedError) as error:
+                log.error("the run ends: %s", error)
+                complete = False
+            finally:
+                wires.close()
+                waker.close()
+                slow_links.close()
     return 0 if complete else 1

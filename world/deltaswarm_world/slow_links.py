@@ -46,6 +46,9 @@ def trusted_sessions(credentials: str) -> set[str]:
 class SlowLinks:
     """Watches the router's links over TCP, TLS and WebSocket in a thread of its own.
 
+    Made before anybody is told where the router listens: links that are there already are not watched, since asking for
+    them makes Zenoh 1.10.2 panic if one of them is of low latency.
+
     Args:
         session: the router's.
         trusted: ids of sessions whose links are never cut, as text.
@@ -61,7 +64,7 @@ class SlowLinks:
         self._patience_s = PATIENCE_S
         self._changed, self._closing = threading.Event(), threading.Event()
         self._listener = session.info.declare_link_events_listener(
-            zenoh.handlers.Callback(self._on_link, indirect=False), history=True
+            zenoh.handlers.Callback(self._on_link, indirect=False)
         )
         self._thread = threading.Thread(target=self._watch, daemon=True)
         self._thread.start()

@@ -4,7 +4,7 @@ import socket
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import Protocol
 
@@ -163,9 +163,8 @@ def open_router(
     keys: Keys,
     agents: Sequence[int],
     asked: Sequence[str],
-    announce: Callable[[str], None],
-) -> zenoh.Session:
-    """Open the router on these endpoints; port 0 means any free port. `announce` gets them, separated by spaces.
+) -> tuple[zenoh.Session, list[str]]:
+    """Open the router on these endpoints, where port 0 means any free port; return it with where it listens.
 
     Raises:
         ConnectionError: it cannot listen there.
@@ -182,8 +181,7 @@ def open_router(
             if not may_retry or attempt == PORT_TRIES - 1:
                 raise ConnectionError(f"the router must be able to listen: {error}") from None
         else:
-            announce(" ".join(endpoints))
-            return session
+            return session, endpoints
     raise AssertionError("unreachable")
 
 
