@@ -123,10 +123,13 @@ def test_reports_are_numbered_from_0() -> None:
     assert reports == [None, *(Report(ME, n, n + 1, "root", 1.5, 2.5, 5, (event,)) for n in (0, 1))]
 
 
-def test_a_report_tells_of_64_events_at_most() -> None:
-    """The first of those that the controller names."""
+def test_a_report_carries_at_most_64_events() -> None:
+    """It carries the first of those that the controller names; the others are counted."""
     events = tuple(Event(number, 0.0, 0.0) for number in range(MAX_REPORTED + 5))
-    out = outbound(Decision(report=OperatorReport(events)))
+    shell, _ = shell_of(Decision(report=OperatorReport(events)))
+    out = shell.step(frame(0))
+    assert shell.rows_cut == 5
+    assert "report_rows_cut 5" in shell.counts
     assert out.report is not None
     assert out.report.events == events[:MAX_REPORTED]
     assert out.report_bytes is not None

@@ -47,8 +47,8 @@ def by_label(done: list[Done]) -> dict[str, Done]:
 
 
 @contextmanager
-def killing(pids: Callable[[], list[int]], times: int) -> Iterator[list[int]]:
-    """Beside the test: kill the first so many processes that turn up."""
+def killing(pids: Callable[[], list[int]], times: int, number: signal.Signals = signal.SIGKILL) -> Iterator[list[int]]:
+    """Beside the test: send a signal once to each of the first processes that turn up, this many times."""
     killed: list[int] = []
     ended = threading.Event()
 
@@ -56,7 +56,7 @@ def killing(pids: Callable[[], list[int]], times: int) -> Iterator[list[int]]:
         while not ended.wait(0.02) and len(killed) < times:
             with contextlib.suppress(OSError):  # a process may end while it is looked at
                 for pid in [pid for pid in pids() if pid not in killed][:1]:
-                    os.kill(pid, signal.SIGKILL)
+                    os.kill(pid, number)
                     killed.append(pid)
 
     thread = threading.Thread(target=kill)
@@ -66,6 +66,11 @@ def killing(pids: Callable[[], list[int]], times: int) -> Iterator[list[int]]:
     finally:
         ended.set()
         thread.join()
+
+
+def runs(mark: str) -> list[int]:
+    """The `deltaswarm run` processes of sweeps."""
+    return [pid for pid in marked(mark) if b"sweeps.mortal" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 # One attempt
@@ -129,6 +134,22 @@ def test_a_run_whose_worker_was_killed_is_done_once_more(mark: str) -> None:
     assert len(killed) == 1
     assert [kept(one.result) for one in done] == [kept(work(one.task)) for one in done]
     assert len(done) == 2
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("means", [IN_PROCESS, PROCESSES])
+def test_a_run_whose_process_is_stopped_is_woken(means: str, tmp_path: Path, mark: str) -> None:
+    """A worker, or the `deltaswarm run` that it waits for: the result is there, as if nothing had happened."""
+    (job,) = made(ONE, scenario={"run.duration_s": 300.0}).jobs()
+
+    def stoppable() -> list[int]:
+        return marked(mark) if means == IN_PROCESS else runs(mark)
+
+    with killing(stoppable, 1, signal.SIGSTOP) as stopped:
+        (done,) = LocalEngine(1).run([Task(job, means, str(tmp_path))])
+    assert len(stopped) == 1
+    assert done.result is not None, done.reason
+    assert kept(done.result)["summary"]["digest"] == work(Task(job))["summary"]["digest"]
 
 
 @pytest.mark.processes
@@ -215,11 +236,7 @@ def test_a_swarm_that_lost_an_agent_is_run_again(tmp_path: Path, mark: str) -> N
 def test_a_swarm_that_is_killed_each_time_is_reported(tmp_path: Path, mark: str) -> None:
     """By how it ended; nothing of it is left, neither processes nor files."""
     (job,) = made(ONE, scenario=ENDLESS).jobs()
-
-    def runs() -> list[int]:
-        return [pid for pid in marked(mark) if b"sweeps.mortal" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-
-    with killing(runs, 2) as killed:
+    with killing(lambda: runs(mark), 2) as killed:
         (done,) = LocalEngine(1).run([Task(job, PROCESSES, str(tmp_path))])
     assert len(killed) == 2
     assert done.result is None

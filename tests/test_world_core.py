@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.codec import MAX_ID, MAX_SAMPLE_BYTES
-from deltaswarm_wire.messages import NOBODY, Act, Event, Standing, encode_act, encode_frame
+from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, Standing, encode_act, encode_frame
 from deltaswarm_wire.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from tests.airs import EVERYTHING
 from tests.cores import play, swarm
@@ -39,6 +39,15 @@ def test_observers_are_distinct_agents() -> None:
     stage.end()
     assert stage.core.environment.states()[0].work_agent_s == 2.0
     assert stage.core.refused_claims == 1
+
+
+def test_events_that_do_not_fit_into_a_frame_are_counted() -> None:
+    """For each agent that senses them."""
+    stage = Stage(count=2)
+    for _ in range(MAX_SENSED + 3):
+        stage.event(50, 50)
+    assert [len(frame.events) for frame in stage.begin().values()] == [MAX_SENSED, MAX_SENSED]
+    assert stage.core.totals(True)["events_cut"] == 2 * 3
 
 
 def test_work_completes_an_event_and_nobody_senses_it_again() -> None:

@@ -84,6 +84,8 @@ class Shell:
         self.agent = agent
         self.controller = controller
         self.commands = CommandRelay(step_s, forms_of(controller), verify)
+        self.rows_cut = 0
+        """Events and members that did not fit into a report."""
         self._receiver = Receiver(agent, step_s)
         self._counter = 0
         self._sequence = 0
@@ -96,11 +98,10 @@ class Shell:
 
     @property
     def counts(self) -> str:
-        """Counts for the log: frames with an invalid envelope, and the controller's own counts."""
-        own = getattr(self.controller, "counts", {})
-        return ", ".join(
-            f"{name} {count}" for name, count in {"rejected_envelopes": self.rejected_frames, **own}.items()
-        )
+        """Counts for the log: this shell's, and the controller's own."""
+        counts = {"rejected_envelopes": self.rejected_frames, "report_rows_cut": self.rows_cut}
+        counts |= getattr(self.controller, "counts", {})
+        return ", ".join(f"{name} {count}" for name, count in counts.items())
 
     def step(self, frame: Frame) -> Outbound:
         """Decide. Frames come in order of their steps; steps may be missing between them.
@@ -153,8 +154,8 @@ class Shell:
                 act.standing.role,
                 *pose,
                 told.followers,
-                _rows(told.events, MAX_REPORTED, "events"),
-                _rows(told.members, MAX_MEMBERS, "members"),
+                self._rows(told.events, MAX_REPORTED, "events"),
+                self._rows(told.members, MAX_MEMBERS, "members"),
                 answers,
             )
             report_bytes = encode_report(report)
@@ -162,8 +163,8 @@ class Shell:
             self._sequence += 1
         return Outbound(act, encode_act(act), counter, radio, report, report_bytes)
 
-
-def _rows(rows: Any, most: int, name: str) -> tuple[Any, ...]:
-    if not isinstance(rows, tuple | list):
-        raise TypeError(f"report.{name} must be a tuple of {name} (got {type(rows).__name__})")
-    return tuple(rows[:most])
+    def _rows(self, rows: Any, most: int, name: str) -> tuple[Any, ...]:
+        if not isinstance(rows, tuple | list):
+            raise TypeError(f"report.{name} must be a tuple of {name} (got {type(rows).__name__})")
+        self.rows_cut += max(0, len(rows) - most)
+        return tuple(rows[:most])

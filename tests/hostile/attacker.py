@@ -6,12 +6,14 @@ import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count
+from random import Random
 from typing import ClassVar
 
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.process import AgentConfig
+from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
 from deltaswarm_wire.messages import Act, Standing, encode_act
@@ -22,16 +24,17 @@ WHO, AT_STEP = 3, 60
 SILENCE = "silence"
 """The attack that is none: the agent merely stops, and all others are compared with it."""
 
-LATENESS, LATE_BY_S = "lateness", 1.0
-"""It answers each frame, but only after so long [s]."""
+LATENESS = "lateness"
+"""The agent answers each frame, but `late_by_s` too late."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The attack, of `FLOODS`, `LATENESS` or `SILENCE`, and from how many sessions at once."""
+    """The attack, of `FLOODS`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once."""
 
     attack: str = SILENCE
     sessions: int = 1
+    late_by_s: float = 8.0
 
 
 class Attacker:
@@ -47,7 +50,7 @@ class Attacker:
     def step(self, percept: Percept) -> Decision:
         """Decide, or attack."""
         if self._agent == WHO and percept.step >= AT_STEP and self._attack.attack == LATENESS:
-            time.sleep(LATE_BY_S)
+            time.sleep(self._attack.late_by_s)
         elif self._agent == WHO and percept.step >= AT_STEP:
             attack(self._attack.attack, self._attack.sessions, percept.step)
         return self._paper.step(percept)
@@ -88,11 +91,33 @@ def acts(step: int) -> Iterator[bytes]:
         yield data
 
 
+def last_numbers(step: int) -> Iterator[bytes]:
+    """Radio frames with the highest number that the wire carries, and the one after it."""
+    for number in count():
+        yield encode_sample(Sample(MAX_ID if number % 2 else 0, b"noise"))
+
+
+def malformed(step: int) -> Iterator[bytes]:
+    """Bytes at random, acts that were cut off, deep nesting, and now and then a sample of 30 kB."""
+    rng = Random(step)
+    act = next(acts(step))
+    while True:
+        yield rng.randbytes(rng.randrange(200))
+        yield act[: rng.randrange(len(act))]
+        yield b"\x91" * rng.randrange(1, 2000)
+        if rng.random() < 0.01:
+            yield rng.randbytes(30_000)
+
+
 FLOODS: dict[str, tuple[str, Callable[[int], Iterator[bytes]]]] = {
     "reports": (REPORT, reports),
     "reports of steps to come": (REPORT, reports_to_come),
     "radio frames": (RADIO, frames),
     "acts": (ACT, acts),
+    "frames with last numbers": (RADIO, last_numbers),
+    "malformed reports": (REPORT, malformed),
+    "malformed frames": (RADIO, malformed),
+    "malformed acts": (ACT, malformed),
 }
 
 

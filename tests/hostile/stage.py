@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
-from tests.hostile.attacker import SILENCE
+from tests.hostile.attacker import SILENCE, WHO
 from tests.swarms import PATIENCE_S, started
 
 
@@ -25,6 +25,28 @@ class Ended(NamedTuple):
     def world(self) -> dict[str, Any]:
         """The world's totals."""
         return self.outcome.world
+
+    @property
+    def refused(self) -> dict[str, int]:
+        """The number of samples that the world refused, by agent."""
+        return dict(self.world["rejected"])
+
+
+MOST_MB = 150.0
+
+
+def harm(ended: Ended, silence: Ended) -> list[str]:
+    """Say what an attack did to others, compared with an attacker that merely fell silent; one line each."""
+    found = [] if ended.world["digest"] == silence.world["digest"] else ["another digest"]
+    now, then = ended.summary, silence.summary
+    found += [f"{name}: {now[name]}, not {then[name]}" for name in ("steps", "agents_lost") if now[name] != then[name]]
+    if others := sorted(ended.refused.keys() - {str(WHO)}):
+        found.append(f"samples of agents {', '.join(others)} were refused")
+    found += [f"{role} grew to {mb:.0f} MB" for role, mb in ended.peak_mb.items() if mb >= MOST_MB]
+    reports = now["operator"]["per_sender"].get(str(WHO), {"messages": 0})["messages"]
+    if reports > now["steps"]:
+        found.append(f"{reports} reports of agent {WHO} were counted, more than one per step")
+    return found
 
 
 def play(

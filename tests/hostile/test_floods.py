@@ -4,14 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import FLOODS, LATENESS, SILENCE, WHO
-from tests.hostile.stage import Ended, play
+from tests.hostile.stage import MOST_MB, Ended, harm, play
 
 pytestmark = pytest.mark.processes
 
 STEPS = 250
-MOST_MB = 150.0
+MALFORMED = ("malformed reports", "malformed frames", "malformed acts")
 
 
 @pytest.fixture(scope="module")
@@ -19,19 +18,27 @@ def silence(tmp_path_factory: pytest.TempPathFactory) -> Ended:
     return play(tmp_path_factory.mktemp("silence") / "run", "smoke", STEPS, SILENCE)
 
 
-@pytest.mark.parametrize(("flood", "sessions"), [*((name, 1) for name in FLOODS), ("reports", 4)])
+@pytest.mark.parametrize(
+    ("flood", "sessions"), [*((name, 1) for name in FLOODS if name not in MALFORMED), ("reports", 4)]
+)
 def test_a_flood_costs_the_flooder_alone(flood: str, sessions: int, silence: Ended, tmp_path: Path) -> None:
-    """From its own session or from four at once: no other agent loses a step, no process grows, and it is named."""
+    """From one session or from four at once: no other agent loses a step, no process grows, and the agent is named."""
     flooded = play(tmp_path / "run", "smoke", STEPS, flood, sessions)
-    assert flooded.world["digest"] == silence.world["digest"]
+    assert harm(flooded, silence) == []
     assert flooded.world["excess"].keys() == {str(WHO)}
-    summary = flooded.summary
-    assert (summary["steps"], summary["agents_lost"], summary["agents_late"]) == (STEPS, [], 1)
-    assert not summary["valid"]
-    assert any(f"agent {WHO} sent" in reason for reason in summary["invalid_because"])
-    assert max(flooded.peak_mb[role] for role in (WORLD, OPERATOR)) < MOST_MB
-    reports = summary["operator"]["per_sender"].get(str(WHO), {"messages": 0})
-    assert reports["messages"] <= STEPS, "at most one in a step"
+    assert (flooded.summary["steps"], flooded.summary["agents_late"]) == (STEPS, 1)
+    assert not flooded.summary["valid"]
+    assert any(f"agent {WHO} sent" in reason for reason in flooded.summary["invalid_because"])
+
+
+def test_malformed_samples_are_counted_for_their_agent(silence: Ended, tmp_path: Path) -> None:
+    """They harm nobody else, and the world's log says so once."""
+    flooded = play(tmp_path / "run", "smoke", STEPS, "malformed reports")
+    assert harm(flooded, silence) == []
+    assert flooded.refused.keys() == {str(WHO)}
+    assert flooded.summary["samples_rejected"] == flooded.refused[str(WHO)]
+    log = (tmp_path / "run" / "logs" / "world-0.log").read_text()
+    assert log.count(f"dropped a sample on a key of agent {WHO}") == 1
 
 
 def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
@@ -44,14 +51,14 @@ def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
     for one, other in zip(flooded.outcome.tallies, silence.outcome.tallies, strict=True):
         assert [getattr(one, name) for name in columns] == [getattr(other, name) for name in columns]
     assert flooded.world["excess"].keys() == {str(WHO)}
-    assert max(flooded.peak_mb[role] for role in (WORLD, OPERATOR)) < MOST_MB
+    assert max(flooded.peak_mb.values()) < MOST_MB
     sent = [tally.reports_sent for tally in flooded.outcome.tallies]
     assert max(sent) <= flooded.outcome.tallies[0].agents_alive, "at most one of each agent in a step"
 
 
 def test_who_is_late_again_and_again_is_waited_for_ever_less(tmp_path: Path) -> None:
     """Each answer comes long after the step: the run goes on, at the cost of one patience or two, and counts them."""
-    ended = play(tmp_path / "run", "smoke", STEPS, LATENESS, step_timeout_s=0.5)
+    ended = play(tmp_path / "run", "smoke", STEPS, LATENESS, step_timeout_s=0.5, others=["control.late_by_s=1"])
     summary = ended.summary
     assert (summary["steps"], summary["agents_lost"], ended.world["excess"]) == (STEPS, [], {})
     log = (tmp_path / "run" / "logs" / "world-0.log").read_text()

@@ -48,6 +48,8 @@ class WorldCore:
         self.inbox = Inbox(self.lockstep)
         self.refused_claims = 0
         """Number of claimed observations of events out of sensing range."""
+        self.events_cut = 0
+        """Number of sensed events that did not fit into a frame."""
         self.agents_in_trees = 0
         """In the last closed step."""
         self.digest = Digest()
@@ -133,8 +135,9 @@ class WorldCore:
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
         here, poses = self._sleep.ask(agent, self._step)
-        sensed = tuple(self._sensed[agent][:MAX_SENSED])
-        return Frame(self._step, self._time_s, last, *here, poses, sensed, tuple(heard))
+        sensed = self._sensed[agent]
+        self.events_cut += max(0, len(sensed) - MAX_SENSED)
+        return Frame(self._step, self._time_s, last, *here, poses, tuple(sensed[:MAX_SENSED]), tuple(heard))
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
         """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""
@@ -296,6 +299,7 @@ class WorldCore:
             "faults": list(self._faults.log) if self._faults else [],
             **self.inbox.totals,
             "refused_claims": self.refused_claims,
+            "events_cut": self.events_cut,
             "commands": self.turns.log,
             "downlink": self.downlink.totals,
         }

@@ -273,6 +273,7 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "faults": outcome.world.get("faults", []),
         "agents_late": sum(t.agents_late for t in outcome.tallies),
         "refused_claims": outcome.world.get("refused_claims"),
+        "events_cut": outcome.world.get("events_cut"),
         "realtime_overruns": outcome.world.get("realtime_overruns", 0),
         "rejected_by_agent": outcome.world.get("rejected", {}),
         "excess_by_agent": outcome.world.get("excess", {}),

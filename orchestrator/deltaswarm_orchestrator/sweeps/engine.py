@@ -14,7 +14,7 @@ from typing import Protocol
 
 from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.sweeps.mortal import die_with_parent
-from deltaswarm_orchestrator.sweeps.work import DisturbedError, Result, RunError, Task, work
+from deltaswarm_orchestrator.sweeps.work import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, work
 
 ATTEMPTS = 2
 """A run whose worker was killed is tried once more: what killed it may have been meant for another."""
@@ -67,7 +67,11 @@ class LocalEngine:
                         busy.pop(worker.connection).end()
                     if not busy:
                         break
-                for connection in wait([worker.connection for worker in busy.values()]):
+                ended = wait([worker.connection for worker in busy.values()], WAKE_EVERY_S)
+                if not ended:
+                    for worker in busy.values():
+                        worker.wake()
+                for connection in ended:
                     worker = busy[connection]  # type: ignore[index]  # only connections were given
                     task, attempt = worker.task, worker.attempt
                     assert task is not None
@@ -103,6 +107,12 @@ class _Worker:
         self.task, self.attempt = task, attempt
         with contextlib.suppress(OSError):  # it is dead: the next wait says so
             self.connection.send(task)
+
+    def wake(self) -> None:
+        """Let the process go on if a signal has stopped it."""
+        if self._process.pid is not None:
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self._process.pid, signal.SIGCONT)
 
     def end(self) -> str:
         """End it at once; how it ended."""

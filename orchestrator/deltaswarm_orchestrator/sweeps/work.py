@@ -4,6 +4,7 @@ import os
 import platform
 import resource
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -26,6 +27,9 @@ from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.truth import Tally
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
+
+WAKE_EVERY_S = 2.0
+"""Whoever waits for a run wakes its process this often [s]: a stopped one must not keep a sweep waiting for ever."""
 
 WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
 """What a summary says of the machine and not of the swarm; it is another one each time."""
@@ -97,18 +101,33 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         file.write_text(to_toml(task.job.scenario))
         command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.mortal", str(os.getpid())]
         command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        if done.returncode != OK:
-            kind = RunError if done.returncode == USAGE else DisturbedError
-            raise kind(f"deltaswarm run {_ended(done.returncode)}:\n{done.stderr}")
-        summary = orjson.loads(done.stdout)
+        code, printed, errors = _run_awake(command)
+        if code != OK:
+            kind = RunError if code == USAGE else DisturbedError
+            raise kind(f"deltaswarm run {_ended(code)}:\n{errors}")
+        summary = orjson.loads(printed)
         lost = summary["agents_lost"]
         late = summary["agents_late"] if task.job.scenario.run.clock == "lockstep" else 0
         if lost or late:  # a valid run, but not of this scenario's swarm
-            raise DisturbedError(f"agents lost: {lost or 'none'}, late: {late}\n{done.stderr}")
+            raise DisturbedError(f"agents lost: {lost or 'none'}, late: {late}\n{errors}")
         return results.read_outcome(folder / "run"), summary
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _run_awake(command: Sequence[str]) -> tuple[int, str, str]:
+    """Run a command, wake it if it is stopped, and return its exit code, standard output and standard error."""
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            while True:
+                try:
+                    printed, errors = process.communicate(timeout=WAKE_EVERY_S)
+                    return process.returncode, printed, errors
+                except subprocess.TimeoutExpired:
+                    process.send_signal(signal.SIGCONT)
+        except BaseException:
+            process.kill()
+            raise
 
 
 def _ended(code: int) -> str:

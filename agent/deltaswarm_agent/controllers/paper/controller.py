@@ -33,7 +33,7 @@ from deltaswarm_agent.controllers.paper.walk import towards
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.messages import NOBODY, Event, Standing
-from deltaswarm_wire.operator_messages import MAX_REPORTED, ReportedMember
+from deltaswarm_wire.operator_messages import ReportedMember
 
 _member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple.__new__, ReportedMember)
 _SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
@@ -223,5 +223,5 @@ class PaperController:
             return OperatorReport((agent.target,))
         if agent.state is ROOT and agent.beliefs and type(frame) is Member:
             members = tuple([_member(row[:4]) for row in frame.table]) if agent.settings.report_members else ()
-            return OperatorReport(tuple(agent.beliefs.active()[:MAX_REPORTED]), len(frame.table), members)
+            return OperatorReport(tuple(agent.beliefs.active()), len(frame.table), members)
         return None
