@@ -7,8 +7,7 @@ from pathlib import Path
 from random import Random
 
 from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
-from tests.storm.judge import judge
-from tests.storm.storm import play
+from tests.storm.judge import play_and_judge
 
 
 def main() -> int:
@@ -23,12 +22,11 @@ def main() -> int:
     before = shared_memory()
     for number in range(arguments.first, arguments.first + arguments.runs):
         with tempfile.TemporaryDirectory(prefix="storm-") as name:
-            folder = Path(name)
-            seen = play(folder, Random(f"{arguments.seed}/{number}"))
-            found = judge(folder, seen)
+            seen, found = play_and_judge(Path(name), Random(f"{arguments.seed}/{number}"))
             blows = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in seen.landed)
             print(
-                f"{number:4} {seen.wall_s:6.1f} s  code {seen.code}  [{blows}]  {'; '.join(found) or 'holds'}",
+                f"{number:4} {seen.wall_s:6.1f} s  {seen.kind:12}  code {seen.code}  [{blows}]  "
+                f"{'; '.join(found) or 'holds'}",
                 flush=True,
             )
             if found:

@@ -4,17 +4,30 @@ import json
 import re
 import signal
 from pathlib import Path
+from random import Random
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run import info
-from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen
+from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, play, resume
 
 KILL = signal.SIGKILL
 KILLED = re.compile(r"(.+) was killed by (SIG[A-Z]+)(?: at step \d+)?")
 
 
-def judge(folder: Path, seen: Seen) -> list[str]:
-    """What does not hold, each a line."""
+def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:
+    """Play a stormy run below `folder`, and resume it if it can be; return what does not hold, one line each."""
+    seen = play(folder, rng)
+    found = _judge(folder, seen)
+    if seen.code != 0 and (resumed := resume(folder)):
+        seen.printed += resumed.stdout + resumed.stderr
+        if resumed.returncode != 0:
+            found.append(f"the resumed run ended with exit code {resumed.returncode}")
+        else:
+            found += [f"resumed: {problem}" for problem in _records(folder / "run", 0, was_killed=False)]
+    return seen, found
+
+
+def _judge(folder: Path, seen: Seen) -> list[str]:
     if seen.code is None:
         return ["it does not end in time"]
     found = [f"left behind: {what}" for what in seen.left]

@@ -4,16 +4,16 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
-from tests.swarms import is_running, parent_of
+from deltaswarm_wire import checkpoint
+from tests.swarms import COMMAND, is_running, parent_of
 from tests.sweeping import MARK, marked
 
 AGENTS = 6
@@ -24,9 +24,12 @@ AT_MOST_S = 120.0
 """No run takes longer, whatever is done to it; without a storm one takes a few seconds on a quiet machine."""
 
 GONE_WITHIN_S = 30.0
+NEWEST = Path(checkpoint.FOLDER) / checkpoint.NEWEST
 SIGNALS = (signal.SIGKILL, signal.SIGSTOP, signal.SIGTERM, signal.SIGINT)
 ORCHESTRATOR, FORK_SERVER = "orchestrator", "fork server"
-TARGETS = (ORCHESTRATOR, FORK_SERVER, "world", "world", "operator", "operator", *(f"agent {n}" for n in range(AGENTS)))
+STATION, CHECKPOINT = "--station", "--checkpoint"
+KINDS: tuple[tuple[str, ...], ...] = ((), (), (STATION, "--speed", "0"), (CHECKPOINT, "50"))
+"""The options of a run; half of the runs have none."""
 
 
 class Blow(NamedTuple):
@@ -42,6 +45,8 @@ class Blow(NamedTuple):
 class Seen:
     """What became of a run."""
 
+    kind: str
+    """The first option of the run, if it has any."""
     blows: list[Blow]
     landed: list[Blow] = field(default_factory=list)
     code: int | None = None
@@ -56,11 +61,16 @@ class Seen:
         return any(blow.target == target and blow.number in numbers for blow in self.landed)
 
 
-def draw(rng: Random) -> list[Blow]:
-    """One to four blows, in order of time; a stopped orchestrator always goes on, since nobody else could end it."""
+def draw(rng: Random, options: Sequence[str] = ()) -> list[Blow]:
+    """Draw one to four blows, in order of time.
+
+    A stopped orchestrator is always continued, since nobody else could end it.
+    """
+    targets = [ORCHESTRATOR, FORK_SERVER, *2 * ("world", "operator"), *(f"agent {n}" for n in range(AGENTS))]
+    targets += 2 * ["station"] if STATION in options else []
     blows = []
     for _ in range(rng.randint(1, 4)):
-        at_s, target, number = rng.uniform(0.2, OVER_S), rng.choice(TARGETS), rng.choice(SIGNALS)
+        at_s, target, number = rng.uniform(0.2, OVER_S), rng.choice(targets), rng.choice(SIGNALS)
         goes_on = number == signal.SIGSTOP and (target == ORCHESTRATOR or rng.random() < 0.5)
         blows.append(Blow(at_s, target, number, at_s + rng.uniform(0.5, 4.0) if goes_on else None))
     return sorted(blows)
@@ -73,8 +83,9 @@ def play(folder: Path, rng: Random) -> Seen:
     mark = str(folder)
     sets = [f"run.duration_s={rng.randint(300, 1500)}", f"record={rng.choice(['off', 'views', 'wire'])}"]
     sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
-    command = [sys.executable, "-m", "deltaswarm_orchestrator", "run", "smoke", "--out", str(out)]
-    seen = Seen(draw(rng))
+    options = rng.choice(KINDS)
+    command = [*COMMAND, "run", "smoke", "--out", str(out), *options]
+    seen = Seen(options[0] if options else "", draw(rng, options))
     began = time.monotonic()
     process = subprocess.Popen(
         [*command, *(text for one in sets for text in ("--set", one))],
@@ -101,6 +112,19 @@ def play(folder: Path, rng: Random) -> Seen:
     for pid in marked(mark, trackers=True):
         os.kill(pid, signal.SIGKILL)
     return seen
+
+
+def resume(folder: Path) -> subprocess.CompletedProcess[str] | None:
+    """Resume the run below `folder` from its newest checkpoint, without a storm; None if it has no checkpoint.
+
+    Raises:
+        subprocess.TimeoutExpired: the resumed run does not end in time.
+    """
+    for run in (folder / "run.part", folder / "run"):
+        if (run / NEWEST).exists():
+            command = [*COMMAND, "run", "--resume", str(run)]
+            return subprocess.run(command, capture_output=True, text=True, timeout=AT_MOST_S, check=False)
+    return None
 
 
 def _acts(seen: Seen, find: Callable[[str], int | None]) -> list[tuple[float, Callable[[], None]]]:

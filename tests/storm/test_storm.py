@@ -5,8 +5,7 @@ from random import Random
 
 import pytest
 
-from tests.storm.judge import judge
-from tests.storm.storm import play
+from tests.storm.judge import play_and_judge
 
 pytestmark = pytest.mark.processes
 
@@ -16,5 +15,5 @@ SEED = 7
 @pytest.mark.parametrize("number", range(10))
 def test_whatever_is_done_to_a_run_it_ends_well(number: int, tmp_path: Path) -> None:
     """In time, with nothing left, and with records that agree."""
-    seen = play(tmp_path, Random(f"{SEED}/{number}"))
-    assert judge(tmp_path, seen) == [], (seen.landed, seen.printed)
+    seen, found = play_and_judge(tmp_path, Random(f"{SEED}/{number}"))
+    assert found == [], (seen.landed, seen.printed)
