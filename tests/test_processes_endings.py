@@ -107,6 +107,17 @@ def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path)
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
 
+def test_no_stopped_process_outlives_a_killed_orchestrator(tmp_path: Path) -> None:
+    """All others are stopped, the fork server too, and none of ours is left to wake them."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        pids = swarm.wait_until_under_way()
+        everyone = (parent_of(pids["world"]), *pids.values())
+        for pid in everyone:
+            os.kill(pid, signal.SIGSTOP)
+        swarm.process.kill()
+        wait_until(lambda: not any(map(is_running, everyone)), "the end of all", BOUND_S)
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
     """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""

@@ -15,6 +15,8 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+from deltaswarm_orchestrator.parent import signal_at_parents_death
+
 GC_THRESHOLD = 100_000
 """The hot path makes no cycles; seldom collections keep the memory of many processes out of the caches."""
 
@@ -44,6 +46,7 @@ def main(
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD)
+    _wake_at_the_end()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
     _redirect(log_file, stdout)
     logging.raiseExceptions = False  # a full disk takes no log, and is told of by the exit code
@@ -51,6 +54,18 @@ def main(
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
     sys.exit(importlib.import_module(module).main(argv))
+
+
+def _wake_at_the_end() -> None:
+    """Have the kernel continue this process, if it is stopped, when the orchestrator ends, so that it ends as well.
+
+    The fork server ends with the last process that holds its alive descriptor. That must be the orchestrator.
+    """
+    server = forkserver._forkserver
+    if (descriptor := getattr(server, "_forkserver_alive_fd", None)) is not None:
+        os.close(descriptor)
+        server._forkserver_alive_fd = None  # type: ignore[attr-defined]
+    signal_at_parents_death(signal.SIGCONT, os.getppid())
 
 
 def _redirect(log_file: Path, stdout: Connection | None) -> None:

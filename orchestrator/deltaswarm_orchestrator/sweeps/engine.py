@@ -13,7 +13,7 @@ from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
 from deltaswarm_orchestrator.exits import CommandError
-from deltaswarm_orchestrator.sweeps.mortal import die_with_parent
+from deltaswarm_orchestrator.parent import signal_at_parents_death
 from deltaswarm_orchestrator.sweeps.work import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, work
 
 ATTEMPTS = 2
@@ -126,7 +126,7 @@ class _Worker:
 
 def _serve(connection: Connection, parent: int) -> None:
     """What a worker process does: runs, until nobody asks for more."""
-    die_with_parent(signal.SIGKILL, parent)
+    signal_at_parents_death(signal.SIGKILL, parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the one who asked
     while True:
         try:

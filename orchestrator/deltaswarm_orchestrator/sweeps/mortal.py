@@ -1,22 +1,12 @@
 """A `deltaswarm` command that ends with the process that started it, even if that one is killed with -9."""
 
-import ctypes
-import os
 import runpy
 import signal
 import sys
 
-PR_SET_PDEATHSIG = 1
-
-
-def die_with_parent(number: signal.Signals, parent: int) -> None:
-    """Have the kernel send this process a signal when its parent ends (Linux), or now if it has ended already."""
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
-    if os.getppid() != parent:
-        os.kill(os.getpid(), number)
-
+from deltaswarm_orchestrator.parent import signal_at_parents_death
 
 if __name__ == "__main__":
-    die_with_parent(signal.SIGTERM, int(sys.argv[1]))
+    signal_at_parents_death(signal.SIGTERM, int(sys.argv[1]))
     sys.argv[1:] = sys.argv[2:]
     runpy.run_module("deltaswarm_orchestrator", run_name="__main__")
