@@ -1,4 +1,4 @@
-"""A `deltaswarm` command that ends with the process that started it, even if that one is killed with -9."""
+"""Run a `deltaswarm` command that ends when the process that started it ends, even by SIGKILL."""
 
 import ctypes
 import os
@@ -10,7 +10,7 @@ PR_SET_PDEATHSIG = 1
 
 
 def die_with_parent(number: signal.Signals, parent: int) -> None:
-    """Have the kernel send this process a signal when its parent ends (Linux), or now if it has ended already."""
+    """Have the kernel send this process a signal when its parent ends (Linux); send it now if the parent has ended."""
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
