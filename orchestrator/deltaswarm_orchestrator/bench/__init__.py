@@ -1,1 +1,1 @@
-"""What this machine allows, and what a swarm costs on it."""
+"""Measure what this machine allows, and what a swarm costs on it."""

@@ -1,4 +1,4 @@
-"""How fast the swarm is on this machine, beside the floors under it, measured in turns in one run."""
+"""Measure the swarm's speed on this machine and, in turns with it, that of the bare exchange (`floors`)."""
 
 import secrets
 import tempfile
@@ -22,7 +22,7 @@ AGENTS_PER_M2 = 0.0025
 
 
 def bench_scenario(agents: int, steps: int) -> Scenario:
-    """The paper's base scenario for so many agents, without a recording."""
+    """Make the paper's base scenario for this many agents and steps, without a recording."""
     side_m = (agents / AGENTS_PER_M2) ** 0.5
     scenario = load_scenario("paper-25", ["record=off"])
     density = replace(scenario.events.density, mean_m=(side_m / 2, side_m / 2))
@@ -37,11 +37,11 @@ def bench_scenario(agents: int, steps: int) -> Scenario:
 
 
 def measure(agents: int, steps: int) -> dict[str, Any]:
-    """All measurements, in turns; medians of the rounds."""
+    """Make all measurements in turns; return medians of the rounds, and the largest `agent_pss_mb`."""
     scenario = bench_scenario(agents, steps)
     rounds = []
     for _ in range(ROUNDS):
-        found = _swarm(scenario)  # first: what the fork server preloads is decided once
+        found = _swarm(scenario)  # first, because the fork server's preloads are set only once
         found |= {
             "sockets": floors.sockets_steps_per_s(agents, steps),
             "zenoh": floors.zenoh_steps_per_s(agents, steps),
@@ -70,7 +70,7 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
 
 
 def _swarm(scenario: Scenario) -> dict[str, float]:
-    """Steps per second, start-up time [s] and the largest agent's memory [MB] of one run with processes."""
+    """Measure steps per second, start-up time [s] and the largest agent's memory [MB] of one run with processes."""
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
         (folder / "scenario.toml").write_text(to_toml(scenario))
@@ -88,7 +88,7 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
                     if phase != "waiting" and not startup_s:
                         startup_s = time.monotonic() - began
                     is_half_way = observer.status is not None and 2 * observer.status.step >= scenario.run.steps
-                    if is_half_way and not pss_mb:  # while all are there: who leaves shares no more
+                    if is_half_way and not pss_mb:  # while all are running and share memory
                         pss_mb = max(_pss_mb(p.pid) for p in swarm.parts if p.role == AGENT)
                     observer.leave_when_done()
         summary = results.summary(results.read_outcome(folder), scenario)
@@ -98,7 +98,7 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
 
 
 def _pss_mb(pid: int) -> float:
-    """Proportional set size: memory, with what is shared counted by its share [MB]."""
+    """Return the proportional set size [MB] of a process: memory, with shared pages divided among their users."""
     try:
         lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
     except OSError:

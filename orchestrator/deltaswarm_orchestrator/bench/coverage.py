@@ -1,4 +1,4 @@
-"""How a command spreads through the swarm: the share of agents that know it, against the time since it was sent."""
+"""Measure how a command spreads: the share of agents that know it, against the time since it was sent."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,15 +13,15 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_downlink import CommandSettings
 
 RANGES_M = (20.0, 50.0, None)
-"""Ranges of the base, which stands in the middle; None: it is heard everywhere."""
+"""Ranges of the base, which is in the middle of the arena; None: the base is heard everywhere."""
 LOSSES = (0.0, 0.3, 0.6)
-"""Share of frames lost, of the base's and of the agents'."""
+"""Shares of frames lost, of the base's and of the agents'."""
 SENT_S, WATCHED_S = 60.0, 180.0
-"""The command is sent once the swarm has spread, and lives for as long as it is watched."""
+"""The command is sent after the swarm has spread out [s], and lives for as long as it is watched [s]."""
 
 
 def coverage_scenario(range_m: float | None, loss: float, seed: int) -> Scenario:
-    """The paper's base scenario with one command for all."""
+    """Make the paper's base scenario with one command for all agents."""
     base = load_scenario("paper-25", ["record=off"], seed)
     command = CommandSettings(SENT_S, "set delta", arguments={"delta": 4}, life_s=WATCHED_S)
     middle_m = (base.arena.width_m / 2, base.arena.height_m / 2)
@@ -36,7 +36,7 @@ def coverage_scenario(range_m: float | None, loss: float, seed: int) -> Scenario
 
 
 def measure_coverage(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
-    """Mean share of agents that know the command, by seconds since it was sent, over seeds 1, 2..., in one process.
+    """Measure the mean share of agents that know the command over time, in one process, with seeds 1 to `rounds`.
 
     Returns:
         `rows`, one for each range of the base and loss, with `share_known`, an entry per step.

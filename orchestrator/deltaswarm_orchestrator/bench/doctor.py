@@ -1,4 +1,4 @@
-"""What a machine needs for a swarm, what it has, and how to get what is missing."""
+"""Check what a machine needs for a swarm and what it has, and say how to get what is missing."""
 
 import multiprocessing
 import os
@@ -13,7 +13,7 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from deltaswarm_orchestrator.exits import complain
 
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
-"""As this package's own metadata has it."""
+"""A requirement as this package's own metadata states it."""
 
 DESCRIPTORS_WANTED = 1024
 CONNECT_WITHIN_S = 5.0
@@ -21,14 +21,14 @@ INSTALL_STUDY = "pip install 'deltaswarm[study]'"
 
 
 def needed(extra: str = "") -> dict[str, str]:
-    """Least versions of the packages that deltaswarm needs, or its extra `study`, by name."""
+    """Return the least versions of the packages, by name, that deltaswarm or one of its extras needs."""
     found = (REQUIREMENT.fullmatch(text) for text in requires("deltaswarm") or ())
     return {one["name"]: one["least"] for one in found if one and (one["extra"] or "") == extra}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at; `advice` says what to do where it is not well."""
+    """The result of one check; `advice` says what to do if it is not well."""
 
     name: str
     found: str
@@ -37,7 +37,7 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Look at this machine."""
+    """Check this machine."""
     python = Finding("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed")
     packages = [_package(name, least) for name, least in needed().items()]
     return [python, *packages, _studies(), _cores(), _descriptors(), _loopback(), _start_method()]
@@ -71,7 +71,7 @@ def _descriptors() -> Finding:
 
 
 def loopback_problem() -> str | None:
-    """Why 127.0.0.1 cannot be bound and connected to; None if it can. All parts of a run meet there."""
+    """Say why 127.0.0.1 cannot be bound and connected to; None if it can. All parts of a run meet there."""
     try:
         with (
             socket.create_server(("127.0.0.1", 0)) as server,
@@ -94,7 +94,7 @@ def _start_method() -> Finding:
 
 
 def can_start_parts() -> bool:
-    """Whether the parts of a run could reach each other; says so if not."""
+    """Return whether the parts of a run can reach each other; if not, print an error."""
     if problem := loopback_problem():
         complain(f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`")
     return problem is None

@@ -1,4 +1,4 @@
-"""The floors under a lock-step swarm: the same exchange without any logic, over sockets and over Zenoh.
+"""Measure the floors of a lock-step swarm's step time: the same exchange without any logic, by sockets and by Zenoh.
 
 A step is one 200-byte sample to each agent process and one back from each.
 """
@@ -21,7 +21,7 @@ QUEUE_SAMPLES = 64
 
 
 def sockets_steps_per_s(agents: int, steps: int) -> float:
-    """What the kernel allows: a pair of Unix sockets per agent process."""
+    """Measure what the kernel allows: a pair of Unix sockets per agent process."""
     pairs = [socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET) for _ in range(agents)]
     with _children(_socket_agent, [(far, steps) for _, far in pairs]):
         links = [near for near, _ in pairs]
@@ -49,7 +49,7 @@ def _socket_agent(link: socket.socket, steps: int) -> None:
 
 
 def zenoh_steps_per_s(agents: int, steps: int) -> float:
-    """What Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
+    """Measure what Zenoh allows with the swarm's settings: a router here, a client session per agent process."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         link = RouterLink(f"tcp/127.0.0.1:{probe.getsockname()[1]}", low_latency=True)
@@ -88,7 +88,7 @@ def _zenoh_agent(agent: int, steps: int, link: RouterLink) -> None:
 
 @contextmanager
 def _children(target: Callable[..., None], arguments: Sequence[tuple[object, ...]]) -> Iterator[None]:
-    """Processes from the same fork server as a run's, ended with the block."""
+    """Start processes from the same fork server as a run's, and end them with the block."""
     context = multiprocessing.get_context("forkserver")
     started = [context.Process(target=target, args=entry, daemon=True) for entry in arguments]
     with bare_main_module(), safe_path():

@@ -1,4 +1,4 @@
-"""What the radio models cost a step: the plain range disc and all models on, in turns, in one process."""
+"""Measure what the radio models cost a step: the plain range disc and all models on, in turns, in one process."""
 
 from dataclasses import replace
 from typing import Any
@@ -26,7 +26,7 @@ ALL_ON = (
     "radio.jammers=[{center_m=[5, 5], radius_m=8, waypoints_m=[[35, 35]], times_s=[200]}]",
     "radio.blackouts=[{from_s=100, until_s=110}]",
 )
-"""As `--set` has it, with times for a run of at least 200 s and places for an arena of at least 40 m."""
+"""Settings as for `--set`, with times for a run of at least 200 s and positions for an arena of at least 40 m."""
 
 ALWAYS_ON = (
     *ALL_ON,
@@ -34,25 +34,25 @@ ALWAYS_ON = (
     "radio.jammers=[{center_m=[5, 5], radius_m=8, waypoints_m=[[35, 35]], times_s=[5000]}]",
     "radio.blackouts=[{from_s=0, until_s=10}, {from_s=1e6}]",
 )
-"""The same with a wall and a moving jammer that last; a blackout that did would be the cheapest model of all."""
+"""The same with a wall and a moving jammer that last. No blackout lasts: it would be the cheapest model of all."""
 
 VARIANTS = {"plain": (), "all_on": ALWAYS_ON}
 
 LEAST_AGENTS = 3
-"""Two of them have ranges of their own."""
+"""Agents 1 and 2 have ranges of their own, so they must exist."""
 
 
 def radio_scenario(agents: int, steps: int, seed: int, settings: tuple[str, ...]) -> Scenario:
-    """The paper's base scenario at its density for so many agents, with some settings of the radio."""
+    """Make the paper's base scenario at its density for this many agents, with some settings of the radio."""
     scenario = scale_scenario(agents, steps, seed)
     return replace(scenario, radio=load_scenario("paper-25", settings).radio)
 
 
 def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, Any]:
-    """CPU time of each variant after a warm-up, in rounds with seeds 1, 2...; medians of the rounds.
+    """Measure the CPU time of each variant after a warm-up, in rounds with seeds 1, 2...; return medians of the rounds.
 
-    Agents that hear less have less to do, which is part of a run's speed: so the CPU time of the world and of
-    all agents is given apart, with the frames sent and heard.
+    Agents that hear less have less to do, which is part of a run's speed. Therefore the CPU time of the world and of
+    all agents is given separately, with the frames sent and received.
 
     Raises:
         ValueError: fewer than 3 agents.

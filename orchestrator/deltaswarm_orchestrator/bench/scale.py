@@ -1,4 +1,4 @@
-"""What a step costs in one process: how it grows with the swarm, at the paper's density."""
+"""Measure what a step costs in one process, and how the cost grows with the swarm, at the paper's density."""
 
 import itertools
 import multiprocessing
@@ -22,22 +22,22 @@ from deltaswarm_wire.settings import ComponentSettings, DensitySettings, Scenari
 SIZES = (25, 50, 100, 200, 400)
 
 WARM_UP_STEPS = 1000
-"""Steps before those that are timed. In the paper's scenario trees hold half of the agents from about here on."""
+"""Steps before the timed ones. In the paper's scenario, trees hold half of the agents from about here on."""
 
 BLOCK_STEPS = 50
-"""Scenarios take turns after this many steps, so that other load on the machine meets all of them alike."""
+"""Scenarios take turns after this many steps, so that other load on the machine affects all of them alike."""
 
 COUNTED = ("frames_sent", "frames_received", "agents_in_trees")
 
 TILE_AGENTS = 25
-"""Agents of the paper's base scenario, whose arena is the tile."""
+"""Number of agents of the paper's base scenario, whose arena is the tile."""
 
 
 def scale_scenario(agents: int, steps: int, seed: int = 1) -> Scenario:
-    """The paper's base scenario side by side as often as so many agents need, without a recording.
+    """Tile copies of the paper's base scenario for this many agents, without a recording.
 
-    Each tile has its own gaussian of events: agents, events and trees are as dense in a large swarm as in a
-    small one, from the first step on, which one gaussian in the middle of a larger arena would not give.
+    Each tile has its own gaussian of events, so agents, events and trees are as dense in a large swarm as in a small
+    one from the first step on. One gaussian in the middle of a larger arena would not give that.
     """
     base = load_scenario("paper-25", ["record=off"], seed)
     tiles = max(1, round(agents / TILE_AGENTS))
@@ -64,9 +64,9 @@ def scale_scenario(agents: int, steps: int, seed: int = 1) -> Scenario:
 
 
 def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int = 3) -> dict[str, Any]:
-    """Steps/s of each size after a warm-up, medians of rounds with seeds 1, 2...; each in a fresh process.
+    """Measure steps/s of each size after a warm-up, in a fresh process; return medians of rounds with seeds 1, 2...
 
-    The sizes take turns, so that a machine that is busy for a while is so for all of them.
+    The sizes take turns, so that temporary load on the machine affects all of them.
 
     Raises:
         ValueError: fewer than two different sizes.
@@ -89,7 +89,7 @@ def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int =
 
 
 def median_of(rows: Iterable[Mapping[str, float]]) -> dict[str, float]:
-    """The median of each metric over some rows."""
+    """Return the median of each metric over some rows."""
     columns = {name: [row[name] for row in rows] for rows in [list(rows)] for name in rows[0]}
     return {name: statistics.median(values) for name, values in columns.items()}
 
@@ -101,7 +101,7 @@ def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
 
 
 def _measure(agents: int, steps: int, seed: int) -> dict[str, float]:
-    """Speed, the share of agents in trees while it was measured, and the process's largest memory [MB]."""
+    """Measure speed, the share of agents in trees meanwhile, and the process's peak memory [MB]."""
     (found,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
     return {
         "steps_per_s": 1e6 / found["step_us"],
@@ -113,7 +113,7 @@ def _measure(agents: int, steps: int, seed: int) -> dict[str, float]:
 def in_turns(
     scenarios: Mapping[str, Scenario], steps: int, warm_up_steps: int = WARM_UP_STEPS
 ) -> dict[str, dict[str, float]]:
-    """What a step of each scenario costs in this process, after a warm-up: CPU time [us], frames, agents in trees."""
+    """Measure the cost per step of each scenario in this process, after a warm-up: CPU time [us] and `COUNTED`."""
     swarms = {name: InProcess(scenario) for name, scenario in scenarios.items()}
     totals: dict[str, Counter[str]] = {name: Counter() for name in scenarios}
     turns = deque(scenarios)
@@ -128,7 +128,7 @@ def in_turns(
 
 
 def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
-    """Totals over some steps; the agents' CPU time by their share of the wall time."""
+    """Return totals over some steps; the agents' CPU time is estimated by their share of the wall time."""
     agents_s, wall_began, began = swarm.agents_s, time.perf_counter(), time.process_time()
     tallies = []
     for step in steps:
@@ -141,6 +141,6 @@ def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
 
 
 def _peak_memory_mb() -> float:
-    """Not `getrusage`: its number begins with that of the process that started this one."""
+    """Return this process's peak memory [MB]. Not by `getrusage`, whose value starts at the parent process's."""
     lines = Path("/proc/self/status").read_text().splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024

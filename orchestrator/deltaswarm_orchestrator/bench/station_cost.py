@@ -1,4 +1,4 @@
-"""What the operator's station costs a run of processes: steps per second without it, with it, and with pages open."""
+"""Measure the cost of the operator's station in a run of processes: steps/s without it, with it, with pages open."""
 
 import json
 import socket
@@ -22,15 +22,15 @@ from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.run.station import address
 
 ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
-"""How many pages are open at the station; None: there is no station."""
+"""Number of pages open at the station; None: there is no station."""
 
 PATIENCE_S = 60.0
 
 
 def measure_station(agents: int, steps: int, rounds: int) -> dict[str, Any]:
-    """Medians over the rounds of steps/s as fast as possible, and of the share lost against the same round's `none`.
+    """Measure steps/s as fast as possible and the share lost against the same round's `none`; return medians.
 
-    A page is a connection that takes what comes and draws nothing: what is measured is ours, not the browser's.
+    A page is a connection that receives data and draws nothing, so the browser's own cost is not measured.
     """
     found: defaultdict[str, list[float]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
@@ -72,7 +72,7 @@ def _address(folder: Path, run: subprocess.Popen[str]) -> str:
             if url := address(folder):
                 return url
         except ValueError:
-            pass  # half of it is written
+            pass  # only partly written
         time.sleep(0.02)
     raise ValueError(f"the station must be there within {PATIENCE_S:.0f} s (got no address)")
 

@@ -1,1 +1,1 @@
-"""Boards: what each is given, and the certificates of those that take part."""
+"""Boards: the files that each is given, and the certificates of all participants."""

@@ -1,4 +1,4 @@
-"""Hardware in the loop: what each board of a run is given, in one folder, and how it is started."""
+"""Hardware in the loop: write the files of a run's boards into one folder, and say how to start the boards."""
 
 import ipaddress
 import os
@@ -23,10 +23,10 @@ CERTIFICATE_DAYS = 365
 
 @dataclass(frozen=True)
 class Boards:
-    """Agents of a run that are started elsewhere: their numbers, where they reach the world, and their folder.
+    """Agents of a run that are started elsewhere: their numbers, the world's address, and their folder.
 
-    The folder is for what is copied to boards. What signs their certificates, and what the world shows, is kept apart
-    in a folder beside it (`authority_folder`).
+    The folder holds what is copied to boards. The authority's key and the world's certificate are kept in a separate
+    folder beside it (`authority_folder`).
     """
 
     agents: tuple[int, ...]
@@ -34,11 +34,11 @@ class Boards:
     folder: Path
 
     def prepare(self, scenario: Scenario) -> None:
-        """Make the folder and, where the world is reached over TLS, certificates that are missing.
+        """Make the folder and, if the world is reached over TLS, missing certificates.
 
         Raises:
-            SettingsError: there is no such agent, no address to reach the world at, a fault that needs the process;
-                or the folder cannot be made.
+            SettingsError: an agent does not exist, the address is not one that boards can connect to, a fault signals
+                processes, or the folder cannot be made.
         """
         found = []
         if self.agents[-1] >= scenario.agents.count:
@@ -65,15 +65,15 @@ class Boards:
             raise SettingsError([Problem("--boards-folder", str(self.folder), str(error))]) from None
 
     def _make_certificates(self) -> None:
-        from deltaswarm_orchestrator.boards import certificates  # others need no cryptography
+        from deltaswarm_orchestrator.boards import certificates  # only TLS needs cryptography
 
         authority = authority_folder(self.folder)
         authority.mkdir(mode=0o700, exist_ok=True)
         authority.chmod(0o700)
-        if (self.folder / "ca.key").exists():  # made by hand in the folder of the boards
+        if (self.folder / "ca.key").exists():  # an authority made by hand in the boards' folder
             for file in (*self.folder.glob("*.pem"), *self.folder.glob("*.key")):
                 file.replace(authority / file.name)
-        for ending in ("pem", "key"):  # the world's is for this address, whatever it was
+        for ending in ("pem", "key"):  # made again, for the current address
             (authority / f"{WORLD}.{ending}").unlink(missing_ok=True)
         certificates.make(authority, self.agents, [self._host], CERTIFICATE_DAYS)
         for name in ("ca.pem", *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
@@ -83,7 +83,7 @@ class Boards:
 
     @property
     def tls(self) -> Tls | None:
-        """The world's certificate, over TLS."""
+        """The world's certificate; None without TLS."""
         folder = authority_folder(self.folder)
         files = [str(folder / name) for name in ("ca.pem", f"{WORLD}.pem", f"{WORLD}.key")]
         return Tls(*files) if self._is_over_tls else None
@@ -97,7 +97,7 @@ class Boards:
         return host_and_port(self.listen)[0]
 
     def write(self, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]) -> list[Path]:
-        """Each board's settings, and its password where it goes by one; the settings' files."""
+        """Write each board's settings and, without TLS, its password; return the files of the settings."""
         return [self._write_one(agent, run, endpoint, scenario, password) for agent in self.agents]
 
     def _write_one(
@@ -117,7 +117,7 @@ class Boards:
 
 
 def authority_folder(boards: Path) -> Path:
-    """Where the keys stay that no board is given: beside the boards' folder, so that copying that takes none of them.
+    """Return the folder of the keys that no board is given: beside the boards' folder, so that it is not copied along.
 
     Raises:
         ValueError: the boards' folder is the root of the file system.
@@ -134,14 +134,14 @@ def _is_any(host: str) -> bool:
 
 
 def _write_secret(file: Path, text: str) -> None:
-    """Readable by its owner alone from the first byte on."""
+    """Write a file that only its owner can read, from the first byte on."""
     file.unlink(missing_ok=True)
     with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as stream:
         stream.write(text)
 
 
 def commands(files: Sequence[Path]) -> str:
-    """How to start the boards, for people."""
+    """Describe how to start the boards, for people."""
     lines = [f"    deltaswarm-agent board {file.name}" for file in files]
     where = files[0].parent
     if (authority := authority_folder(where)).exists():

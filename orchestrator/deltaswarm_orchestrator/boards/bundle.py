@@ -1,8 +1,8 @@
-"""A folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
+"""Make a folder that puts an agent on a board without internet: wheels for its platform, and what installs them.
 
-Nothing but the agent, eclipse-zenoh and msgpack is in it, in the versions that this machine runs; for boards that obey
-an operator, also cryptography. pip fetches only
-wheels that the board's Python takes; a wheel that is built here must be pure Python.
+The wheels are those of the agent, eclipse-zenoh and msgpack, in the versions that this machine runs; for boards that
+obey an operator, also cryptography and its dependencies. pip fetches only wheels that the board's Python accepts; a
+wheel that is built here must be pure Python.
 """
 
 import hashlib
@@ -27,19 +27,19 @@ PYTHONS = ("3.11", "3.12", "3.13", "3.14", "3.15")
 
 ZENOH, MSGPACK = "eclipse-zenoh", "msgpack"
 CRYPTOGRAPHY, CFFI, PYCPARSER = "cryptography", "cffi", "pycparser"
-"""What checks the operator's signatures, for boards that it commands."""
+"""The packages that check the operator's signatures, for boards that obey an operator."""
 
 GLIBC_MINORS = range(36, 16, -1)
-"""Of glibc 2, newest first: bookworm has 2.36, and no wheel of ours is older than manylinux_2_17."""
+"""Minor versions of glibc 2, newest first: bookworm has 2.36, and none of our wheels is older than manylinux_2_17."""
 
 PACKAGES = ("deltaswarm_wire", "deltaswarm_agent")
 DATA = ("pyproject.toml", "README.md", "systemd")
-"""What else the board's wheel and the bundle are made of, beside the packages in the source tree's agent/."""
+"""What the board's wheel and the bundle are made of besides the packages, in the source tree's agent/."""
 
 EXAMPLE, NO_OPERATOR = "example.toml", 'operator_key = ""'
 
 INSTALLED_DATA = "board"
-"""The folder of this package in which an installed deltaswarm keeps the same."""
+"""The folder of this package in which an installed deltaswarm keeps `DATA`."""
 
 TAIL_LINES = 8
 
@@ -51,11 +51,13 @@ class BundleError(CommandError):
 
 
 def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_key: str = "") -> list[str]:
-    """Make the folder `out`; the names of its wheels. The example of a board's file gets the operator's public key.
+    """Make the folder `out`; return the names of its wheels.
+
+    If given, the operator's public key is put into the example of a board's file.
 
     Raises:
-        SettingsError: the folder is there.
-        BundleError: a wheel cannot be had, or does not fit. Nothing is left behind.
+        SettingsError: the folder exists.
+        BundleError: a wheel cannot be obtained or does not fit; nothing is left behind.
     """
     if out.exists():
         raise SettingsError([Problem("--out", str(out), "must be a new folder; nothing is overwritten")])
@@ -81,7 +83,7 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
 
 
 def wheel_platforms(platform: str) -> list[str]:
-    """The platform tags that `linux_<machine>` takes, best first (PEP 600)."""
+    """Return the platform tags that `linux_<machine>` accepts, best first (PEP 600)."""
     machine = platform.removeprefix("linux_")
     return [*(f"manylinux_2_{minor}_{machine}" for minor in GLIBC_MINORS), f"manylinux2014_{machine}", platform]
 
@@ -90,7 +92,7 @@ def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[s
     """Build a wheel that fits any board.
 
     Raises:
-        BundleError: it holds machine code of this machine, or cannot be built.
+        BundleError: the wheel is not pure Python, or cannot be built.
     """
     before = set(wheels.iterdir())
     _pip("wheel", "--no-deps", *options, "--wheel-dir", str(wheels), requirement, environment=environment)
@@ -108,7 +110,7 @@ def _fetch(requirement: str, platform: str, python: str, wheels: Path) -> None:
 
 
 def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
-    """A compiled wheel, or where there is none the pure-Python one, built here from its source."""
+    """Fetch a compiled wheel or, if there is none, build the pure-Python one from source."""
     wanted = version(MSGPACK)
     if (wheels / f"{MSGPACK}-{wanted}-py3-none-any.whl").exists():
         return
@@ -120,7 +122,7 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
 
 
 def _fetch_cryptography(platform: str, pythons: Sequence[str], wheels: Path) -> None:
-    """One wheel of cryptography for all, and of what it needs one for each Python."""
+    """Fetch cryptography and pycparser, one wheel each for all Pythons, and a wheel of cffi for each Python."""
     _fetch(f"{CRYPTOGRAPHY}=={version(CRYPTOGRAPHY)}", platform, pythons[0], wheels)
     _fetch(f"{PYCPARSER}=={version(PYCPARSER)}", platform, pythons[0], wheels)
     for python in pythons:
@@ -131,7 +133,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
     """Run pip.
 
     Raises:
-        BundleError: it failed; with the end of what it said.
+        BundleError: pip failed; the text has its last errors or output.
     """
     argv = [sys.executable, "-P", "-m", "pip", command, "--quiet", "--disable-pip-version-check", *arguments]
     done = subprocess.run(argv, capture_output=True, text=True, check=False, env={**os.environ, **(environment or {})})
@@ -142,7 +144,7 @@ def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = 
 
 
 def _source(folder: Path) -> Path:
-    """A copy of what the board's wheel is made of, from the source tree or from this installation."""
+    """Copy what the board's wheel is made of, from the source tree or this installation, into the folder."""
     origins = [Path(_origin(package)).parent for package in PACKAGES]
     data = origins[0].parent
     if not all((data / name).exists() for name in DATA):
@@ -171,7 +173,7 @@ def _write_sums(folder: Path) -> None:
 
 @contextmanager
 def _beside(out: Path) -> Iterator[Path]:
-    """A folder that takes its name only when it is whole."""
+    """Yield a temporary folder beside `out`, and rename it to `out` when it is complete."""
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(dir=out.parent, prefix=f".{out.name}-"))

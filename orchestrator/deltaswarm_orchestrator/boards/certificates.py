@@ -1,6 +1,6 @@
-"""Certificates for agents on boards: one authority, and one certificate for the world, each agent and the operator.
+"""Certificates for agents on boards: an authority, and certificates for world, operator, recorder and each agent.
 
-The name in a certificate is what the world's access control goes by: `agent-3` may act as agent 3 alone.
+The world's access control goes by the name in a certificate: `agent-3` may act only as agent 3.
 """
 
 import datetime
@@ -22,7 +22,7 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 CA = "ca"
 LOCAL_HOSTS = ("localhost", "127.0.0.1", "::1")
 CLOCK_SLACK = datetime.timedelta(days=1)
-"""A board without a clock of its own may lag behind."""
+"""Certificates are valid this long before now, because a board without a real-time clock may lag behind."""
 
 KEY_USAGES = (
     *("digital_signature", "content_commitment", "key_encipherment", "data_encipherment", "key_agreement"),
@@ -41,7 +41,7 @@ class Authority:
 
     @classmethod
     def create(cls, days: int) -> "Authority":
-        """A new authority, valid for so many days."""
+        """Create an authority that is valid for this many days."""
         key = ec.generate_private_key(ec.SECP256R1())
         name = _name("deltaswarm CA")
         signing = x509.KeyUsage(**{usage: usage in ("key_cert_sign", "crl_sign") for usage in KEY_USAGES})
@@ -54,11 +54,11 @@ class Authority:
 
     @classmethod
     def load(cls, folder: Path) -> "Authority":
-        """The authority of a folder that `make` filled before.
+        """Load the authority from a folder that `make` filled before.
 
         Raises:
-            ValueError: its files hold no certificate and key that fit each other, or others may read the key.
-            OSError: they cannot be read.
+            ValueError: the files hold no certificate with a matching key, or others may read the key.
+            OSError: the files cannot be read.
         """
         certificate = x509.load_pem_x509_certificate((folder / "ca.pem").read_bytes())
         if problem := secret_problem(folder / "ca.key"):
@@ -72,7 +72,7 @@ class Authority:
         return cls(key, certificate)
 
     def sign(self, name: str, days: float, hosts: Sequence[str] = ()) -> tuple[Key, x509.Certificate]:
-        """A key and a certificate for so many days; who has no hosts goes by its name, among boards that are peers."""
+        """Make a key and a certificate for this many days; without hosts, `name` is the host, for boards as peers."""
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         names = x509.SubjectAlternativeName([_host(host) for host in hosts or (name,)])
@@ -86,13 +86,13 @@ class Authority:
 
 
 def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -> list[Path]:
-    """Fill the folder: `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; the new files.
+    """Write `NAME.pem` and `NAME.key` for ca, world, operator, recorder and each agent; return the new files.
 
-    A folder with an authority is added to: what is there stays, but that a certificate which has ended, or is the
-    world's or the operator's and lacks one of the hosts, is made anew. Keys have mode 0600, a new folder 0700.
+    In a folder with an authority, existing certificates stay. Only a certificate that has expired, or that is the
+    world's or the operator's and lacks one of the hosts, is replaced. Keys have mode 0600, a new folder 0700.
 
     Raises:
-        ValueError: a host that is no name or address, or an authority whose files do not fit or that has ended.
+        ValueError: a host is not a name or address, or the authority's files do not match or have expired.
         OSError: the folder cannot be written.
     """
     server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
@@ -117,13 +117,13 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
 
 
 def _has_ended(path: Path) -> bool:
-    """Whether a certificate is valid no longer."""
+    """Return whether a certificate has expired."""
     now = datetime.datetime.now(datetime.UTC)
     return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc < now
 
 
 def _hosts_in(path: Path) -> tuple[str, ...]:
-    """For which names and addresses a certificate is."""
+    """Return the names and addresses that a certificate is for."""
     extensions = x509.load_pem_x509_certificate(path.read_bytes()).extensions
     names = extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     return tuple(str(name.value) for name in names)
@@ -158,7 +158,7 @@ def _builder(subject: x509.Name, issuer: x509.Name, key: Key, days: float) -> x5
 
 
 def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
-    """The key first: a certificate that is there has its key."""
+    """Write the key before the certificate, so that every certificate has its key."""
     pem = serialization.Encoding.PEM
     secret = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, serialization.NoEncryption())
     _put(stem.with_name(f"{stem.name}.key"), secret, 0o600)
@@ -166,7 +166,7 @@ def _write(stem: Path, key: Key, certificate: x509.Certificate) -> None:
 
 
 def _put(path: Path, data: bytes, mode: int) -> None:
-    """Written beside, with its mode from the start, and renamed."""
+    """Write a file atomically, with its mode from the start."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}-")
     try:
         with os.fdopen(handle, "wb") as file:

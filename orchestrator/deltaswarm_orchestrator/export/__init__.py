@@ -1,1 +1,1 @@
-"""A recording in other formats: tables, ROS 2, Rerun, video. One file for each format."""
+"""Export a recording to other formats: tables, ROS 2, Rerun, video. Each format has its own module."""

@@ -1,4 +1,4 @@
-"""Export a recording: which formats there are, what each needs, and how the result gets its name."""
+"""Export a recording: the formats, what each needs, and how the result gets its name."""
 
 import importlib
 import os
@@ -18,11 +18,11 @@ class ExportError(CommandError):
 
 @dataclass(frozen=True)
 class Format:
-    """One format: its module in this folder has `write(film, out)`, and imports `library`."""
+    """A format. Its module in this folder has `write(film, out)` and imports `library`."""
 
     module: str
     suffix: str
-    """What the name of the result ends with; without a dot it is a folder."""
+    """Ending of the result's name; without a dot, the result is a folder."""
     library: str = ""
 
 
@@ -32,20 +32,21 @@ FORMATS = {
     "rrd": Format("rrd", ".rrd", "rerun"),
     "mp4": Format("video", ".mp4"),
 }
-"""By the name that the command line has for each."""
+"""The formats by their names on the command line."""
 
 
 def default_out(run: Path, name: str) -> Path:
-    """Beside the run's folder, or beside the recording's file."""
+    """Return the default path of the result: beside the run's folder or the recording's file."""
     run = run.resolve()
     base = run.name if run.is_dir() else run.name.removesuffix(".part").removesuffix(".mcap")
     return run.with_name(base + FORMATS[name].suffix)
 
 
 def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
-    """Write the recording of a run to `out` in a format; whether the recording was complete.
+    """Write the recording of a run to `out` in a format; return whether the recording was complete.
 
-    `out` appears when it is whole. What is there is replaced with `force` alone, and only by its like.
+    `out` appears when it is complete. An existing `out` is replaced only with `force`, and only if it is an earlier
+    export of the same kind.
 
     Raises:
         ExportError: there is no recording, something that the format needs is missing, or `out` must be kept.
@@ -78,7 +79,7 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
 
 
 def _is_like(old: Path, new: Path) -> bool:
-    """Whether nothing is lost with the old but an earlier export: a file, or a folder with the same files at most."""
+    """Return whether `old` can be replaced: a file by a file, or a folder whose files are all in `new` too."""
     if old.is_symlink() or old.is_dir() != new.is_dir():
         return False
     return not old.is_dir() or {file.name for file in old.iterdir()} <= {file.name for file in new.iterdir()}

@@ -1,4 +1,4 @@
-"""A ROS 2 bag, for `ros2 bag` and everything that reads one.
+"""Export a ROS 2 bag, for `ros2 bag` and everything that reads one.
 
 | topic | type | what |
 | --- | --- | --- |
@@ -26,12 +26,12 @@ _KINDS = _TYPES.types
 
 
 def write(film: Film, out: Path) -> None:
-    """A folder with the bag, stored as MCAP."""
+    """Write a folder with the bag, stored as MCAP."""
     with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         bag = _Bag(writer)
         shown: set[str] = set()
         for view in film.snapshots():
-            places: dict[str, list[Any]] = {role: [] for role in shown}  # once without any, where the last is gone
+            places: dict[str, list[Any]] = {role: [] for role in shown}  # one empty message after the last agent left
             for body in view.bodies:
                 places.setdefault(body.role, []).append((body.x_m, body.y_m))
             shown = {role for role, found in places.items() if found}
@@ -45,7 +45,7 @@ def write(film: Film, out: Path) -> None:
 
 
 class _Bag:
-    """Opens each topic with its first message."""
+    """Writes messages, and adds each topic with its first message."""
 
     def __init__(self, writer: Any) -> None:
         self._writer = writer
@@ -58,7 +58,7 @@ class _Bag:
 
 
 def _ros_name(role: str) -> str:
-    """A role as a part of a topic's name: letters, digits and `_`, and no digit first."""
+    """Turn a role into part of a topic's name: letters, digits and `_`, not starting with a digit."""
     name = re.sub(r"\W", "_", role, flags=re.ASCII)
     return f"_{name}" if name[0].isdecimal() else name
 

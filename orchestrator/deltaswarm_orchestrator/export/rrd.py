@@ -1,6 +1,6 @@
-"""A Rerun recording: agents as points per role, trees, events, walls, and metrics as plots.
+"""Export a Rerun recording: agents as points per role, trees, events, walls, and metrics as plots.
 
-Rerun also opens `recording.mcap` itself; this has the roles apart, trees, and curves besides.
+Rerun also opens `recording.mcap` directly; this export adds separate roles, trees and plots.
 """
 
 from pathlib import Path
@@ -15,14 +15,14 @@ TIME, STEP = "time", "step"
 """The timelines: simulated time, and steps."""
 
 AGENT_RADIUS, EVENT_RADIUS = 0.007, 0.009
-"""Of the arena's longest side."""
+"""Radii as shares of the arena's longest side."""
 
 SWARM = ("agents_in_trees", "trees", "events_active")
 WORKLOAD = ("messages", "rate_60s_hz")
 
 
 def write(film: Film, out: Path) -> None:
-    """One file."""
+    """Write one file."""
     longest_m = max(film.width_m, film.height_m)
     with rr.RecordingStream("deltaswarm", recording_id=film.recording.metadata.get("digest")) as stream:
         stream.save(out)
@@ -45,11 +45,11 @@ def write(film: Film, out: Path) -> None:
 
 
 def _log(stream: Any, view: Snapshot, shown: set[str], longest_m: float) -> set[str]:
-    """Log one view; the roles in it."""
+    """Log one view; return its roles."""
     stream.set_time(TIME, duration=view.time_s)
     stream.set_time(STEP, sequence=view.step)
     roles = {body.role for body in view.bodies}
-    for role in sorted(roles | shown):  # once without any, where the last is gone
+    for role in sorted(roles | shown):  # log no points once, after the last agent left
         bodies = [body for body in view.bodies if body.role == role]
         points = rr.Points3D(
             _flat([(body.x_m, body.y_m) for body in bodies]),

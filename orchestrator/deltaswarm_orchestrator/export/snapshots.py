@@ -1,4 +1,4 @@
-"""What an export shows of a recording: the swarm as it was in each view, and its metrics."""
+"""What an export shows of a recording: the swarm in each view, and its metrics."""
 
 import tomllib
 from collections.abc import Iterator
@@ -31,7 +31,7 @@ class Snapshot(NamedTuple):
 
 @dataclass(frozen=True)
 class Film:
-    """A recording to be exported."""
+    """A recording to export."""
 
     path: Path
     recording: Recording
@@ -41,23 +41,23 @@ class Film:
     """The corners of each obstacle."""
 
     def snapshots(self) -> Iterator[Snapshot]:
-        """Each view in turn, read from the file."""
+        """Yield each view, read from the file."""
         return snapshots(self.path)
 
     @property
     def walls_m(self) -> list[list[tuple[float, float]]]:
-        """The arena's edge and the obstacles', as closed lines."""
+        """The edges of the arena and of the obstacles, as closed lines."""
         width, height = self.width_m, self.height_m
         loops = [[(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)], *self.obstacles_m]
         return [[*loop, loop[0]] for loop in loops]
 
 
 def read_film(path: Path) -> Film:
-    """The recording in a file.
+    """Open the recording in a file. If it was cut off before the scenario, the arena is 0 m by 0 m.
 
     Raises:
-        FileNotFoundError: there is none.
-        RecordingError: it is no recording, or was cut off before it began.
+        FileNotFoundError: there is no recording.
+        RecordingError: the file is not a recording.
     """
     recording = read_recording(path)
     arena = tomllib.loads(recording.scenario).get("arena", {"width_m": 0.0, "height_m": 0.0})
@@ -66,9 +66,9 @@ def read_film(path: Path) -> Film:
 
 
 def snapshots(path: Path) -> Iterator[Snapshot]:
-    """Each view of a recording in turn, as far as the file can be read.
+    """Yield each view of a recording, as far as the file can be read.
 
-    A view is whole once the next one begins: standings follow the frames if one of them changed.
+    A view is complete when the next one begins: the agents' standings follow the frames if one of them changed.
     """
     messages = Messages(_TOPICS)
     events: dict[int, EventState] = {}
@@ -101,7 +101,7 @@ def snapshots(path: Path) -> Iterator[Snapshot]:
 
 
 def _with_standings(view: Snapshot, standings: list[tuple[Any, ...]]) -> Snapshot:
-    """The bodies of a view with what each says it is; none where a file was cut off in between."""
+    """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
     if len(standings) != len(view.bodies):
         return view._replace(bodies=())
     named = zip(view.bodies, standings, strict=True)

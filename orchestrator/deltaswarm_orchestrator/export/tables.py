@@ -1,4 +1,4 @@
-"""CSV: `poses.csv` (a row per view and agent), `events.csv` (per event), `workload.csv` (per step)."""
+"""Export CSV: `poses.csv` (a row per view and agent), `events.csv` (per event), `workload.csv` (per step)."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from deltaswarm_wire.truth import Body, EventState
 
 
 def write(film: Film, out: Path) -> None:
-    """A folder with the three tables; a cell is empty where there is no time yet, no parent or no root."""
+    """Write a folder with the three tables; a cell is empty where there is no time yet, no parent or no root."""
     out.mkdir()
     poses = (
         (view.step, view.time_s, *body[:-2], *("" if agent == NOBODY else agent for agent in body[-2:]))

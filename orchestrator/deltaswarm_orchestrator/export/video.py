@@ -1,4 +1,4 @@
-"""A video: the swarm from above, drawn by matplotlib and encoded by ffmpeg."""
+"""Export a video: the swarm from above, drawn by matplotlib and encoded by ffmpeg."""
 
 import itertools
 from pathlib import Path
@@ -15,17 +15,17 @@ from deltaswarm_orchestrator.recording.scene import role_colour
 
 FRAMES_PER_S = 20
 MAX_FRAMES = 30 * FRAMES_PER_S
-"""A longer run is shown faster."""
+"""Most frames of a video; a longer run is shown faster."""
 
 SIZE_IN, DPI = 7.2, 100
 """720 by 720 pixels."""
 
 
 def write(film: Film, out: Path) -> None:
-    """One file, 30 s long at most.
+    """Write one file, at most 30 s long.
 
     Raises:
-        ExportError: there is no ffmpeg.
+        ExportError: ffmpeg is not installed.
     """
     if not FFMpegWriter.isAvailable():
         raise ExportError("--format mp4 needs ffmpeg on the PATH (on Debian: apt install ffmpeg)")

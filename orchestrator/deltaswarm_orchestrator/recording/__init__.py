@@ -1,1 +1,1 @@
-"""A run's recording: written as MCAP, and read again."""
+"""Write a run's recording as MCAP, and read it back."""

@@ -8,18 +8,18 @@ import orjson
 from deltaswarm_orchestrator.recording.schemas import ARENA_FRAME, ROOT_FRAME, SCENE_TOPICS
 
 LAYOUT = "layout.json"
-"""The file in the run's folder."""
+"""The layout's file in the run's folder."""
 
 
 def layout_json(width_m: float, height_m: float) -> bytes:
-    """The file's content."""
+    """Return the content of the layout's file."""
     return orjson.dumps(layout(width_m, height_m), option=orjson.OPT_INDENT_2)
 
 
 def layout(width_m: float, height_m: float) -> dict[str, Any]:
-    """A viewer's layout for an arena: the scene from above, workload, trees, log.
+    """Make a viewer's layout for an arena: the scene from above, workload, trees, log.
 
-    White, since events are black; with the camera far enough away to see the whole arena.
+    The background is white because events are black. The camera is far enough away to show the whole arena.
     """
     longest_m = max(width_m, height_m)
     distance_m = 1.4 * longest_m  # at 45 degrees of view this shows 1.16 times the longest side
@@ -42,7 +42,7 @@ def layout(width_m: float, height_m: float) -> dict[str, Any]:
             "backgroundColor": "#ffffff",
             "transforms": {"labelSize": longest_m / 80, "axisScale": longest_m / 100},
         },
-        # a frame whose parent is hidden has no line drawn to it
+        # viewers draw no line to a frame whose parent is hidden
         "transforms": {f"frame:{frame}": {"visible": False} for frame in (ROOT_FRAME, ARENA_FRAME)},
         "topics": {topic: {"visible": True} for topic in SCENE_TOPICS},
         "layers": {

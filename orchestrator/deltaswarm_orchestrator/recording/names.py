@@ -1,10 +1,10 @@
-"""Files of a run folder, for commands that only look whether they are there: nothing is imported for them."""
+"""Names of files in a run folder. This module imports nothing, for commands that only check whether files exist."""
 
 RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
-"""What viewers show, every raw frame, and what is added to their names while they are written."""
+"""The recording for viewers, the raw frames, and the suffix that both have while they are written."""
 
 COMMANDS = "commands.toml"
-"""The commands that left the base, as `deltaswarm run --commands` takes them: the same run again."""
+"""The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""
 
 DEEDS = "deeds.csv"
-"""What the person at the station does, row by row while the run is under way."""
+"""The actions of the person at the station, written row by row during the run."""

@@ -1,6 +1,6 @@
-"""Reading a recording back: the figures of a run, exactly as they were written.
+"""Read a recording back: the numbers of a run, exactly as they were written.
 
-Also of a run that was killed: what had been flushed is there, and `complete` says that it is not all.
+The recording of a killed run can be read too. It holds what had been flushed, and `complete` is false.
 """
 
 from dataclasses import dataclass, field
@@ -19,7 +19,7 @@ from deltaswarm_wire.truth import EventState, Tally
 
 @dataclass
 class Recording:
-    """What a recording holds of figures; what is only to be looked at stays in the file."""
+    """The numbers in a recording. What is only for viewing is not read."""
 
     tallies: list[Tally] = field(default_factory=list)
     """One per step, in order."""
@@ -28,13 +28,13 @@ class Recording:
     workloads: list[Workload] = field(default_factory=list)
     """One per step, in order."""
     reports: dict[int, tuple[Report, ...]] = field(default_factory=dict)
-    """Those that arrived in each step, by step; empty where none did."""
+    """The reports that arrived in each step, by step; empty where none arrived."""
     scenario: str = ""
     """The effective scenario, as TOML."""
     metadata: dict[str, str] = field(default_factory=dict)
     """The manifest; empty if the recording was never closed."""
     complete: bool = False
-    """Whether the recording was closed with its manifest, and nothing of it is missing."""
+    """Whether the recording was closed with its manifest and nothing is missing."""
 
 
 FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
@@ -42,7 +42,7 @@ FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/in
 
 
 def recording_in(path: Path) -> Path:
-    """The file itself, or the recording in a run's folder: the finished one, or else what there is of it."""
+    """Return the file itself, or the recording in a run's folder: the finished one, else the partial one."""
     if not path.is_dir():
         return path
     whole = path / RECORDING
@@ -50,11 +50,11 @@ def recording_in(path: Path) -> Path:
 
 
 def read_recording(path: Path) -> Recording:
-    """The recording in a file, or in a run's folder, whether it was finished or cut off anywhere.
+    """Read the recording in a file or in a run's folder, whether it was finished or cut off.
 
     Raises:
-        FileNotFoundError: there is none.
-        RecordingError: the file is no MCAP file.
+        FileNotFoundError: there is no recording.
+        RecordingError: the file is not an MCAP file.
     """
     reader = _Reader()
     for record in records(recording_in(path)):
@@ -65,7 +65,7 @@ def read_recording(path: Path) -> Recording:
 
 
 class _Reader:
-    """Collects figures, record by record."""
+    """Collects the numbers of a run, record by record."""
 
     def __init__(self) -> None:
         self._found = Recording()
@@ -97,12 +97,12 @@ class _Reader:
                 self._found.workloads.append(row_of(Workload, values_of(message)))
 
     def recording(self, is_whole: bool) -> Recording:
-        """All that was found; of a damaged file, up to the first step that is missing or broken."""
+        """Return what was found; if it is incomplete, the tallies end before the first missing step."""
         found = self._found
         found.complete &= is_whole
         found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
         steps = sorted(self._net.keys() & self._state)
-        if not found.complete:  # damage can hide a chunk as a whole
+        if not found.complete:  # damage can hide a whole chunk
             steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
         found.tallies = [row_of(Tally, {**self._net[step], **self._state[step]}) for step in steps]
         return found

@@ -1,7 +1,7 @@
-"""The recorder: everything about a run that is worth keeping, as MCAP, while it happens.
+"""Record everything about a run that is worth keeping, as MCAP, while the run is under way.
 
-File input and output only: `transcriber.py` makes the messages, and the caller has the clock of the run and the
-connection.
+This module does file input and output only: `transcriber.py` makes the messages, and the caller has the run's clock
+and connection.
 """
 
 import os
@@ -40,22 +40,22 @@ SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_EVERY_S = 1.0
-"""A kill loses at most what came within this wall time."""
+"""Wall time between flushes [s]; a kill loses at most what came within this time."""
 
 
 class Recorder:
-    """Writes `recording.mcap` into `folder`, and with `wire` the raw frames into `wire.mcap`.
+    """Writes `recording.mcap` into `folder` and, with `wire`, the raw frames into `wire.mcap`.
 
-    Until `close` the files are called `.part`. Leaving the context without `close` keeps that name: the
-    file can be read, and is marked incomplete.
+    Until `close`, the names of the files end in `.part`. Leaving the context without `close` keeps these names: the
+    files can be read, but count as incomplete.
 
     Args:
-        folder: the run's folder, which must be there.
+        folder: the run's folder, which must exist.
         scenario_table: the effective scenario as a plain table, kept as TOML.
         scenario: the same, checked.
         wire: whether raw frames are kept.
         wall: a wall clock [s].
-        viewer: who is shown the same messages while the run is under way, if anybody.
+        viewer: is given the same messages while the run is under way.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Recorder:
         self._wire = _File(folder / WIRE) if wire else None
         self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
         self._file.attach(LAYOUT, "application/json", shown)
-        for topic in TOPICS:  # announced even where nothing will be said
+        for topic in TOPICS:  # announced even if it gets no messages
             self._file.channel(topic)
         self._file.flush()
 
@@ -96,10 +96,12 @@ class Recorder:
         self._end(None)
 
     def take_over(self, before: Mapping[str, Path], step: int) -> None:
-        """Begin with what other recordings hold up to a step, by the names of the files that they go on in.
+        """Begin with the messages of earlier recordings up to a step.
+
+        `before` maps the name of each new file to the earlier file that it continues.
 
         Raises:
-            RecordingError: one of them is no MCAP file.
+            RecordingError: an earlier file is not an MCAP file.
         """
         self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
         for file in (self._file, self._wire):
@@ -110,13 +112,13 @@ class Recorder:
         self.save()
 
     def save(self) -> None:
-        """Have all that was said so far on disk, whatever becomes of the machine."""
+        """Write everything so far to disk, so that it survives a crash of the machine."""
         for file in (self._file, self._wire):
             if file is not None:
                 file.save()
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """One closed step: its truth, and the reports that reached the operator in it."""
+        """Record a closed step: its truth, and the reports that reached the operator in it."""
         self._step, self._time_s = truth.step, truth.time_s
         transcriber = self._transcriber
         self._write(transcriber.figures(truth, reports, round(self._wall() - self._started_s, 3)))
@@ -127,25 +129,25 @@ class Recorder:
         self._end_of_step()
 
     def workload(self, workload: Workload) -> None:
-        """What the operator counted in one step."""
+        """Record what the operator counted in one step."""
         self._write_at(workload.step, workload.time_s, "/operator/workload", workload_message(workload))
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
-        """A line of a part's log; `level` as Python's logging has it, time simulated [s]."""
+        """Record a line of a part's log; `level` is that of Python's logging, `time_s` is simulated [s]."""
         self._write_at(self._step, time_s, "/log", log_message(level, name, text, time_s))
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
-        """A radio frame as its sender made it; kept only with `wire`."""
+        """Record a radio frame as its sender made it, if `wire` is on."""
         if self._wire:
             self._wire.write(f"/agent/{agent}/radio", step, step * self._step_s, data)
 
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
-        """A report as its sender made it; kept only with `wire`."""
+        """Record a report as its sender made it, if `wire` is on."""
         if self._wire:
             self._wire.write(f"/agent/{agent}/report", step, step * self._step_s, data)
 
     def flush_when_due(self) -> None:
-        """Flush if FLUSH_EVERY_S has passed. Every step and line of log does; who waits long may, too."""
+        """Flush if FLUSH_EVERY_S has passed since the last flush. Every step and log line calls this."""
         now_s = self._wall()
         if now_s - self._flushed_s >= FLUSH_EVERY_S:
             self._flushed_s = now_s
@@ -154,9 +156,9 @@ class Recorder:
                 self._wire.flush()
 
     def close(self, manifest: Mapping[str, Any], tables: Iterable[tuple[str, bytes]] = ()) -> None:
-        """Add the manifest and tables (name, CSV) beside it, finish, and give the files their names.
+        """Add the manifest and tables (name, CSV), finish the files, and give them their final names.
 
-        What is no text in the manifest becomes JSON.
+        Values of the manifest that are not text become JSON.
         """
         for name, data in tables:
             self._file.attach(name, "text/csv", data)
@@ -165,7 +167,7 @@ class Recorder:
         )
 
     def _write(self, messages: Iterable[TopicMessage]) -> None:
-        """Messages of the step that is under way."""
+        """Write messages of the current step."""
         step, time_s, write, viewer = self._step, self._time_s, self._file.write, self._viewer
         for topic, data in messages:
             write(topic, step, time_s, data)
@@ -195,7 +197,7 @@ class Recorder:
 
 
 class _File:
-    """One MCAP file, called `.part` until it is whole."""
+    """One MCAP file, whose name ends in `.part` until it is complete."""
 
     def __init__(self, path: Path) -> None:
         self.is_closed = False
@@ -212,7 +214,7 @@ class _File:
         self._writer.add_attachment(0, log_time_ns(0.0), name, media_type, data)
 
     def channel(self, topic: str) -> int:
-        """The channel of a topic, which comes into being with its first message; raw bytes have no schema."""
+        """Return the channel of a topic, registering it at first use; raw bytes have no schema."""
         if topic not in self._channels:
             kind = TOPICS.get(topic)
             schema = self._schema(kind) if kind else 0
@@ -226,7 +228,7 @@ class _File:
         return self._schemas[name]
 
     def write(self, topic: str, step: int, time_s: float, data: bytes) -> None:
-        """Add a message, encoded as its topic wants."""
+        """Add a message that is already encoded."""
         self._add(topic, log_time_ns(time_s), step, data)
 
     def _add(self, topic: str, now_ns: int, step: int, data: bytes) -> None:
@@ -236,7 +238,7 @@ class _File:
             raise no_room(error, self._part) from None
 
     def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, bytes]]:
-        """Add the messages of another file up to a time; topic and data of each."""
+        """Add the messages of another file up to a time; yield topic and data of each."""
         topics: dict[int, str] = {}
         for record in records(before):
             if isinstance(record, Channel):
@@ -256,11 +258,11 @@ class _File:
             os.fsync(self._stream.fileno())
 
     def close(self, manifest: dict[str, str] | None) -> None:
-        """Finish the file; with a manifest it is whole and gets its name."""
+        """Finish the file; with a manifest, it is complete and gets its final name."""
         self.is_closed = True
         with room_for(self._part), self._stream:
             if manifest is not None:
-                self._writer.flush()  # the manifest follows what it is about
+                self._writer.flush()  # the manifest comes after the messages
                 self._writer.add_metadata(MANIFEST, manifest)
             self._writer.finish()
         if manifest is not None:

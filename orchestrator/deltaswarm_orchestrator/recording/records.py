@@ -1,4 +1,4 @@
-"""The records of an MCAP file, whole or cut off anywhere, and the figures in them."""
+"""Read the records of an MCAP file, complete or cut off anywhere, and decode their messages."""
 
 import struct
 from collections.abc import Callable, Container, Iterator, Mapping
@@ -14,19 +14,19 @@ from zstandard import ZstdError
 _MAGIC = b"\x89MCAP0\r\n"
 
 _DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
-"""What a file that was cut off or damaged can raise when it is read."""
+"""The exceptions that reading a truncated or damaged file can raise."""
 
 
 class RecordingError(ValueError):
-    """A file that is no recording."""
+    """The file is not a usable recording."""
 
 
 def records(path: Path) -> Iterator[McapRecord | None]:
-    """Each record in turn, up to the end, or to where the file is damaged: then None is the last.
+    """Yield each record up to the end of the file, or up to the first damage and then None.
 
     Raises:
-        FileNotFoundError: there is none.
-        RecordingError: the file is no MCAP file.
+        FileNotFoundError: there is no file.
+        RecordingError: the file is not an MCAP file.
     """
     size_bytes = path.stat().st_size
     with path.open("rb") as stream:
@@ -46,7 +46,7 @@ def records(path: Path) -> Iterator[McapRecord | None]:
 
 
 class Messages:
-    """Decodes what a file's records say on some topics, each message by the schema that the file itself holds."""
+    """Decodes a file's messages on some topics, each by the schema that the file itself holds."""
 
     def __init__(self, topics: Container[str]) -> None:
         self._topics = topics
@@ -55,10 +55,10 @@ class Messages:
         self._channels: dict[int, tuple[str, Callable[[bytes], Any]]] = {}
 
     def take(self, record: McapRecord) -> tuple[str, Any] | None:
-        """Topic and message, if the record is a message on one of the topics.
+        """Return topic and message if the record is a message on one of the topics.
 
         Raises:
-            RecordingError: such a topic is not in protobuf, as in recordings of earlier versions.
+            RecordingError: one of the topics is not in protobuf, as in recordings of earlier versions.
         """
         if isinstance(record, Message):
             topic, decode = self._channels.get(record.channel_id, ("", None))
@@ -74,7 +74,7 @@ class Messages:
 
 
 def values_of(message: Any) -> dict[str, Any]:
-    """The fields of a message by name; None for what is absent."""
+    """Return the fields of a message by name; None for absent fields."""
     return {
         field.name: None if field.has_presence and not message.HasField(field.name) else getattr(message, field.name)
         for field in message.DESCRIPTOR.fields
@@ -82,5 +82,5 @@ def values_of(message: Any) -> dict[str, Any]:
 
 
 def row_of(kind: Any, values: Mapping[str, Any]) -> Any:
-    """A named tuple of the wire from the values of its fields."""
+    """Make a named tuple of the wire from the values of its fields."""
     return kind(*[values[name] for name in kind._fields])

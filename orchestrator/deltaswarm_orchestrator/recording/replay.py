@@ -1,4 +1,4 @@
-"""A recording as the steps that reached the operator, for a replay at the station's page."""
+"""Turn a recording into the steps that reached the operator, for a replay on the station's page."""
 
 import contextlib
 import csv
@@ -25,14 +25,14 @@ def write_steps(run: Path, file: Path) -> None:
 
     Raises:
         RecordingError: the recording is damaged, or holds no step.
-        FileNotFoundError: there is none.
+        FileNotFoundError: there is no recording.
     """
     found = read_recording(run)
     if not found.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")
     table = tomllib.loads(found.scenario)
     scenario = checked.load(Scenario, table)
-    if not scenario.operator.person.is_on:  # a simulated person gives its commands once more
+    if not scenario.operator.person.is_on:  # a simulated person gives its commands again by itself
         scenario = checked.load(Scenario, table | _commands(run, scenario.run.step_s))
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
     with file.open("wb") as stream:
@@ -45,7 +45,7 @@ def write_steps(run: Path, file: Path) -> None:
 
 
 def _commands(run: Path, step_s: float) -> dict[str, Any]:
-    """The table `command` of a run: what left the base, or what was given before the run was killed."""
+    """Return a run's table `command`: the commands that left the base or, if it was killed, those given before."""
     if (run / COMMANDS).exists():
         return tomllib.loads((run / COMMANDS).read_text())
     given = []

@@ -1,10 +1,10 @@
 """What a viewer shows of one step: frames, and agents, trees, links and events as shapes and as points.
 
-One entity per topic holds all its shapes: each message replaces the one before as a whole, so nothing needs to
-be deleted, also when a viewer jumps in time.
+One entity per topic holds all shapes of the topic. Each message replaces the one before entirely, so nothing needs to
+be deleted, even when a viewer jumps in time.
 
-Messages are kept and their numbers changed in place, since making them anew takes several times as long. Whatever
-changes its size is copied into a new message: a message gives no memory back before it ends as a whole.
+Messages are reused and their numbers changed in place, because making new ones takes several times as long. A message
+whose size changes is copied instead, because a message frees its memory only when it is deleted as a whole.
 """
 
 import struct
@@ -41,7 +41,7 @@ ROLE_COLOURS = {
     "leaving": "#f0e442",
     "dead": "#999999",
 }
-"""Okabe and Ito's palette, which the colour-blind can tell apart; black is for events."""
+"""Okabe and Ito's palette, which colour-blind people can tell apart; black is for events."""
 
 OTHER_COLOURS = ("#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99", "#882255")
 """Paul Tol's muted palette, for roles of other controllers."""
@@ -49,13 +49,13 @@ OTHER_COLOURS = ("#88ccee", "#ddcc77", "#cc6677", "#117733", "#aa4499", "#44aa99
 EVENTS = "events"
 OPAQUE = b"\xff"
 EVENT_RGBA = b"\xa0\x52\x2d" + OPAQUE
-"""Of events as points: a brown, visible on a black background and on a white one."""
+"""Colour of events drawn as points: a brown, visible on a black background and on a white one."""
 
 MAX_LOOKS = 256
-"""Roles whose look is kept ready."""
+"""Number of roles whose look is cached."""
 
 PLACE_STEPS_PER_M = 1024
-"""Places are rounded to about a millimetre, and to few binary digits, which compress well."""
+"""Positions are rounded to about a millimetre, and to few binary digits, which compress well."""
 
 _SIZE_OF_ARENA = {"agent": 0.014, "root": 0.022, "event": 0.018}
 """Diameters as shares of the arena's longest side, visible in an arena of any size."""
@@ -70,30 +70,30 @@ Place = tuple[float, float]
 
 
 def role_colour(role: str) -> str:
-    """The colour of a role, known or not: the same in every recording."""
+    """Return the colour of a role, known or not; it is the same in every recording."""
     return ROLE_COLOURS.get(role) or OTHER_COLOURS[zlib.crc32(role.encode()) % len(OTHER_COLOURS)]
 
 
-@lru_cache(maxsize=4)  # each message of a step asks for the same
+@lru_cache(maxsize=4)  # all messages of a step ask for the same time
 def log_time_ns(time_s: float) -> int:
-    """Simulated time as nanoseconds since 1970, with EPOCH_S as its zero."""
+    """Convert simulated time [s] to nanoseconds since 1970, with EPOCH_S as zero."""
     return EPOCH_S * 1_000_000_000 + round(time_s * 1e9)
 
 
 def stamp(time_s: float) -> dict[str, int]:
-    """Simulated time as the fields of a timestamp."""
+    """Convert simulated time [s] to the fields of a timestamp."""
     seconds, nanos = divmod(log_time_ns(time_s), 1_000_000_000)
     return {"seconds": seconds, "nanos": nanos}
 
 
 def colour(code: str, alpha: float = 1.0) -> Color:
-    """A Foxglove colour of `#rrggbb`."""
+    """Make a Foxglove colour from `#rrggbb`."""
     red, green, blue = (round(int(code[i : i + 2], 16) / 255, 3) for i in (1, 3, 5))
     return Color(r=red, g=green, b=blue, a=alpha)
 
 
 class Scene:
-    """Makes the messages of the view topics. Places in m, in the arena's frame."""
+    """Makes the messages of the view topics. Positions are in m, in the arena's frame."""
 
     def __init__(self, scenario: Scenario) -> None:
         width_m, height_m = scenario.arena.width_m, scenario.arena.height_m
@@ -108,24 +108,24 @@ class Scene:
         self._times: list[Any] = []
         """The timestamp of each frame."""
         self._places: list[tuple[Any, Any, Any]] = []
-        """Each agent's place as a frame, as a sphere, and as an end of lines."""
+        """Each agent's position as a frame, as a sphere, and as an endpoint of lines."""
         self._looks: list[tuple[str, Any, Any]] = []
-        """The role of which each agent's sphere has the look, and size and colour."""
+        """For each agent, the role whose look its sphere has, and the sphere's size and colour."""
         self._discs: list[CylinderPrimitive] = []
-        """As many as there have been events at a time."""
+        """As many discs as there have ever been events at a time."""
         corners = [(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)]
         loops: list[Sequence[Any]] = [corners, *(obstacle.corners_m for obstacle in scenario.arena.obstacles)]
         walls = [_line(LinePrimitive.LINE_LOOP, _WALL_PX, colour("#000000"), loop) for loop in loops]
         names = ("agents", "tree", "links", EVENTS)
         self._updates = {name: _update(name, walls if name == "agents" else ()) for name in names}
-        """The agents' is changed in place; the others are copied."""
+        """The update of the agents is changed in place; the others are copied."""
         self._lines = {
             "tree": _line(LinePrimitive.LINE_LIST, _TREE_PX, colour(ROLE_COLOURS["member"], 0.8)),
             "links": _line(LinePrimitive.LINE_LIST, _LINK_PX, colour("#666666", 0.35)),
         }
 
     def messages(self, truth: Truth) -> Iterator[tuple[str, bytes]]:
-        """Topic and message of each view of this step."""
+        """Yield topic and message of each view of this step; `/swarm/agents` only if it changed."""
         now = stamp(truth.time_s)
         places = _rounded(truth.bodies)
         agents = [body.agent for body in truth.bodies]
@@ -150,7 +150,7 @@ class Scene:
             yield "/swarm/agents", _agents_message(truth).SerializeToString()
 
     def _begin_anew(self, agents: list[int]) -> None:
-        """Make room for these agents, in this order."""
+        """Make new messages for these agents, in this order."""
         self._agents, self._standings = agents, None
         frames = [_transform(ARENA_FRAME, f"agent/{agent}", (0.0, 0.0)) for agent in agents]
         # The arena's frame comes with each message, since a viewer may start anywhere.
@@ -179,9 +179,9 @@ class Scene:
             frame.y = sphere.y = end.y = y
 
     def _connected(self, name: str, pairs: Iterable[tuple[int, int]], index: Mapping[int, int]) -> SceneUpdate:
-        """Lines from agent to agent, or none: a line without ends is an error to some viewers.
+        """Draw lines between pairs of agents, or no line primitive at all: some viewers reject an empty one.
 
-        A parent is hearsay: to one that is not there, there is no line.
+        The parent that an agent reports may not exist; then no line is drawn.
         """
         update = SceneUpdate()
         update.CopyFrom(self._updates[name])
@@ -194,7 +194,7 @@ class Scene:
         return update
 
     def _events(self, events: list[EventState], places: list[Place]) -> SceneUpdate:
-        """A black disc for each, which shrinks with the work done; paler once sensed."""
+        """Draw a black disc for each event. It shrinks with the work done, and is paler once sensed."""
         while len(self._discs) < len(events):
             self._discs.append(
                 CylinderPrimitive(pose=_HERE, size={"z": 0.1}, bottom_scale=1.0, top_scale=1.0, color={})
@@ -213,7 +213,7 @@ class Scene:
 
 @lru_cache(MAX_LOOKS)
 def role_rgba(role: str) -> bytes:
-    """The colour of a role as four octets."""
+    """Return the colour of a role as four bytes (RGBA)."""
     return bytes.fromhex(role_colour(role)[1:]) + OPAQUE
 
 
@@ -232,7 +232,7 @@ def _sent(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
 
 
 def _agents_message(truth: Truth) -> Any:
-    """What each agent says it is, in the order of the frames."""
+    """Make the message of what each agent says it is, in the order of the frames."""
     columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
     return OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
 
@@ -243,7 +243,7 @@ def _transform(parent: str, child: str, place: Place) -> FrameTransform:
 
 
 def _update(name: str, lines: Iterable[LinePrimitive]) -> SceneUpdate:
-    """One entity, which lives until the next message replaces it."""
+    """Make an update of one entity, which lives until the next message replaces it."""
     entity = {"id": name, "frame_id": ARENA_FRAME, "lifetime": {}, "frame_locked": True, "lines": lines}
     return SceneUpdate(entities=[entity])
 
@@ -255,7 +255,7 @@ def _line(kind: Any, thickness_px: float, colour: Color, places: Iterable[Place]
 
 
 def _cloud_head() -> bytes:
-    """What is the same in each cloud of `_POINT`s. One message is the bytes of its parts in a row."""
+    """Encode what all clouds of `_POINT`s share. A message's bytes may be the concatenated bytes of its parts."""
     floats = [{"name": name, "offset": 4 * i, "type": PackedElementField.FLOAT32} for i, name in enumerate("xyz")]
     names = ("red", "green", "blue", "alpha")
     octets = [{"name": name, "offset": 12 + i, "type": PackedElementField.UINT8} for i, name in enumerate(names)]
@@ -273,6 +273,6 @@ def _points(places: list[Place], colours: list[bytes], now: Mapping[str, int]) -
 
 
 def _agent_look(role: str, size_m: Mapping[str, float]) -> tuple[float, ...]:
-    """Diameter and colour; a root is larger, so that it stands out without colour, too."""
+    """Return diameter and colour of a role; a root is larger, so that it stands out even without colour."""
     shade = colour(role_colour(role), 0.4 if role == DEAD else 1.0)
     return size_m["root" if role == "root" else "agent"], shade.r, shade.g, shade.b, shade.a

@@ -1,7 +1,7 @@
 """What a recording holds: its topics, and the protobuf message of each.
 
 Viewers draw a topic by the name of its schema: Foxglove and Lichtblick the scene, Rerun the points. The
-`foxglove` messages are the published ones; the `deltaswarm` messages are made here from the wire's rows.
+`foxglove` messages are the published ones; the `deltaswarm` messages are made here from the wire's named tuples.
 """
 
 import typing
@@ -21,10 +21,10 @@ from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Wo
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally
 
 ROOT_FRAME = "world"
-"""The root frame has the arena's centre as its origin, where a viewer's camera looks first."""
+"""The root frame. Its origin is the arena's centre, where a viewer's camera looks first."""
 
 ARENA_FRAME = "arena"
-"""The frame of all places that agents and events have: from (0, 0) to the arena's width and height."""
+"""The frame of all positions of agents and events: from (0, 0) to the arena's width and height."""
 
 NET_FIELDS = (
     "frames_sent",
@@ -46,7 +46,7 @@ STATE_FIELDS = tuple(name for name in Tally._fields if name not in NET_FIELDS an
 """The fields of a tally that `/swarm/state` holds: all the others."""
 
 AGENT_FIELDS = tuple(name for name in Body._fields if name not in ("x_m", "y_m"))
-"""The fields of a body that `/swarm/agents` holds, told when one changes; places are in `/tf`."""
+"""The fields of a body that `/swarm/agents` holds, sent when one changes; positions are in `/tf`."""
 
 
 def _hints(row: Any, names: Iterable[str]) -> dict[str, Any]:
@@ -72,13 +72,13 @@ _MESSAGES: dict[str, Mapping[str, Any]] = {
 
 _NESTED = {Event: "Sighting", ReportedMember: "Member", Answer: "Answer", Report: "Report"}
 _SIGNED = ("Agents", "Member")
-"""Messages whose integers may be negative: NOBODY, and places."""
+"""Messages whose integers may be negative: NOBODY, and positions."""
 _SCALARS = {int: FieldDescriptorProto.TYPE_UINT32, float: FieldDescriptorProto.TYPE_DOUBLE}
 _SCALARS[str] = FieldDescriptorProto.TYPE_STRING
 
 
 def _compiled() -> dict[str, Any]:
-    """The classes of our own messages, by name."""
+    """Compile the classes of our own messages, by name."""
     file = FileDescriptorProto(name="deltaswarm.proto", package="deltaswarm", syntax="proto3")
     for name, hints in _MESSAGES.items():
         message = file.message_type.add(name=name)
@@ -106,10 +106,10 @@ OURS = _compiled()
 """The classes of our own messages, by name."""
 
 SCENE_TOPICS = ("/scene/agents", "/scene/tree", "/scene/links", "/scene/events")
-"""For viewers that draw shapes: Foxglove and Lichtblick."""
+"""Topics for viewers that draw shapes: Foxglove and Lichtblick."""
 
 POINT_TOPICS = ("/points/agents", "/points/events")
-"""For viewers that draw points alone: Rerun."""
+"""Topics for viewers that draw only points: Rerun."""
 
 VIEW_TOPICS = {
     "/tf": FrameTransforms,
@@ -117,7 +117,7 @@ VIEW_TOPICS = {
     **dict.fromkeys(POINT_TOPICS, PointCloud),
     "/swarm/agents": OURS["Agents"],
 }
-"""Where everything is, thinned where steps are short; topic to message class."""
+"""Topics that show where everything is, thinned if steps are short; topic to message class."""
 
 FIGURE_TOPICS = {
     "/net/stats": OURS["NetStats"],
@@ -127,6 +127,6 @@ FIGURE_TOPICS = {
     "/operator/workload": OURS["Workload"],
     "/log": Log,
 }
-"""What there is to count, never thinned and never rounded; topic to message class."""
+"""Topics with the numbers of a run, never thinned and never rounded; topic to message class."""
 
 TOPICS: dict[str, Any] = {**VIEW_TOPICS, **FIGURE_TOPICS}

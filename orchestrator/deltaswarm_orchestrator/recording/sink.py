@@ -1,4 +1,4 @@
-"""What keeps or shows a run's record, as seen by those who feed it."""
+"""Interfaces of the objects that record or show a run, for the code that feeds them."""
 
 from collections.abc import Sequence
 from typing import Protocol
@@ -8,32 +8,32 @@ from deltaswarm_wire.truth import Truth
 
 
 class Sink(Protocol):
-    """The recorder, or a test's stand-in."""
+    """Takes a run's data: the recorder, a live view, or a test's stand-in."""
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """One closed step."""
+        """Take one closed step."""
 
     def workload(self, workload: Workload) -> None:
-        """What the operator counted."""
+        """Take what the operator counted in one step."""
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
-        """One raw radio frame."""
+        """Take one raw radio frame."""
 
     def save(self) -> None:
-        """Have all that was said so far on disk, whatever becomes of the machine."""
+        """Write everything so far to disk, so that it survives a crash of the machine."""
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
-        """Something worth a line, at a simulated time [s]."""
+        """Take a log line, at a simulated time [s]."""
 
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
-        """One raw report."""
+        """Take one raw report."""
 
 
 class Viewer(Protocol):
-    """Who is shown a run's messages while it is under way; may thin them, and never makes the run wait."""
+    """Shows a run's messages while it is under way. May thin them, and never makes the run wait."""
 
     def put(self, topic: str, time_s: float, data: bytes) -> None:
-        """One message, at a simulated time [s]."""
+        """Take one message, at a simulated time [s]."""
 
     def tick(self) -> None:
-        """Called after each step, and now and then while none is made: the moment to send what is due."""
+        """Send what is due. Called after each step, and now and then while no step is made."""

@@ -1,7 +1,7 @@
-"""What a live viewer is shown of a run's messages: at most ten times per second of wall time, the newest of each topic.
+"""Thin a run's messages for live viewers: at most ten times per second of wall time, the newest of each topic.
 
-A run makes 165 steps per second or more, of which no eye sees a tenth. Lines of log and changes of events are all
-shown, since none of them stands in for another.
+A run makes 165 steps per second or more, which is more than anybody can see. Log lines and changes of events are all
+shown, because none of them replaces another.
 """
 
 import time
@@ -14,40 +14,40 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Truth
 
 SHOW_EVERY_S = 0.1
-"""Wall time."""
+"""Wall time between updates [s]."""
 
 NEVER_THINNED = ("/log", "/swarm/event")
 
 MAX_WAITING = 1000
-"""Messages of topics that are never thinned; the oldest goes first."""
+"""Most waiting messages of topics that are never thinned; the oldest are dropped first."""
 
 Send = Callable[[str, float, bytes], None]
-"""Takes a topic, a simulated time [s] and a message; must not wait."""
+"""Takes a topic, a simulated time [s] and a message; must not block."""
 
 
 class Thinned:
-    """A `Viewer` that sends what is due.
+    """A `Viewer` that sends messages at most every `SHOW_EVERY_S` of wall time.
 
     Args:
-        send: takes each message that is shown.
+        send: is given each message that is shown.
         wall: a wall clock [s].
     """
 
     def __init__(self, send: Send, wall: Callable[[], float] = time.monotonic) -> None:
         self.time_s = 0.0
-        """The newest simulated time of which there is a message."""
+        """The newest simulated time of any message [s]."""
         self._send = send
         self._wall = wall
         self._due_s = wall()
         self._newest: dict[str, tuple[float, bytes]] = {}
         self._fresh: dict[str, None] = {}
-        """The topics that have something new, in the order in which they got it."""
+        """The topics that have a new message, in the order in which they got it."""
         self._waiting: deque[tuple[str, float, bytes]] = deque(maxlen=MAX_WAITING)
         self._later: tuple[float, Callable[[], Iterable[TopicMessage]]] | None = None
         self._shows_all = False
 
     def put(self, topic: str, time_s: float, data: bytes) -> None:
-        """One message, at a simulated time [s]."""
+        """Take one message, at a simulated time [s]."""
         self.time_s = max(self.time_s, time_s)
         if topic in NEVER_THINNED:
             self._waiting.append((topic, time_s, data))
@@ -56,11 +56,11 @@ class Thinned:
             self._fresh[topic] = None
 
     def later(self, time_s: float, make: Callable[[], Iterable[TopicMessage]]) -> None:
-        """Messages of a simulated time [s] that are made when they are due, unless newer ones come before."""
+        """Make messages of a simulated time [s] when they are due, unless a newer call comes first."""
         self._later = time_s, make
 
     def show_all(self) -> None:
-        """Send the newest message of every topic at the next tick: somebody has just come. From any thread."""
+        """Send the newest message of every topic at the next tick, for a new viewer. Any thread may call this."""
         self._shows_all = True
 
     def tick(self) -> None:
@@ -77,7 +77,7 @@ class Thinned:
             self._shows_all = False
             self._fresh = dict.fromkeys(self._newest)
         if not self._fresh and not self._waiting:
-            return  # still due: what comes next is shown at once
+            return  # still due: the next message is shown at once
         self._due_s = now_s + SHOW_EVERY_S
         for topic in self._fresh:
             self._send(topic, *self._newest[topic])
@@ -87,11 +87,11 @@ class Thinned:
 
 
 class ViewersOnly:
-    """The `Sink` of a run that is shown and not recorded: views are made when they are due, and only then.
+    """The `Sink` of a run that is shown but not recorded; views are made only when they are due.
 
     Args:
-        scenario: the run's.
-        viewer: who is shown the run.
+        scenario: the run's scenario.
+        viewer: is given the run's messages.
         wall: a wall clock [s].
     """
 
@@ -102,7 +102,7 @@ class ViewersOnly:
         self._viewer = viewer
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """One closed step."""
+        """Take one closed step."""
         for topic, data in self._transcriber.events(truth.events):
             self._viewer.put(topic, truth.time_s, data)
         self._viewer.later(truth.time_s, lambda: self._messages(truth, reports))
@@ -113,19 +113,19 @@ class ViewersOnly:
         yield from self._transcriber.views(truth)
 
     def workload(self, workload: Workload) -> None:
-        """What the operator counted."""
+        """Take what the operator counted in one step."""
         self._viewer.put("/operator/workload", workload.time_s, workload_message(workload))
         self._viewer.tick()
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
-        """Something worth a line, at a simulated time [s]."""
+        """Take a log line, at a simulated time [s]."""
         self._viewer.put("/log", time_s, log_message(level, name, text, time_s))
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
-        """Nothing: raw frames are for recordings."""
+        """Do nothing: raw frames are for recordings."""
 
     def report_bytes(self, step: int, agent: int, data: bytes) -> None:
-        """Nothing: raw reports are for recordings."""
+        """Do nothing: raw reports are for recordings."""
 
     def save(self) -> None:
-        """Nothing is kept."""
+        """Do nothing: nothing is kept."""

@@ -1,6 +1,6 @@
-"""From a run's steps to the protobuf messages of a recording: made once, for the file and for whoever looks on.
+"""Turn a run's steps into the protobuf messages of a recording, once for the file and for live viewers.
 
-It writes nothing: each message is a topic and its bytes, and the caller knows where they go.
+This module writes nothing: each message is a topic and its bytes, and the caller decides where they go.
 """
 
 import math
@@ -16,7 +16,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth
 
 VIEW_RATE_HZ = 10.0
-"""At most so many messages per topic and second of playback are there to be looked at."""
+"""Most view messages per topic and second of playback."""
 
 TopicMessage = tuple[str, bytes]
 """A topic, and one message for it, encoded."""
@@ -25,7 +25,7 @@ TopicMessage = tuple[str, bytes]
 class Transcriber:
     """Makes the messages of a run's steps, in the order in which a recording holds them.
 
-    Views and events depend on what was told before, so each step is transcribed once.
+    Views and events depend on earlier steps, so each step is transcribed once.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -33,7 +33,7 @@ class Transcriber:
         self._open_events: dict[int, EventState] = {}
 
     def figures(self, truth: Truth, reports: Sequence[Report], wall_s: float) -> Iterator[TopicMessage]:
-        """What there is to count of a step, without its events; `wall_s` is the run's wall time [s]."""
+        """Yield the numbers of a step, without its events; `wall_s` is the run's wall time [s]."""
         tally = truth.tally._asdict()
         head = {"step": truth.step, "time_s": truth.time_s}
         yield _encoded("/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]})  # absent is 0
@@ -44,7 +44,7 @@ class Transcriber:
         yield "/operator/inbox", inbox.SerializeToString()
 
     def events(self, events: Sequence[EventState]) -> Iterator[TopicMessage]:
-        """Those that arrived, were first sensed or completed in this step."""
+        """Yield the events that arrived, were first sensed or were completed in this step."""
         for event in events:
             before = self._open_events.get(event.event)
             if before is None or (before.sensed_s, before.completed_s) != (event.sensed_s, event.completed_s):
@@ -52,15 +52,15 @@ class Transcriber:
             self.note(event)
 
     def views(self, truth: Truth) -> Iterator[TopicMessage]:
-        """Where everything is in this step."""
+        """Yield the views of this step, which show where everything is."""
         return self._scene.messages(truth)
 
     def open_events(self) -> list[TopicMessage]:
-        """The events that are not complete: once more at the end of a recording, for the work done since."""
+        """Return the incomplete events again, with the work done since, for the end of a recording."""
         return [_event(event) for event in self._open_events.values()]
 
     def note(self, event: EventState) -> None:
-        """Know an event that was told before."""
+        """Remember the state of an event; forget the event if it is complete."""
         if event.completed_s is None:
             self._open_events[event.event] = event
         else:
@@ -68,19 +68,19 @@ class Transcriber:
 
 
 def workload_message(workload: Workload) -> bytes:
-    """What the operator counted in one step, for `/operator/workload`."""
+    """Encode what the operator counted in one step, for `/operator/workload`."""
     return bytes(OURS["Workload"](**workload._asdict()).SerializeToString())
 
 
 def log_message(level: int, name: str, text: str, time_s: float) -> bytes:
-    """A line of a part's log, for `/log`; `level` as Python's logging has it, time simulated [s]."""
+    """Encode a line of a part's log, for `/log`; `level` is that of Python's logging, `time_s` is simulated [s]."""
     line = text.encode(errors="replace").decode()  # protobuf refuses what UTF-8 cannot encode
     message = Log(timestamp=stamp(time_s), level=min(5, max(0, level // 10)), message=line, name=name)
     return bytes(message.SerializeToString())
 
 
 def steps_between_views(step_s: float) -> int:
-    """How many steps one view stands for: 1, unless that were more views a second than allowed."""
+    """Return the number of steps per view: 1, unless that made more views per second than VIEW_RATE_HZ."""
     return max(1, math.ceil(1 / (VIEW_RATE_HZ * step_s) - 1e-9))
 
 
@@ -93,7 +93,7 @@ def _event(event: EventState) -> TopicMessage:
 
 
 def _fill(message: Any, report: Report) -> None:
-    """Field by field, which is several times as fast as to make a message from a dict."""
+    """Copy a report field by field, which is several times as fast as making a message from a dict."""
     message.agent, message.sequence, message.step, message.role = report[:4]
     message.x_m, message.y_m, message.followers = report[4:7]
     for event in report.events:

@@ -1,1 +1,1 @@
-"""What a study's page is made of: tables, figures, templates."""
+"""The parts of a study's page: tables, figures, templates."""

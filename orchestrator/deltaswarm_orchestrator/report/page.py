@@ -1,4 +1,4 @@
-"""A page from its parts: one template for HTML that needs nothing else, one for Markdown."""
+"""Render a page from its parts: one template for self-contained HTML, one for Markdown."""
 
 import base64
 import math
@@ -15,10 +15,10 @@ from deltaswarm_orchestrator.report import words
 from deltaswarm_orchestrator.report.plots import style
 
 MAX_SVG_BYTES = 400_000
-"""A drawing that is larger as SVG goes into the page as PNG."""
+"""A drawing whose SVG is larger than this goes into the page as PNG."""
 
 MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "higher": "", "lower": "", "alike": "good"}
-"""The colour of a row, by its verdict; the word stands in the row too."""
+"""The colour of a row by its verdict; the row also shows the verdict as a word."""
 
 
 @dataclass(frozen=True)
@@ -26,20 +26,20 @@ class Picture:
     """A figure with its caption."""
 
     name: str
-    """Of its files, without a suffix."""
+    """Name of the files, without a suffix."""
     drawing: Figure
     caption: str
     _files: dict[str, bytes] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def file(self, kind: str) -> bytes:
-        """The drawing as PNG, SVG or PDF; each is drawn once, for the page and for its own file."""
+        """Return the drawing as PNG, SVG or PDF; each is rendered once, for the page and for its own file."""
         if kind not in self._files:
             self._files[kind] = style.rendered(self.drawing, kind)
         return self._files[kind]
 
     @property
     def uri(self) -> str:
-        """The drawing within the page: an image, so that the names within one drawing cannot meet those of another."""
+        """The drawing within the page, as an image, so that the names in one drawing cannot clash with another's."""
         kind, data = "svg+xml", self.file("svg")
         if len(data) > MAX_SVG_BYTES:
             kind, data = "png", self.file("png")
@@ -48,19 +48,19 @@ class Picture:
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as they are shown, below their headings."""
+    """A table of formatted cells with headings."""
 
     title: str
     headings: Sequence[str]
     rows: Sequence[Sequence[str]]
     numeric: Sequence[bool]
-    """Which columns are set flush right."""
+    """Which columns are right-aligned."""
     marks: Sequence[str]
     """A colour for each row."""
 
 
 def table(frame: pd.DataFrame, headings: Mapping[str, str], title: str = "") -> Table:
-    """A data frame's columns that have a heading, in that order; with a column `verdict` rows are coloured by it."""
+    """Make a table of the columns that have a heading, in the headings' order; a column `verdict` colours the rows."""
     columns = [_texts(frame[name].tolist()) for name in headings]
     numeric = [all(_is_number(value) or _is_missing(value) for value in frame[name].tolist()) for name in headings]
     marks = [MARKS.get(str(verdict), "") for verdict in frame["verdict"]] if "verdict" in frame else [""] * len(frame)
@@ -84,7 +84,7 @@ def render(template: str, context: Mapping[str, Any]) -> str:
 
 
 def _texts(values: Sequence[Any]) -> list[str]:
-    """A column's cells: numbers with as many decimals as a typical one needs for three significant digits."""
+    """Format a column; numbers get as many decimals as a typical one needs for three significant digits."""
     numbers = [float(value) for value in values if _is_number(value) and not _is_missing(value)]
     whole = all(isinstance(value, int) for value in values if _is_number(value))
     decimals = 0 if whole else words.decimals_for(numbers)
@@ -108,9 +108,9 @@ def _is_missing(value: Any) -> bool:
 
 
 def _with_code(text: str) -> Markup:
-    """Escaped, with what stands between backticks as code."""
+    """Escape a text, and mark what is between backticks as code."""
     pieces = text.split("`")
-    if len(pieces) % 2 == 0:  # one backtick without its partner is only a character
+    if len(pieces) % 2 == 0:  # an unpaired backtick is an ordinary character
         return escape(text)
     shown = (Markup("<code>{}</code>").format(one) if index % 2 else escape(one) for index, one in enumerate(pieces))
     return Markup("").join(shown)

@@ -1,4 +1,4 @@
-"""Numbers as a reader wants them: few digits, the same number of decimals in a column, intervals in brackets."""
+"""Format numbers for readers: few digits, the same number of decimals in a column, intervals in brackets."""
 
 import math
 from collections.abc import Iterable
@@ -10,7 +10,7 @@ GROUPED_FROM = 10_000
 
 
 def decimals_for(values: Iterable[float | None]) -> int:
-    """How many decimals show a typical one of these values with three significant digits."""
+    """Return how many decimals show a typical one of these values with three significant digits."""
     sizes = sorted(abs(value) for value in values if value is not None and math.isfinite(value) and value)
     if not sizes:
         return 0
@@ -19,7 +19,7 @@ def decimals_for(values: Iterable[float | None]) -> int:
 
 
 def number(value: float | None, decimals: int) -> str:
-    """A number with this many decimals; None and NaN as `-`."""
+    """Format a number with this many decimals; None and NaN become `-`."""
     if value is None or math.isnan(value):
         return MISSING
     text = f"{value:,.{decimals}f}" if abs(value) >= GROUPED_FROM else f"{value:.{decimals}f}"
@@ -27,12 +27,12 @@ def number(value: float | None, decimals: int) -> str:
 
 
 def with_interval(value: float | None, low: float | None, high: float | None) -> str:
-    """A number with its interval in brackets, if it has one, all with the same number of decimals."""
+    """Format a number with its interval in brackets, if it has one, all with the same number of decimals."""
     decimals = decimals_for([value, low, high])
     shown = number(value, decimals)
     return shown if low is None or high is None else f"{shown} [{number(low, decimals)}, {number(high, decimals)}]"
 
 
 def p_value(p: float) -> str:
-    """A p-value: three decimals, or that it is below 0.001."""
+    """Format a p-value with three decimals, or as below 0.001."""
     return "< 0.001" if p < 0.001 else f"{p:.3f}"

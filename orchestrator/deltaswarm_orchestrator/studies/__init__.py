@@ -1,1 +1,1 @@
-"""Studies: a question as a TOML file, from its runs to a page with figures and verdicts."""
+"""Studies: from a question in a TOML file to runs and a page with figures and verdicts."""

@@ -1,4 +1,4 @@
-"""The study of a sweep that has no study file: every factor's levels compared, the main metrics drawn."""
+"""Study a sweep that has no study file: compare every factor's levels, and draw the main metrics."""
 
 from collections.abc import Sequence
 
@@ -25,7 +25,9 @@ OVER_TIME = "agents_in_trees"
 def bare_study(
     sweep: Sweep, table: pd.DataFrame, *, has_series: bool, reference: str | None = None, more: Sequence[str] = ()
 ) -> Study:
-    """A study that asks of every factor how its levels differ from the first, or from `reference`.
+    """Make a study that compares every factor's levels with the first, or with `reference`.
+
+    `more` are columns of the table to study besides the main metrics.
 
     Raises:
         ValueError: If no factor has the reference among its levels, or the table lacks a column.
@@ -68,7 +70,7 @@ def bare_study(
 
 
 def _figures(factors: dict[str, Sequence[str]], metrics: Sequence[str], has_series: bool) -> list[FigureSettings]:
-    """Boxes, or medians along a numeric axis; a further factor is told apart by colour, the next by panel."""
+    """Choose boxes, or medians along a numeric factor; the next factor is shown by colour, a third by panel."""
     names = sorted(factors, key=lambda name: -len(factors[name]))
     numeric = [name for name in names if len(factors[name]) > 2 and numbers_in(factors[name])]
     x = numeric[0] if numeric else names[0]

@@ -1,7 +1,7 @@
 """The figures of a study: boxes, levels, courses over time, and one metric against another.
 
-A factor is told apart by place (the axis), by colour (the hue) or by panel (the facet). A level looks the same in
-every figure of a study, whichever levels that figure shows.
+A factor is shown by position (the axis), by colour (the hue) or by panel (the facet). A level looks the same in every
+figure of a study, whichever levels the figure shows.
 """
 
 import math
@@ -27,15 +27,15 @@ from deltaswarm_orchestrator.studies.study import FigureSettings, Study
 Floats = npt.NDArray[np.float64]
 
 BOX_FROM = 5
-"""With fewer values there is no box, only points: its quartiles would be the points themselves."""
+"""Fewest values for a box; with fewer, only points are drawn, since the quartiles would be the points themselves."""
 COLUMNS = 3
-"""Panels side by side."""
+"""Most panels side by side."""
 UPRIGHT = 7
-"""With more categories than this the names under the axis are turned."""
+"""With more categories than this, the names under the axis are rotated."""
 
 
 def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
-    """One box per level of the factor `x` (and of the hue), a point per replicate."""
+    """Draw one box per level of the factor `x` (and of the hue), with a point per replicate."""
     shown = _chosen(settings, runs)
     levels = _there(shown, settings.x, study)
     hues = _there(shown, settings.hue, study) if settings.hue else levels
@@ -57,7 +57,7 @@ def boxes(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
 
 
 def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
-    """Medians with exact 95 % intervals along a factor: at its numbers if it is swept as an axis, else evenly."""
+    """Draw medians with exact 95 % intervals along a factor: at its levels' numbers if they have any, else evenly."""
     shown = _chosen(settings, runs)
     names = _there(shown, settings.x, study)
     places = study.numbers(settings.x)
@@ -93,7 +93,7 @@ def levels(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure
 
 
 def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figure:
-    """Means over the replicates with 95 % intervals, each drawn over the window of time that it is of."""
+    """Draw means over the replicates with 95 % intervals, each over its window of time."""
     courses = courses[courses["metric"] == settings.metric].rename(columns={"mean": settings.metric})
     shown = _chosen(settings, courses)
     hues = _hues(settings, study, shown)
@@ -119,7 +119,7 @@ def time(settings: FigureSettings, study: Study, courses: pd.DataFrame) -> Figur
 
 
 def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
-    """A point per replicate, an ellipse of one standard deviation around the mean of each level of the hue."""
+    """Draw a point per replicate, and an ellipse of one standard deviation around the mean of each level of the hue."""
     shown = _chosen(settings, runs)
     hues = _hues(settings, study, shown)
 
@@ -140,7 +140,7 @@ def plane(settings: FigureSettings, study: Study, runs: pd.DataFrame) -> Figure:
 
 
 def ellipse(points: Floats) -> tuple[float, float, float]:
-    """Width and height (whole axes) and angle [deg] of the ellipse of one standard deviation of points (n, 2)."""
+    """Return full width, full height and angle [deg] of the ellipse of one standard deviation of points (n, 2)."""
     variances, directions = np.linalg.eigh(np.cov(points, rowvar=False))
     width, height = 2 * np.sqrt(np.maximum(variances[::-1], 0.0))
     longest = directions[:, 1]
@@ -159,7 +159,7 @@ def _panels(
     handles: Sequence[Line2D],
     x_label: str,
 ) -> Figure:
-    """A panel per level of the facet, with shared axes; the legend below all, in room of its own."""
+    """Draw a panel per level of the facet, with shared axes, and a legend below all panels."""
     facets = _there(rows, settings.facet, study) if settings.facet else [""]
     columns = min(len(facets), COLUMNS)
     lines = math.ceil(len(facets) / columns)
@@ -191,10 +191,10 @@ def _panels(
 
 
 def _chosen(settings: FigureSettings, rows: pd.DataFrame) -> pd.DataFrame:
-    """The rows of the variants that are asked for, in that order.
+    """Select the rows of the figure's variants, in the figure's order.
 
     Raises:
-        ValueError: If there are none, or the metric has no values.
+        ValueError: If there are no rows, or the metric has no values.
     """
     if settings.variants:
         rows = rows[rows["variant"].isin(settings.variants)]
@@ -206,7 +206,7 @@ def _chosen(settings: FigureSettings, rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _there(rows: pd.DataFrame, factor: str, study: Study) -> list[str]:
-    """The levels of a factor that have rows, in the rows' order."""
+    """Return the levels of a factor that have rows, in the rows' order; all levels if the rows lack the factor."""
     return [str(level) for level in rows[factor].unique()] if factor in rows else list(study.factors[factor])
 
 
@@ -215,7 +215,7 @@ def _looks(study: Study, factor: str) -> dict[str, Look]:
 
 
 def _hues(settings: FigureSettings, study: Study, shown: pd.DataFrame) -> dict[str, Look]:
-    """The look of each level of the hue that has rows; without a hue one look, named by nothing."""
+    """Return the look of each level of the hue that has rows; without a hue, one look with an empty name."""
     if not settings.hue:
         return {"": style.OTHERS[0]}
     looks = _looks(study, settings.hue)
@@ -223,18 +223,18 @@ def _hues(settings: FigureSettings, study: Study, shown: pd.DataFrame) -> dict[s
 
 
 def _handles(hues: Mapping[str, Look], *, marker: bool = True) -> list[Line2D]:
-    """The legend's, of the hues that have a name."""
+    """Make the legend's handles for the hues that have a name."""
     return [_handle(look, hue, marker=marker) for hue, look in hues.items() if hue]
 
 
 def _side_by_side(names: Sequence[str]) -> Iterator[tuple[str, float, float]]:
-    """Each name with its offset from the middle of a category, and the width that it has."""
+    """Yield each name with its offset from the middle of a category, and its width."""
     width = 0.8 / len(names)
     return ((name, (index - (len(names) - 1) / 2) * width, min(width, 0.5)) for index, name in enumerate(names))
 
 
 def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> None:
-    """Quartiles, median, whiskers to the farthest value within 1.5 interquartile ranges; and the values."""
+    """Draw quartiles, median, whiskers to the farthest value within 1.5 interquartile ranges, and the values."""
     if len(values) >= BOX_FROM:
         found, half = boxplot_stats(values)[0], width * 0.42
         corner, height = (place - half, found["q1"]), found["q3"] - found["q1"]
@@ -243,7 +243,7 @@ def _box(axes: Axes, values: Floats, place: float, width: float, look: Look) -> 
         for near, far in ((found["q1"], found["whislo"]), (found["q3"], found["whishi"])):
             axes.plot([place, place], [near, far], color=style.GREY, linewidth=0.8)
         axes.plot([place - half, place + half], [found["med"]] * 2, color=style.BLACK, linewidth=1.6, zorder=2.5)
-    spread = (np.arange(1, len(values) + 1) * (5**0.5 - 1) / 2) % 1.0 - 0.5  # golden ratio: even, the same each time
+    spread = (np.arange(1, len(values) + 1) * (5**0.5 - 1) / 2) % 1.0 - 0.5  # golden ratio: even and repeatable
     points: dict[str, Any] = {
         "s": 9,
         "marker": look.marker,
@@ -309,4 +309,4 @@ CHARTS: Mapping[str, Callable[[FigureSettings, Study, pd.DataFrame], Figure]] = 
     "time": time,
     "plane": plane,
 }
-"""By the kind that a study file names; `time` is given courses, the others runs."""
+"""The drawing function of each kind of figure in a study file; `time` takes courses, the others take runs."""

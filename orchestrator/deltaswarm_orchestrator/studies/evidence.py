@@ -1,4 +1,4 @@
-"""From runs to verdicts: a row per run in, a row per estimate, contrast, claim and finding out."""
+"""Turn runs into verdicts: from a row per run to a row per estimate, contrast, claim and finding."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -29,7 +29,7 @@ INTERACTION = " against "
 
 
 def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """A row per run: what tells it apart, the level of each factor, every metric that the study uses.
+    """Make a row per run: columns that identify it, the level of each factor, every metric that the study uses.
 
     Raises:
         ValueError: If the tables lack a column that a metric needs.
@@ -43,7 +43,11 @@ def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataF
 
 
 def used_metrics(study: Study) -> list[str]:
-    """Every metric that the study names; with one way to count waiting always the other, to see whether they agree."""
+    """List every metric that the study names.
+
+    Add the other waiting metric if only one is named, to see whether both agree; not if the study takes them over a
+    part of the run only.
+    """
     file = study.file
     names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
     names += [claim.metric for claim in file.claim]
@@ -56,7 +60,7 @@ def used_metrics(study: Study) -> list[str]:
 
 
 def _levels(study: Study) -> dict[str, dict[str, str]]:
-    """The level of each factor, by variant."""
+    """Map each factor to its level in each variant."""
     places = list(itertools.product(*study.factors.values()))
     labels = [variant.label for variant in study.sweep.variants]
     return {
@@ -66,13 +70,13 @@ def _levels(study: Study) -> dict[str, dict[str, str]]:
 
 
 def windows_with_levels(study: Study, series: pd.DataFrame) -> pd.DataFrame:
-    """A row per run and window of time, with the level of each factor and every built-in metric that has a series."""
+    """Make a row per run and time window, with each factor's level and every built-in metric that has a series."""
     windows = windows_of(series, study.file.study.window_s, study.step_s)
     return windows.assign(**{factor: windows["variant"].map(levels) for factor, levels in _levels(study).items()})
 
 
 def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
-    """A row per variant, metric and window, of what the study draws over time: mean and its 95 % t-interval."""
+    """Make a row per variant, window and metric drawn over time: the mean and its 95 % t-interval."""
     rows = []
     for name in dict.fromkeys(figure.metric for figure in study.file.figure if figure.kind == "time"):
         found = windows.groupby(["variant", *study.factors, "time_s"], sort=False)[name].agg(["count", "mean", "sem"])
@@ -83,7 +87,7 @@ def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """A row per variant and metric: median with interval and quartiles."""
+    """Make a row per variant and metric: median with interval, and quartiles."""
     rows: list[Row] = []
     metrics = used_metrics(study)
     for variant, own in runs.groupby("variant", sort=False):
@@ -93,7 +97,7 @@ def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """A row per comparison. Each contrast and metric is one family for Holm's correction.
+    """Make a row per comparison. Each pair of contrast and metric is one family for Holm's correction.
 
     `level` is compared with `reference` within the cell `within`; `verdict` says whether it is higher, lower, alike
     (within the margin) or unclear.
@@ -134,7 +138,7 @@ def _sides(
     level: str,
     reference: str,
 ) -> Iterator[tuple[str, Sequence[float], Sequence[float]]]:
-    """The paired samples of a comparison, with the name of its cell; of an interaction the samples are changes."""
+    """Yield the paired samples of a comparison with the name of its cell; for an interaction, samples are changes."""
 
     def of(where: Mapping[str, str]) -> pd.Series:
         chosen = runs[np.logical_and.reduce([runs[factor] == value for factor, value in where.items()])]
@@ -158,13 +162,13 @@ def _sides(
 
 
 def _by_replicate(a: pd.Series, b: pd.Series) -> tuple[pd.Series, pd.Series]:
-    """The values of two samples, indexed by replicate, for the replicates that both have."""
+    """Restrict two samples, indexed by replicate, to the replicates that both have."""
     shared = a.index.intersection(b.index)
     return a.loc[shared], b.loc[shared]
 
 
 def cells(study: Study, without: Sequence[str]) -> list[dict[str, str]]:
-    """Every combination of levels of the factors besides these."""
+    """List every combination of levels of all factors except `without`."""
     others = {factor: levels for factor, levels in study.factors.items() if factor not in without}
     return [dict(zip(others, place, strict=True)) for place in itertools.product(*others.values())]
 
@@ -187,10 +191,10 @@ def _direction(row: Row) -> str:
 
 
 def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """A row per claim, with its verdict. Holm's correction is over the claims of the same source.
+    """Make a row per claim, with its verdict. Holm's correction is over the claims of the same source.
 
-    - holds: the test shows it, or the interval of a value lies within the tolerance;
-    - refuted: the opposite is significant, or the interval of a value lies outside the tolerance as a whole;
+    - holds: the claim is significant, or the interval of a value lies within the tolerance;
+    - refuted: the opposite is significant, or the interval of a value lies entirely outside the tolerance;
     - undecided: neither.
     """
     rows = [_judged(claim, runs) for claim in study.file.claim]
@@ -237,7 +241,7 @@ def _judged(claim: ClaimSettings, runs: pd.DataFrame) -> Row:
 
 
 def findings_of(study: Study, claims: pd.DataFrame, contrasts: pd.DataFrame) -> pd.DataFrame:
-    """A row per finding: the sentence, and the results that no longer support it (none, if all is well)."""
+    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do)."""
     rows = []
     for finding in study.file.finding:
         broken = [told for result in finding.because if (told := _broken(result, claims, contrasts))]
@@ -246,7 +250,7 @@ def findings_of(study: Study, claims: pd.DataFrame, contrasts: pd.DataFrame) -> 
 
 
 def _broken(result: Mapping[str, Any], claims: pd.DataFrame, contrasts: pd.DataFrame) -> str:
-    """Why a result does not say what a finding needs of it; empty if it does."""
+    """Say why a result does not support a finding; empty if it does."""
     rows = claims if "claim" in result else contrasts
     for name, value in result.items():
         if name != "is":
@@ -259,9 +263,9 @@ def _broken(result: Mapping[str, Any], claims: pd.DataFrame, contrasts: pd.DataF
 
 
 def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
-    """Comparisons of waiting that turn round when events that were never sensed are counted too.
+    """List comparisons of waiting whose direction reverses when events that were never sensed are counted too.
 
-    A swarm that never finds the difficult events would look fast by the events it did find.
+    A swarm that never finds the difficult events would look fast by the events that it did find.
     """
     found: list[str] = []
     if not {WAITING, WAITING_ALL} <= set(runs):
@@ -282,5 +286,5 @@ def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
 
 
 def _sign(row: Row) -> int:
-    """1 where the estimate says higher, -1 lower, 0 neither."""
+    """Return the direction of the estimate: 1 is higher, -1 is lower, 0 is neither."""
     return 0 if row["estimate"] is None else int(np.sign(row["estimate"] - (1 if row["scale"] == RATIO else 0)))

@@ -11,29 +11,29 @@ from deltaswarm_wire.checked import Problem, key
 
 COLUMN, WINDOW, CONVERGENCE = "column", "window", "time_to_converge"
 ID = ["variant", "replicate", "seed"]
-"""What tells a run apart."""
+"""The columns that identify a run."""
 
 
 @dataclass(frozen=True)
 class Metric:
-    """How a run's number is found, and what people call it."""
+    """How a run's number is computed, and its name for people."""
 
     title: str
     unit: str = ""
     column: str = ""
-    """In the sweep's table."""
+    """Column of the sweep's table."""
     series: str = ""
-    """In its time series, which has means over windows; empty if it has none."""
+    """Column of the sweep's time series, which has means over windows; empty if there is none."""
     kind: str = COLUMN
     of: str = ""
-    """Another metric, of which this one is taken from the series."""
+    """The metric whose series this one is computed from, unless the kind is `column`."""
     from_s: float = 0.0
     until_s: float = math.inf
     share: float = 0.9
     smooth_s: float = 600.0
 
     def within(self, name: str, from_s: float, until_s: float | None) -> "Metric":
-        """The same, taken over a stretch of time only, if it has a series."""
+        """Return the metric `name` taken over a stretch of time; unchanged if it has no series."""
         if not self.series or (from_s == 0 and until_s is None):
             return self
         return replace(self, kind=WINDOW, of=name, from_s=from_s, until_s=math.inf if until_s is None else until_s)
@@ -60,7 +60,7 @@ class MetricSettings:
     smooth_s: float = key(600.0, "time_to_converge: length of the running mean [s]", above=0)
 
     def problems(self) -> list[Problem]:
-        """What each kind needs."""
+        """List what the metric's kind needs and does not have."""
         if not self.name:
             return [Problem("name", "missing", "a metric needs a name")]
         if self.kind == COLUMN and not self.column:
@@ -71,7 +71,7 @@ class MetricSettings:
         return []
 
     def made(self) -> Metric:
-        """The metric."""
+        """Make the metric."""
         source = BUILT_IN.get(self.of)
         unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
         title = self.title or (source.title if source else self.column)
@@ -83,7 +83,7 @@ class MetricSettings:
 
 
 WAITING, WAITING_ALL = "waiting", "waiting_all"
-"""Mean waiting time of the events that were sensed; and of all, those never sensed counted to the run's end."""
+"""Mean waiting time of sensed events, and of all events; events never sensed count until the run's end."""
 
 BUILT_IN: Mapping[str, Metric] = {
     WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
@@ -111,17 +111,17 @@ BUILT_IN: Mapping[str, Metric] = {
     "person_fan_out": Metric("Fan-out", "", "person.fan_out"),
 }
 PER_STEP = ("messages", "frames_sent", "frames_received")
-"""Of these the series has numbers per step; the metric is per second."""
+"""Metrics per second whose time series has numbers per step."""
 
 
 def windows_of(series: pd.DataFrame, window_s: float, step_s: float) -> pd.DataFrame:
-    """A row per run and window of `window_s` seconds: what tells the run apart, `time_s`, `events`, every metric.
+    """Make a row per run and window of `window_s` seconds: run, `time_s`, `events`, every metric with a series.
 
-    Waiting is averaged over the events that arrived in the window, the rest over time. A last window that is not
-    full is left out.
+    Waiting is averaged over the events that arrived in the window, other metrics over time. An incomplete last window
+    is left out.
 
     Raises:
-        ValueError: If the series' own windows do not fit into windows of that length.
+        ValueError: If `window_s` is not a multiple of the length of the series' own windows.
     """
     if series.empty:
         return pd.DataFrame(columns=[*ID, "time_s", "events"])
@@ -143,7 +143,7 @@ def windows_of(series: pd.DataFrame, window_s: float, step_s: float) -> pd.DataF
 
 
 def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, step_s: float) -> pd.Series:
-    """One number per row of the table.
+    """Compute the metric for each row of the table.
 
     Raises:
         ValueError: If the table or the series lacks a column.
@@ -160,7 +160,7 @@ def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, step_s:
 
 
 def _mean_within(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
-    """The mean from `from_s` until `until_s`: of waiting over events, of the rest over time."""
+    """Average from `from_s` until `until_s`: waiting over events, other metrics over time."""
     inside = rows[(rows["time_s"] >= metric.from_s) & (rows["time_s"] < metric.until_s)]
     values = inside[metric.series] / (step_s if metric.of in PER_STEP else 1.0)
     if metric.of != WAITING_ALL:
@@ -170,7 +170,7 @@ def _mean_within(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
 
 
 def _time_to_converge(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
-    """When the running mean first reaches a share of the mean of the last third [s]."""
+    """Return when the running mean first reaches a share of the mean of the last third [s]; NaN if never."""
     ordered = rows.sort_values("time_s")
     times_s, values = ordered["time_s"].to_numpy(float), ordered[metric.series].to_numpy(float)
     window = max(1, round(metric.smooth_s / (times_s[1] - times_s[0]))) if len(times_s) > 1 else 1
@@ -180,5 +180,5 @@ def _time_to_converge(metric: Metric, rows: pd.DataFrame, step_s: float) -> floa
 
 
 def is_over_time(metrics: Sequence[Metric]) -> bool:
-    """Whether any of these needs the time series."""
+    """Return whether any of the metrics needs the time series."""
     return any(metric.kind != COLUMN for metric in metrics)

@@ -1,4 +1,4 @@
-"""A study's page: what its tables and figures say, in the order in which a reader asks."""
+"""Build a study's page: its tables and figures, in the order in which a reader asks."""
 
 import itertools
 from collections.abc import Iterator, Sequence
@@ -34,7 +34,7 @@ from deltaswarm_wire.files import write_whole
 
 @dataclass(frozen=True)
 class Section:
-    """A heading and what stands below it."""
+    """A heading with its tables and pictures."""
 
     heading: str
     tables: list[Table] = field(default_factory=list)
@@ -43,7 +43,7 @@ class Section:
 
 @dataclass(frozen=True)
 class Evidence:
-    """All that follows from a study's runs, a table each."""
+    """All results of a study's runs, a table each."""
 
     runs: pd.DataFrame
     courses: pd.DataFrame
@@ -53,13 +53,13 @@ class Evidence:
     claims: pd.DataFrame
     findings: pd.DataFrame
     contradictions: list[str]
-    """Comparisons of waiting that turn round when events that were never sensed are counted."""
+    """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
     doubts: list[str]
     """Contrasts with too few replicates."""
 
     @classmethod
     def of(cls, study: Study, runs: pd.DataFrame, courses: pd.DataFrame, recovery: pd.DataFrame) -> "Evidence":
-        """Work out from the runs what they show; what needs their time series is given."""
+        """Evaluate the runs; `courses` and `recovery`, which need the time series, are given."""
         contrasts, claims = contrasts_of(study, runs), claims_of(study, runs)
         findings = findings_of(study, claims, contrasts)
         doubts = [*disagreements(study, runs)], too_few(contrasts)
@@ -67,17 +67,17 @@ class Evidence:
 
     @classmethod
     def of_sweep(cls, study: Study, table: pd.DataFrame, series: pd.DataFrame) -> "Evidence":
-        """The same from a sweep's tables.
+        """Evaluate the tables of a sweep.
 
         Raises:
-            ValueError: If they lack a column that the study needs.
+            ValueError: If the tables lack a column that the study needs.
         """
         windows = windows_with_levels(study, series)
         return cls.of(study, runs_of(study, table, series), courses_of(study, windows), recovery_of(study, windows))
 
     @classmethod
     def of_folder(cls, study: Study, folder: Path) -> "Evidence":
-        """The same from the tables that `save` wrote.
+        """Evaluate the tables that `save` wrote.
 
         Raises:
             OSError: If there is no `runs.csv`.
@@ -93,7 +93,7 @@ class Evidence:
 
     @property
     def surprises(self) -> list[str]:
-        """Claims that are refuted although they were not expected to be."""
+        """Claims that are refuted unexpectedly."""
         if self.claims.empty:
             return []
         wrong = self.claims[(self.claims["verdict"] == REFUTED) & (self.claims["expect"] != REFUTED)]
@@ -101,17 +101,17 @@ class Evidence:
 
     @property
     def warnings(self) -> list[str]:
-        """What a reader must not miss."""
+        """Warnings that a reader must not miss."""
         return [*self.contradictions, *self.doubts]
 
     @property
     def unsupported(self) -> list[str]:
-        """Findings that the results no longer carry, with the reason."""
+        """Findings that the results no longer support, with the reason."""
         broken = self.findings[self.findings["broken"] != ""]
         return [f"{row['broken']}: {row['text']}" for _, row in broken.iterrows()]
 
     def save(self, folder: Path) -> list[Path]:
-        """Write every table that has rows as CSV."""
+        """Write every table that has rows, except the findings; return the files."""
         frames = {
             name: getattr(self, name) for name in ("runs", "courses", "recovery", "estimates", "contrasts", "claims")
         }
@@ -119,7 +119,7 @@ class Evidence:
 
 
 def too_few(contrasts: pd.DataFrame) -> list[str]:
-    """Contrasts that could not have become significant, however large the effect."""
+    """List contrasts that could not have become significant, however large the effect."""
     if contrasts.empty:
         return []
     found = []
@@ -134,7 +134,7 @@ def too_few(contrasts: pd.DataFrame) -> list[str]:
 
 
 def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[str, str, list[Picture]]:
-    """The page as HTML and as Markdown, and its pictures."""
+    """Make the page as HTML and as Markdown, and its pictures."""
     pictures, lacking = [], []
     for figure in study.file.figure:
         try:
@@ -156,7 +156,7 @@ def pages(study: Study, evidence: Evidence, provenance: pd.DataFrame) -> tuple[s
 
 
 def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure | None:
-    """A figure; None if there is nothing to draw it from."""
+    """Draw a figure; return None if there is no data for it."""
     if figure.kind == "swarm":
         return _swarm(study, figure)
     rows = evidence.courses if figure.kind == "time" else evidence.runs
@@ -184,7 +184,7 @@ def _sections(study: Study, evidence: Evidence, pictures: list[Picture], provena
 
 
 def _counts(claims: pd.DataFrame) -> dict[str, int]:
-    """How many claims have each verdict."""
+    """Count the claims with each verdict."""
     found = claims["verdict"].tolist() if len(claims) else []
     return {verdict: found.count(verdict) for verdict in (HOLDS, REFUTED, UNDECIDED)}
 
@@ -266,7 +266,7 @@ def write(study: Study, evidence: Evidence, provenance: pd.DataFrame, folder: Pa
 
 
 def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
-    """Write `index.html` and `index.md`, which link the pages of a collection's studies; the first of them."""
+    """Write `index.html` and `index.md`, which link the pages of a collection's studies; return `index.html`."""
     done = [study for study in studies if (folder / study.name / "page.html").exists()]
     context = {
         "title": f"Studies: {name}",
@@ -283,7 +283,7 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
 
 
 def provenance_of(manifest: dict[str, Any]) -> pd.DataFrame:
-    """Where a sweep's runs come from, from its manifest."""
+    """Make a table of where a sweep's runs come from, from its manifest."""
     proofs = manifest["proofs"]
     rows = {
         "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",

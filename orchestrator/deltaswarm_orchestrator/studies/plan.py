@@ -1,4 +1,4 @@
-"""What a study would run, and what so many replicates could show: known before hours are spent."""
+"""Preview what a study would run and what its replicates could show, before hours are spent on it."""
 
 from collections.abc import Iterator
 
@@ -8,7 +8,7 @@ from deltaswarm_orchestrator.studies.study import Study
 
 
 def plan(study: Study) -> str:
-    """A line about the runs, and one about each family of tests."""
+    """Describe the runs and each family of tests, a line each."""
     lines = [study.sweep.size]
     for name, family in families(study):
         least = min(1.0, smallest_p(study.repeats) * family)
@@ -19,7 +19,7 @@ def plan(study: Study) -> str:
 
 
 def families(study: Study) -> Iterator[tuple[str, int]]:
-    """Every family of tests that are corrected together, with its size."""
+    """Yield every family of tests that are corrected together, with its size."""
     for contrast in study.file.contrast:
         levels = len(contrast.pairs) or len(study.factors[contrast.factor]) - 1
         others = cells(study, [contrast.factor, *([contrast.across] if contrast.across else [])])

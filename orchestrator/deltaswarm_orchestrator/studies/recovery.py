@@ -1,4 +1,4 @@
-"""How long a swarm needs to come back after a fault: until it is again like the same swarm without one."""
+"""Time until a swarm has recovered from a fault: until it is again like the same swarm without the fault."""
 
 import math
 from typing import Any
@@ -18,12 +18,12 @@ Floats = npt.NDArray[np.float64]
 
 
 def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
-    """A row per cell: n replicates, and `back_s` after `after_s` with its interval [s].
+    """Make a row per cell: n replicates, and the time `back_s` from `after_s` on, with its interval [s].
 
-    The mean over the replicates is compared, window by window, with that of the same replicates without the fault,
-    which saw the same arrivals. The swarm is back at the end of the first window from which on so many windows in a
-    row lie within the tolerance: waiting not longer, other metrics neither more nor less. `back_s` is inf if that
-    does not happen before the end, NaN if nothing is known. The interval is a percentile bootstrap over replicates.
+    In each window, the mean over the replicates is compared with the mean of the same replicates without the fault,
+    which saw the same arrivals. The swarm is back at the end of the first of `windows` consecutive windows that lie
+    within the tolerance: waiting is not longer, other metrics are neither more nor less. `back_s` is inf if the swarm
+    is not back before the end, NaN if nothing is known. The interval is a percentile bootstrap over replicates.
     """
     rows = [
         {
@@ -57,14 +57,14 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
         generator = np.random.default_rng(0)
         drawn = (generator.integers(count, size=count) for _ in range(RESAMPLES))
         found = np.sort([_back_s(settings, tuple(frame[chosen] for frame in frames), window_s) for chosen in drawn])
-        # By rank, not by interpolation: there is nothing between 300 s and never.
+        # By rank, not by interpolation: there is no value between 300 s and never.
         ends = math.floor(TAIL * (RESAMPLES - 1)), math.ceil((1 - TAIL) * (RESAMPLES - 1))
         low_s, high_s = (float(found[end]) for end in ends)
     return {"n": count, "back_s": _back_s(settings, frames, window_s), "low_s": low_s, "high_s": high_s}
 
 
 def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Sums and weights, a row per replicate and a column per window: waiting by event, the rest by window."""
+    """Return sums and weights (replicates, windows): waiting is weighted by events, other metrics by 1."""
     weights = rows["events"] if metric == WAITING_ALL else pd.Series(1.0, index=rows.index)
     known = rows.assign(weight=weights.where(rows[metric].notna(), 0.0), total=(rows[metric] * weights).fillna(0.0))
     total, weight = (
@@ -75,7 +75,7 @@ def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.Dat
 
 
 def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], window_s: float) -> float:
-    """When the swarm is back [s], by sums and weights (replicates, windows) with the fault and without."""
+    """Compute when the swarm is back [s] from sums and weights (replicates, windows) with and without the fault."""
     with np.errstate(divide="ignore", invalid="ignore"):
         own, base = (frames[i].sum(axis=0) / frames[i + 1].sum(axis=0) for i in (0, 2))
         ratios = np.where((own == 0) & (base == 0), 1.0, own / base)

@@ -1,4 +1,4 @@
-"""A moment of a swarm at work, to be drawn: the scenario is run up to it in one process."""
+"""Run a scenario in one process up to a moment, to draw the swarm at work."""
 
 from deltaswarm_orchestrator.report.plots.density import phi
 from deltaswarm_orchestrator.report.plots.swarm import Snapshot
@@ -7,10 +7,10 @@ from deltaswarm_wire.settings import Scenario
 
 
 def snapshot(scenario: Scenario, time_s: float) -> Snapshot:
-    """The swarm of a scenario, with the seed in it, at the end of the step at `time_s`; events that are not complete.
+    """Run a scenario with its own seed; return the swarm and its incomplete events after the step at `time_s`.
 
     Raises:
-        ValueError: a time before the start or after the end of the run.
+        ValueError: `time_s` is before the start or after the end of the run.
     """
     last = round(time_s / scenario.run.step_s)
     if not 0 <= last < scenario.run.steps:

@@ -1,4 +1,4 @@
-"""The study file: a sweep, and what is asked of it. TOML, checked as a whole before anything runs."""
+"""Study files: TOML with a sweep and the questions about it. A file is checked as a whole before anything runs."""
 
 import itertools
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -15,7 +15,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 
 COLLECTIONS = {folder.rpartition("/")[2]: list(files_in(folder)) for folder in STUDY_FOLDERS}
-"""The studies in each folder of built-in ones, by the folder's name: they are done one after the other."""
+"""The built-in studies by the name of their folder. The studies of a folder are done one after the other."""
 
 HOLDS, REFUTED, UNDECIDED = "holds", "refuted", "undecided"
 HIGHER, LOWER, ALIKE, UNCLEAR = "higher", "lower", "alike", "unclear"
@@ -51,7 +51,7 @@ class ContrastSettings:
 
 @dataclass(frozen=True)
 class ClaimSettings:
-    """A table `[[claim]]`: something that is said about the runs, and is judged by them."""
+    """A table `[[claim]]`: a statement about the runs that the study tests."""
 
     id: str = key("", "by which findings refer to it")
     text: str = key("", "the claim, in a sentence")
@@ -71,7 +71,7 @@ class ClaimSettings:
     why: str = key("", "why it is expected not to hold, as far as is known")
 
     def problems(self) -> list[Problem]:
-        """What each kind needs."""
+        """List what the claim's kind needs and does not have."""
         needed: dict[str, dict[str, Any]] = {
             "order": {"less": self.less, "more": self.more},
             "value": {"of": self.of, "within": len(self.within) == 2 and self.within[0] < self.within[1]},
@@ -91,7 +91,7 @@ class ClaimSettings:
 
 @dataclass(frozen=True)
 class RecoverySettings:
-    """A table `[[recovery]]`: how long a metric needs to come back after a fault."""
+    """A table `[[recovery]]`: how long a metric needs to recover after a fault."""
 
     metric: str = key("waiting_all", "the metric's name")
     factor: str = key("", "the factor that has the fault among its levels")
@@ -133,7 +133,7 @@ class FigureSettings:
 
 @dataclass(frozen=True)
 class FindingSettings:
-    """A table `[[finding]]`: a sentence written by a person, and the results that carry it."""
+    """A table `[[finding]]`: a sentence written by a person, and the results that support it."""
 
     text: str = key("", "the sentence")
     because: tuple[dict[str, Any], ...] = key((), "results: {claim, is} or {contrast, metric, level, within, is}")
@@ -141,7 +141,7 @@ class FindingSettings:
 
 @dataclass(frozen=True)
 class StudyFile:
-    """What a study file has beside its sweep."""
+    """The content of a study file besides its sweep."""
 
     study: StudySettings = key(StudySettings, "title, question, factors, metrics")
     metric: tuple[MetricSettings, ...] = key((), "metrics of the study's own")
@@ -154,7 +154,7 @@ class StudyFile:
 
 @dataclass(frozen=True)
 class Study:
-    """A whole study, checked."""
+    """A complete, checked study."""
 
     name: str
     file: StudyFile
@@ -166,12 +166,12 @@ class Study:
 
     @property
     def title(self) -> str:
-        """Of the page."""
+        """Title of the page."""
         return self.file.study.title or self.name
 
     @property
     def step_s(self) -> float:
-        """Length of a step of its runs [s]."""
+        """Length of a step of the runs [s]."""
         return self.sweep.variants[0].scenario.run.step_s
 
     @property
@@ -180,25 +180,25 @@ class Study:
         return self.sweep.file.sweep.repeats
 
     def factor_title(self, factor: str) -> str:
-        """A factor's name for people."""
+        """Return a factor's name for people."""
         return str(self.file.study.factors.get(factor, factor))
 
     def numbers(self, factor: str) -> dict[str, float]:
-        """The number of each level of a factor; empty if they are not numbers."""
+        """Return the number of each level of a factor; empty if the levels are not numbers."""
         return numbers_in(self.factors[factor])
 
     def metrics_of(self, contrast: ContrastSettings) -> Sequence[str]:
-        """The metrics that a contrast is about."""
+        """Return the metrics that a contrast is about."""
         return contrast.metrics or self.file.study.metrics
 
 
 def load_study(
     name: str, overrides: Sequence[str] = (), settings: Mapping[str, int | float | None] | None = None
 ) -> Study:
-    """The study of a file or a built-in name; `overrides` are scenario keys, `settings` keys of `[sweep]`.
+    """Load the study of a file or a built-in name; `overrides` set scenario keys, `settings` keys of `[sweep]`.
 
     Raises:
-        SettingsError: Every mistake in the sweep, or else every mistake in what is asked of it.
+        SettingsError: Every mistake in the sweep; if it has none, every mistake in the study's own tables.
     """
     sweep = load_sweep(name, overrides, settings)
     table, _ = read_file(name)
@@ -230,7 +230,7 @@ def make_study(name: str, file: StudyFile, sweep: Sweep) -> Study:
 
 
 def default_factors(sweep: Sweep) -> list[str]:
-    """Names for a sweep's factors: of the first key that each varies, the last part."""
+    """Name each of a sweep's factors by the last part of the first key that it varies."""
     settings = sweep.file.sweep
     keys = [[name] for name, _ in flattened(settings.axes)]
     keys += [[name for name, _ in flattened(table) if name != LABEL] for table in settings.paired]
@@ -240,7 +240,7 @@ def default_factors(sweep: Sweep) -> list[str]:
 
 
 def numbers_in(levels: Sequence[str]) -> dict[str, float]:
-    """The number of each level, if all are those of a swept number such as `loss=0.1`; else empty."""
+    """Return the number of each level if all levels are swept numbers such as `loss=0.1`; else an empty dict."""
     try:
         return {level: float(level.partition("=")[2]) for level in levels}
     except ValueError:
@@ -248,14 +248,14 @@ def numbers_in(levels: Sequence[str]) -> dict[str, float]:
 
 
 def _problems(study: Study) -> Iterator[Problem]:
-    """Names that refer to nothing."""
+    """Report names that refer to nothing."""
     for where, names, known in _references(study):
         allowed = ", ".join(map(repr, known)) or "declared, but none is"
         yield from (Problem(where, repr(name), f"must be one of {allowed}") for name in names if name not in known)
 
 
 def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[str]]]:
-    """Each place that refers to something by name: where it is, the names, and what there is."""
+    """Yield each place that refers to something by name: the place, its names, and the names that exist."""
     file, factors, metrics = study.file, study.factors, study.metrics
     variants = [variant.label for variant in study.sweep.variants]
     yield "study.metrics", file.study.metrics, metrics

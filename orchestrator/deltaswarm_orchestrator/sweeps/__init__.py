@@ -1,1 +1,1 @@
-"""Sweeps: many runs that differ in some keys, done side by side, resumed, and gathered in one table."""
+"""Sweeps: run many variants of a scenario in parallel, resume them, and gather the results in one table."""

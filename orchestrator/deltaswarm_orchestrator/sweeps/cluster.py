@@ -1,4 +1,4 @@
-"""A sweep on a Dask cluster: a local one, or whichever its deployers made of SLURM, SSH or Kubernetes."""
+"""Run a sweep on a Dask cluster: a local one, or one deployed on SLURM, SSH or Kubernetes."""
 
 import atexit
 import functools
@@ -21,14 +21,14 @@ from deltaswarm_orchestrator.sweeps.work import Result, Task
 CONNECT_WITHIN_S = 10.0
 
 
-# The stack closes the cluster. What Dask does at exit would only add a traceback where Ctrl-C came before it was up.
+# The exit stack closes the cluster. Dask's own exit handler would only add a traceback if Ctrl-C came during start-up.
 atexit.unregister(close_clusters)
 
 
 class DaskEngine:
-    """Gives all runs to a Dask scheduler, which gives them to its workers, and again if a worker is lost.
+    """Submits all runs to a Dask scheduler, which retries a run if its worker is lost.
 
-    How often a run may lose its worker is the scheduler's `allowed-failures`; a local cluster's is ours.
+    The scheduler's `allowed-failures` limits the retries; on a local cluster, `ATTEMPTS` sets it.
     """
 
     def __init__(self, scheduler: str | None, workers: int) -> None:
@@ -36,13 +36,13 @@ class DaskEngine:
         self._workers = workers
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Each task once, as it ends.
+        """Yield each task once, when it ends.
 
         Raises:
-            EngineError: there is no scheduler at the address.
-            EngineLostError: there is none any more.
+            EngineError: no scheduler can be reached at the address.
+            EngineLostError: the scheduler was lost during the sweep.
         """
-        for name in ("distributed", "distributed.client", "asyncio"):  # their tracebacks say less than our one line
+        for name in ("distributed", "distributed.client", "asyncio"):  # our one-line error replaces their tracebacks
             logging.getLogger(name).setLevel(logging.CRITICAL)
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack)
@@ -59,13 +59,13 @@ class DaskEngine:
                 try:
                     error = future.exception()
                     result, reason = (None, f"{type(error).__name__}: {error}") if error else future.result()
-                except CancelledError:  # by nobody but a client that lost its scheduler
+                except CancelledError:  # only a client that lost its scheduler cancels
                     raise EngineLostError(f"the Dask scheduler at {self._scheduler} was lost") from None
                 yield Done(task, result, reason)
                 future.release()
 
     def _client(self, stack: ExitStack) -> Client:
-        """A client that the stack closes, and the local cluster with it if there is one."""
+        """Connect a client, to a new local cluster if no scheduler is given; the stack closes both."""
         try:
             address = self._scheduler or stack.enter_context(
                 LocalCluster(
@@ -74,19 +74,19 @@ class DaskEngine:
             )
             client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
             return client
-        except (OSError, ValueError, AssertionError) as error:  # the last: Dask's own thread was not up within 10 s
+        except (OSError, ValueError, AssertionError) as error:  # assertion: Dask's thread not up within 10 s
             problem = str(error)
-        gc.collect()  # a client that did not connect closes as it is collected: in a thread of Dask's that may deadlock
+        gc.collect()  # closes the unconnected client here: if one of Dask's threads collected it, that might deadlock
         raise EngineError(f"no Dask scheduler could be reached at {self._scheduler or 'this machine'}: {problem}")
 
 
 def _key(code: str, task: Task) -> str:
-    """Same key, same result: a scheduler gives all its clients one that it has."""
+    """Return the task's key. A scheduler shares a result with all clients that submit the same key."""
     return f"deltaswarm-{code}-{task.job.key}-{task.means}"
 
 
 def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:
-    """A run's result by a worker that has the same code as we have; else the reason why there is none."""
+    """Do a run if this worker's code has the digest `code`; return its result, or None and the reason."""
     own = _own_code()
     if own != code:
         return None, f"the Dask worker has another deltaswarm (code {own}, here {code}); install the same on both"

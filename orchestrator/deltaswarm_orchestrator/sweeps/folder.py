@@ -1,4 +1,4 @@
-"""A sweep's folder: a file for each finished run, so that whatever ends a sweep, it goes on where it was."""
+"""A sweep's folder: a file for each finished run, so that an interrupted sweep can be resumed."""
 
 import hashlib
 import json
@@ -17,15 +17,15 @@ from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
 from deltaswarm_wire.files import write_whole
 
 CHECKSUM = "checksum"
-"""Of all else in a result's file, by which one is known that was cut off, edited or damaged."""
+"""Key of the checksum over the rest of a result's file; it reveals a truncated, edited or damaged file."""
 
 
 class SweepFolderError(CommandError):
-    """The folder cannot be used: another sweep's, in use, or no folder."""
+    """The folder cannot be used: it holds another sweep, is in use, or is no folder."""
 
 
 class SweepFolder:
-    """`runs/` with a file per finished run, `manifest.json`, tables; nothing is ever deleted but scratch files."""
+    """`runs/` with a file per finished run, `manifest.json` and tables. Only scratch files are ever deleted."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -34,10 +34,10 @@ class SweepFolder:
 
     @contextmanager
     def held(self, name: str) -> Iterator[None]:
-        """Make the folder, or take it up again; nobody else writes to it meanwhile.
+        """Create or reopen the folder, and lock it for the length of the block.
 
         Raises:
-            SweepFolderError: it is in use, or holds something else.
+            SweepFolderError: the folder is in use, holds something else, or cannot be written.
         """
         with ExitStack() as stack:
             try:
@@ -49,7 +49,7 @@ class SweepFolder:
             yield
 
     def _take(self, name: str, stack: ExitStack) -> None:
-        """Lock the folder for as long as the stack is open, and see what is in it."""
+        """Lock the folder for as long as the stack is open, and check what is in it."""
         if self.path.exists() and not self._is_ours():
             raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
         self.path.mkdir(parents=True, exist_ok=True)
@@ -59,35 +59,36 @@ class SweepFolder:
             raise SweepFolderError(f"{self.path} holds the sweep {found.get('name')!r}, not {name!r}")
         self.runs.mkdir(exist_ok=True)
         shutil.rmtree(self.scratch, ignore_errors=True)
-        self.scratch.mkdir(exist_ok=True)  # a run that lost its sweep may be writing its last there
+        self.scratch.mkdir(exist_ok=True)  # an orphaned run may still be writing there
         stack.callback(shutil.rmtree, self.scratch, ignore_errors=True)
 
     def _is_ours(self) -> bool:
-        """Whether the folder is a sweep's or empty. A sweep makes its lock first: it may be killed before it has more.
+        """Return whether the folder is a sweep's or empty.
 
-        A single run has both too while it is written, but also a scenario, and says nothing of what is swept.
+        A sweep writes its lock first, and may be killed before it writes more. A single run's folder may have a lock
+        and a manifest too, but it has a scenario, and its manifest has no `swept`.
         """
         if not self.path.is_dir() or (self.path / "scenario.toml").exists():
             return False
         return (self.path / LOCK).exists() or "swept" in (self.manifest() or ()) or not any(self.path.iterdir())
 
     def file(self, job: Job, means: str) -> Path:
-        """Where a finished run is kept."""
+        """Return the path at which a finished run is kept."""
         return self.runs / f"{job.key}.{means}.json"
 
     def has(self, job: Job, means: str = IN_PROCESS) -> bool:
-        """Whether a run is finished."""
+        """Return whether a run is finished."""
         return self.result(job, means) is not None
 
     def is_damaged(self, job: Job, means: str = IN_PROCESS) -> bool:
-        """Whether the file of a run is damaged."""
+        """Return whether the file of a run is damaged."""
         return self.file(job, means).exists() and not self.has(job, means)
 
     def save(self, job: Job, means: str, result: Result) -> None:
-        """Keep a finished run; on the disk when this returns.
+        """Save a finished run; it is on disk when this returns.
 
         Raises:
-            SweepFolderError: it cannot be written.
+            SweepFolderError: the file cannot be written.
         """
         try:
             write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(result), **result}))
@@ -95,7 +96,7 @@ class SweepFolder:
             raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}") from None
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
-        """A finished run; None if it is not, or if its file is damaged."""
+        """Read a finished run; return None if it is not finished or its file is damaged."""
         try:
             found = orjson.loads(self.file(job, means).read_bytes())
         except (OSError, ValueError):
@@ -104,10 +105,10 @@ class SweepFolder:
         return found if is_whole else None
 
     def manifest(self) -> dict[str, Any] | None:
-        """What the folder says of itself; None before the first sweep in it.
+        """Read the manifest; return None before the first sweep in the folder.
 
         Raises:
-            SweepFolderError: it cannot be read.
+            SweepFolderError: the manifest cannot be read.
         """
         try:
             found = orjson.loads((self.path / "manifest.json").read_bytes())
@@ -120,8 +121,8 @@ class SweepFolder:
         return found
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write `manifest.json` whole."""
-        # Not by orjson, which knows no integer beyond 64 bits.
+        """Write `manifest.json` atomically."""
+        # Not with orjson, which has no integers beyond 64 bits.
         write_whole(self.path / "manifest.json", json.dumps(manifest, indent=2).encode())
 
 

@@ -1,4 +1,4 @@
-"""Sweep files: TOML or built in, checked as a whole, spread out into variants."""
+"""Load sweep files, from TOML or built in: check them as a whole and expand them into variants."""
 
 import copy
 import itertools
@@ -20,30 +20,32 @@ from deltaswarm_wire.settings import Scenario
 STUDY_FOLDERS = ("studies/paper", "studies/limits", "studies/operator")
 
 BUILT_IN = scenarios.files_in("sweeps/built_in", *STUDY_FOLDERS)
-"""The file of each built-in sweep; those of studies hold a sweep too."""
+"""The file of each built-in sweep, including study files, each of which holds a sweep."""
 
 STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "figure", "finding")
-"""What a study file has beside its sweep: for a sweep it means nothing."""
+"""Tables of a study file that a sweep ignores."""
 
 OWN = ("seed", "record")
 """Scenario keys that a sweep sets for each run."""
 
 SAME = ("schema", "name")
-"""Scenario keys that make no other run."""
+"""Scenario keys that do not change a run."""
 
 GRID = "events.density.file"
 
 Row = dict[str, Any]
-"""Dotted keys with their values, and perhaps a label."""
+"""Dotted keys with their values, and possibly a label."""
 
 
 def load_sweep(
     name: str, overrides: Sequence[str] = (), settings: Mapping[str, int | float | None] | None = None
 ) -> Sweep:
-    """The sweep of a file or a built-in name; `overrides` are scenario keys for all, `settings` keys of `[sweep]`.
+    """Load a sweep from a file or by its built-in name.
+
+    `overrides` set scenario keys of all variants, `settings` set keys of `[sweep]`.
 
     Raises:
-        SettingsError: every mistake in file and overrides at once.
+        SettingsError: all mistakes in the file and the overrides together.
     """
     table, beside = read_file(name)
     table = {name: value for name, value in table.items() if name not in STUDY_TABLES}
@@ -54,10 +56,10 @@ def load_sweep(
 
 
 def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence[str] = ()) -> Sweep:
-    """The sweep that a table describes; the files that it names are looked for `beside`.
+    """Make the sweep that a table describes; file names in the table are relative to the folder `beside`.
 
     Raises:
-        SettingsError: every mistake at once.
+        SettingsError: all mistakes together.
     """
     file, problems = _file(table)
     try:
@@ -83,13 +85,13 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     problems += [
         Problem(path, name, "must not be set: it varies in this sweep") for path, name in set_here if name in in_all
     ]
-    if ("--set", GRID) in set_here and not problems:  # on the command line, relative to where it was given
+    if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
     variants, found = _variants({**base, "record": "off"}, rows)
     problems += found if rows else scenarios.check_table(base)[1]
     if problems:
         raise SettingsError(list(dict.fromkeys(problems)))
-    # So the sweep's own record says all that its runs had in common, whatever the command line was.
+    # The sweep's record must show all that its runs had in common, including overrides from the command line.
     shared |= {name: _at(base, name) for path, name in set_here if path == "--set"}
     kept = file.base if file.base in scenarios.BUILT_IN else str((beside / file.base).resolve())
     factors = [[_label(row) for row in rows] for rows in choices]
@@ -97,21 +99,21 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
 
 
 def read_file(name: str) -> tuple[dict[str, Any], Path]:
-    """The table of a sweep's or study's file or built-in name, and the folder that its paths start from.
+    """Read a sweep or study from a file or by its built-in name; return its table and the folder of its paths.
 
     Raises:
-        SettingsError: there is no such file, or it is no TOML.
+        SettingsError: the file does not exist or is not TOML.
     """
     table, path = scenarios.read_toml("sweep", name, BUILT_IN)
-    table.pop("session", None)  # for participants: it makes no other run
+    table.pop("session", None)  # for participants; does not change a run
     return (table, Path()) if path is None else ({"name": path.stem, **table}, path.parent)
 
 
 def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
-    """The sweep file, and what is wrong in its form; a key that is wrong counts as not given.
+    """Check the form of a sweep file; return the file and its problems. Wrong keys count as not given.
 
     Raises:
-        SettingsError: it is so wrong that no more can be said of it.
+        SettingsError: the file is not valid even without its wrong keys.
     """
     file, problems = checked.check(SweepFile, table)
     if file is None:
@@ -126,7 +128,7 @@ def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
 
 
 def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
-    """Dotted keys: TOML reads `control.delta = 3` as a table within a table, `"control.delta" = 3` as a key."""
+    """Flatten to dotted keys: TOML reads `control.delta = 3` as nested tables, `"control.delta" = 3` as one key."""
     flat: Row = {}
     waiting = [*reversed(list(table.items()))]
     while waiting:
@@ -143,7 +145,7 @@ def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
 
 
 def _make_absolute(row: Row, beside: Path) -> None:
-    """A grid's file, or those of a list, are relative to the file that names them."""
+    """Make the path of a grid's file, or of each in a list, absolute: it is relative to the file that names it."""
     named = row.get(GRID)
     if isinstance(named, list):
         row[GRID] = [_absolute(one, beside) for one in named]
@@ -156,7 +158,7 @@ def _absolute(named: Any, beside: Path) -> Any:
 
 
 def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], list[Problem]]:
-    """The rows of each axis, of each paired table and of the single variants; all mistakes in their form."""
+    """Return the rows of each axis, each paired table and the single variants, and all mistakes in their form."""
     problems: list[Problem] = []
     axes = _flat(settings.axes, "sweep.axes", problems)
     paired = [_flat(table, f"sweep.paired[{index}]", problems) for index, table in enumerate(settings.paired)]
@@ -170,7 +172,7 @@ def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], li
     if problems:
         return [], problems
     lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
-    if math.prod(lengths) * settings.repeats > MAX_RUNS:  # before they are spread out
+    if math.prod(lengths) * settings.repeats > MAX_RUNS:  # before the rows are expanded
         runs = f"{math.prod(lengths)} variants x {settings.repeats} repeats"
         return [], [Problem("sweep", runs, f"must be at most {MAX_RUNS} runs")]
     choices = [
@@ -182,7 +184,7 @@ def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], li
 
 
 def _problems_of_lists(path: str, table: Row) -> list[Problem]:
-    """Lists that are none, are empty, or of different lengths."""
+    """Report values that are not lists, empty lists, and lists of different lengths."""
     lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
     problems = [
         Problem(f"{path}.{name}", _shown(table[name]), "must be a list of at least one value")
@@ -198,7 +200,7 @@ def _problems_of_lists(path: str, table: Row) -> list[Problem]:
 
 
 def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row]) -> list[Problem]:
-    """Labels that are no words, label nothing, or stand where none can."""
+    """Report labels that are not one-line strings, that label nothing, or that are not allowed in that place."""
     problems = []
     if LABEL in axes:
         problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "put it into [[sweep.paired]]"))
@@ -217,7 +219,7 @@ def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row])
 
 
 def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> list[Problem]:
-    """Keys that stand in two places, that cannot vary, or none at all."""
+    """Report keys given in two places, keys that cannot vary, and a sweep in which nothing varies."""
     places = [(path, name) for path, table in columns for name in table if name != LABEL]
     places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
     times = Counter(name for _, name in places)
@@ -239,7 +241,7 @@ def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row
 
 
 def _joined(rows: Iterable[Row]) -> Row:
-    """One row from one row of each table; the labels joined."""
+    """Merge one row of each table into a single row, and join the labels."""
     joined: Row = {}
     labels = []
     for row in rows:
@@ -249,18 +251,18 @@ def _joined(rows: Iterable[Row]) -> Row:
 
 
 def _label(row: Row) -> str:
-    """A row's label; for those who gave none, the keys' last parts with their values."""
+    """Return a row's label; by default, the last part of each key with its value."""
     if LABEL in row:
         return str(row[LABEL])
     return ", ".join(f"{name.rpartition('.')[2]}={_shown(value)}" for name, value in row.items()) or "base"
 
 
 def _shown(value: Any) -> str:
-    """A value for people, of bounded length."""
+    """Format a value for people, in at most 200 characters."""
     if not isinstance(value, str):
         try:
             value = orjson.dumps(value).decode()
-        except TypeError:  # an integer or a depth beyond what JSON is good for
+        except TypeError:  # an integer or nesting beyond orjson's limits
             try:
                 value = repr(value)
             except (ValueError, RecursionError):
@@ -269,14 +271,14 @@ def _shown(value: Any) -> str:
 
 
 def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant], list[Problem]]:
-    """A checked scenario for each row; and unknown keys, values not allowed, labels that two variants have."""
+    """Make a checked scenario for each row; report unknown keys, invalid values and duplicate labels."""
     swept = {name: None for row in rows for name in row if name != LABEL}
     made: list[tuple[str, Scenario]] = []
     problems: dict[Problem, None] = {}  # each once, in order
     for row in rows:
         try:
             table = copy.deepcopy(base)
-        except RecursionError:  # no scenario is as deep as that
+        except RecursionError:  # no valid scenario is nested so deeply
             return [], scenarios.check_table(base)[1]
         found = [problem for name in row if name != LABEL for problem in scenarios.put(table, name, row[name])]
         scenario, more = scenarios.check_table(table)
@@ -295,7 +297,7 @@ def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant],
 
 
 def _at(table: dict[str, Any], dotted: str) -> Any:
-    """What stands under a dotted key; None for a key that this scenario's controller does not have."""
+    """Return the value of a dotted key; None for a key that this scenario's controller does not have."""
     value: Any = table
     for name in dotted.split("."):
         value = value.get(name) if isinstance(value, dict) else None

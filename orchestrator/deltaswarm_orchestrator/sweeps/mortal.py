@@ -1,4 +1,4 @@
-"""A `deltaswarm` command that ends with the process that started it, even if that one is killed with -9."""
+"""A `deltaswarm` command that ends with the process that started it, even if that process is killed with -9."""
 
 import runpy
 import signal

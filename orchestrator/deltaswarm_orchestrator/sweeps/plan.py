@@ -1,4 +1,4 @@
-"""What a sweep is: a base scenario, keys that vary, replicates with seeds of their own."""
+"""A sweep: a base scenario, keys that vary, and replicates with seeds of their own."""
 
 import hashlib
 import json
@@ -15,10 +15,10 @@ from deltaswarm_wire.settings import NAME, Scenario
 
 MAX_RUNS = 100_000
 SEED_BITS = 53
-"""So many, that a seed stays exact in a spreadsheet and in JSON."""
+"""Length of a seed: one of 53 bits stays exact in a spreadsheet and in JSON."""
 
 LABEL = "label"
-"""In `[[sweep.paired]]` and `[[sweep.variants]]` no key but the name of a variant."""
+"""In `[[sweep.paired]]` and `[[sweep.variants]]`, this is the name of a variant, not a scenario key."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class SweepSettings:
 
 @dataclass(frozen=True)
 class SweepFile:
-    """A sweep as a TOML file has it."""
+    """The content of a sweep file (TOML)."""
 
     schema: int = key(1, "version of this table", low=1, high=1)
     name: str = key("sweep", "used in the sweep folder's name")
@@ -45,7 +45,7 @@ class SweepFile:
     sweep: SweepSettings = key(SweepSettings, "what varies, and how often it is repeated")
 
     def problems(self) -> list[Problem]:
-        """A name becomes a folder's."""
+        """Check the name, which becomes part of a folder's name."""
         if not NAME.fullmatch(self.name):
             return [Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'")]
         return []
@@ -73,11 +73,11 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """Same scenario, controller and windows, same key: by it a finished run is found again, whatever its name."""
+        """The key that identifies a finished run, made from scenario (except its name), controller and windows."""
         grid = ""
         table = checked.plain(replace(self.scenario, name=""))
         density = table["events"]["density"]
-        if density["kind"] == "grid":  # known by its weights, wherever the folder was moved
+        if density["kind"] == "grid":  # identified by its content, so the file may be moved
             grid = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
             density["file"] = ""
         controller = source_digest(self.scenario.control.mode)
@@ -86,7 +86,7 @@ class Job:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """The run's name, for people."""
         return f"{self.variant.label}, replicate {self.replicate}"
 
 
@@ -97,16 +97,16 @@ class Sweep:
     file: SweepFile
     variants: Sequence[Variant]
     factors: Sequence[Sequence[str]] = ()
-    """What varies, each value with each: of every axis, paired table and the single variants the labels."""
+    """The labels of each axis, each paired table and the single variants; every combination is a variant."""
 
     @property
     def name(self) -> str:
-        """The file's name for it."""
+        """The sweep's name, from its file."""
         return self.file.name
 
     @property
     def size(self) -> str:
-        """How many runs it has, for people."""
+        """The number of runs, for people."""
         repeats = self.file.sweep.repeats
         return f"{self.name}: {len(self.variants)} variants x {repeats} replicates, {len(self.variants) * repeats} runs"
 
@@ -116,7 +116,7 @@ class Sweep:
         return list(self.variants[0].keys)
 
     def jobs(self) -> list[Job]:
-        """All runs, the first replicate of every variant first: so what was interrupted can be compared."""
+        """List all runs, first replicates first, so that the variants of an interrupted sweep can be compared."""
         settings = self.file.sweep
         seeds = [replicate_seed(settings.seed, replicate) for replicate in range(settings.repeats)]
         return [
@@ -126,13 +126,13 @@ class Sweep:
         ]
 
     def sample(self, jobs: Sequence[Job]) -> list[Job]:
-        """Those that real processes do too: a sample that no one chose, the same each time."""
+        """Choose the runs that real processes do too: an arbitrary sample, the same each time."""
         return sorted(jobs, key=lambda job: job.key)[: self.file.sweep.prove]
 
 
 def replicate_seed(sweep_seed: int, replicate: int) -> int:
-    """The seed of replicate r, the same in every variant: so all variants see the same arrivals."""
-    import numpy as np  # slow to import, and who only reads a sweep file needs none
+    """Derive the seed of a replicate. It is the same in every variant, so that all variants see the same arrivals."""
+    import numpy as np  # slow to import, and not needed to read a sweep file
 
     (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
     return int(state) >> (64 - SEED_BITS)

@@ -1,4 +1,4 @@
-"""How a sweep goes, for people: a bar with the time left on a terminal, a line now and then on a pipe."""
+"""Show a sweep's progress: a bar with the time left on a terminal, an occasional line on a pipe."""
 
 import sys
 import time
@@ -10,21 +10,21 @@ from deltaswarm_orchestrator.run.progress import Bar
 from deltaswarm_orchestrator.sweeps.engine import Done
 
 SPEED_OVER_S = 3600.0
-"""Runs are long: the time left is estimated from the last hour."""
+"""The time left is estimated from the last hour, because runs are long."""
 
 
 class SweepReporter:
-    """Takes what there is to tell of a sweep. This one tells nobody."""
+    """Receives the progress of a sweep. This base class ignores it."""
 
     def begin(self, total: int, there: int) -> None:
-        """How many runs the sweep has, and how many of them are there already."""
+        """Begin a sweep of `total` runs, `there` of which were finished before."""
 
     def done(self, done: Done) -> None:
-        """One run has ended."""
+        """Count a run that has ended."""
 
 
 class SweepDisplay(Bar, SweepReporter):
-    """Shows a sweep."""
+    """Shows the progress of a sweep."""
 
     def __init__(self, name: str) -> None:
         columns = BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
@@ -34,13 +34,13 @@ class SweepDisplay(Bar, SweepReporter):
         self._total = self._there = self._ended = self._failed = 0
 
     def begin(self, total: int, there: int) -> None:
-        """How many runs the sweep has, and how many of them are there already."""
+        """Begin a sweep of `total` runs, `there` of which were finished before."""
         self._total, self._there = total, there
         if there:
             print(f"{self._name}: {there} of {total} runs are there already", file=sys.stderr, flush=True)
 
     def done(self, done: Done) -> None:
-        """One run has ended."""
+        """Count a run that has ended."""
         self._ended += 1
         self._failed += done.result is None
         failed = f", {self._failed} failed" if self._failed else ""

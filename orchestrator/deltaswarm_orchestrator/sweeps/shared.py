@@ -1,4 +1,4 @@
-"""Runs that several experiments have in common, those without a limit above all, are done once."""
+"""Reuse runs that several experiments have in common, above all those without a limit."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,7 +9,9 @@ from deltaswarm_orchestrator.sweeps.plan import Sweep
 
 
 def take_over(sweep: Sweep, path: Path, others: Sequence[Path]) -> int:
-    """Copy the runs that a sweep lacks and other sweeps' folders have; how many. Same key and code, same run.
+    """Copy the runs that a sweep lacks from other sweeps' folders; return their number.
+
+    A run is the same if its key and the digest of its code are the same.
 
     Raises:
         SweepFolderError: the folder is in use, holds something else, or cannot be written.

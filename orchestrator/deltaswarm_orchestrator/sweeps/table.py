@@ -1,4 +1,4 @@
-"""The tables of a sweep: a row per run, a row per run and window of time, and what the runs cost."""
+"""The tables of a sweep: results per run, per run and time window, and per sender, and the runs' costs."""
 
 import hashlib
 import importlib.util
@@ -17,18 +17,18 @@ from deltaswarm_wire.files import write_whole
 Finished = list[tuple[Job, Result]]
 
 DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
-"""The same run by other means must have the same digest: both stand in the table."""
+"""Digest columns by means. The digests of one run by both means must be equal; the table has both."""
 
 
 ORIGIN = ("code", "commit")
-"""Which version of deltaswarm did a run: a digest of its sources, and the git commit where there is one."""
+"""The version of deltaswarm that did a run: a digest of its sources, and the git commit if there is one."""
 
 PER_SENDER = ("operator.per_sender.", "rejected_by_agent.", "excess_by_agent.", "late_acts_by_agent.", "boards.")
-"""What a summary has for each sender stands in a table of its own, so that `table.csv` always has the same columns."""
+"""Prefixes of a summary's per-sender entries. They have their own table, so that `table.csv` has fixed columns."""
 
 
 def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
-    """The finished runs by variant, then by replicate, by whichever means they were done."""
+    """Return the finished runs by variant, then replicate; an in-process result is preferred."""
     order = {variant.label: index for index, variant in enumerate(sweep.variants)}
     jobs = sorted(sweep.jobs(), key=lambda job: (order[job.variant.label], job.replicate))
     found = ((job, folder.result(job, IN_PROCESS) or folder.result(job, PROCESSES)) for job in jobs)
@@ -36,7 +36,7 @@ def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
 
 
 def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
-    """A row per run: variant, swept keys, replicate, seed, digests, every metric of its summary."""
+    """Make a row per run: variant, swept keys, replicate, seed, origin, digests, metrics of its summary."""
     rows = []
     for job, result in runs:
         digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
@@ -47,7 +47,7 @@ def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
 
 
 def senders_of(runs: Finished) -> pd.DataFrame:
-    """A row per run, sender and count that the summary keeps for each sender: `sender`, `name`, `value`."""
+    """Make a row (`sender`, `name`, `value`) per run and per-sender entry of its summary."""
     rows = [
         {**_head(job), "sender": int(sender), "name": ".".join([prefix[:-1], *rest]), "value": value}
         for job, result in runs
@@ -59,7 +59,7 @@ def senders_of(runs: Finished) -> pd.DataFrame:
 
 
 def _head(job: Job) -> dict[str, Any]:
-    """What tells a run apart."""
+    """Return the columns that identify a run."""
     keys = {name: _cell(value) for name, value in job.variant.keys.items()}
     return {"variant": job.variant.label, **keys, "replicate": job.replicate, "seed": job.scenario.seed}
 
@@ -69,11 +69,11 @@ def _digest(result: Result | None) -> str | None:
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted names; lists as JSON."""
+    """Yield dotted names with their values, lists as JSON; a top-level `name` or `seed` is left out."""
     for name, value in table.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{name}.")
-        elif f"{prefix}{name}" not in ("name", "seed"):  # stand in the row's head
+        elif f"{prefix}{name}" not in ("name", "seed"):  # the row's head identifies the run
             yield f"{prefix}{name}", _cell(value)
 
 
@@ -82,8 +82,8 @@ def _cell(value: Any) -> Any:
 
 
 def series_of(runs: Finished) -> pd.DataFrame:
-    """A row per run and window: what tells the run apart, `time_s`, and the window's means."""
-    # As floats: a column of a run in which nothing is known would else be one of objects.
+    """Make a row per run and window: columns that identify the run, `time_s`, and the window's means."""
+    # As floats: otherwise a column in which every value is None would get the dtype object.
     frames = [
         pd.DataFrame(result["series"], dtype=float).assign(**_head(job))[[*_head(job), *result["series"]]]
         for job, result in runs
@@ -93,12 +93,12 @@ def series_of(runs: Finished) -> pd.DataFrame:
 
 
 def costs_of(runs: Finished) -> pd.DataFrame:
-    """A row per run: wall time [s], steps per second, largest memory of its process so far [MB], host."""
+    """Make a row per run: wall time [s], steps per second, peak memory of its process so far [MB], host."""
     return pd.DataFrame([{**_head(job), **result["cost"]} for job, result in runs])
 
 
 def digest_of(runs: Finished) -> str:
-    """One digest for a sweep, over those of its runs in the table's order."""
+    """Compute a sweep's digest from its runs' digests, in the table's order."""
     found = hashlib.blake2b(digest_size=16)
     for job, result in runs:
         found.update(f"{job.variant.label}/{job.replicate}/{result['summary']['digest']}\n".encode())
@@ -106,7 +106,7 @@ def digest_of(runs: Finished) -> str:
 
 
 def differing(table: pd.DataFrame) -> list[str]:
-    """Runs whose digests by different means differ: there must be none."""
+    """List the runs whose digests by different means differ; there must be none."""
     if table.empty:
         return []
     both = table.dropna(subset=list(DIGESTS.values()))
@@ -115,11 +115,11 @@ def differing(table: pd.DataFrame) -> list[str]:
 
 
 def read_table(file: Path, labels: Sequence[str] = ("variant",)) -> pd.DataFrame:
-    """Read a table that `write_table` wrote; in these columns `10`, `true` and `None` are text.
+    """Read a table that `write_table` wrote. In the columns `labels`, `10`, `true` and `None` are text.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: it holds no table.
+        ValueError: the file holds no table.
     """
     columns = pd.read_csv(file, nrows=0).columns
     texts = {name: str for name in labels if name in columns}
@@ -128,7 +128,7 @@ def read_table(file: Path, labels: Sequence[str] = ("variant",)) -> pd.DataFrame
 
 
 def read_series(file: Path) -> pd.DataFrame:
-    """The time series of a sweep; empty if it kept none."""
+    """Read the time series of a sweep; return an empty frame if it kept none."""
     try:
         return read_table(file)
     except (FileNotFoundError, pd.errors.EmptyDataError):
@@ -136,7 +136,7 @@ def read_series(file: Path) -> pd.DataFrame:
 
 
 def write_table(path: Path, table: pd.DataFrame) -> list[Path]:
-    """A table as CSV, and as Parquet where pyarrow is installed; each file whole or not at all."""
+    """Write a table as CSV, and as Parquet if pyarrow is installed, each atomically; return the files."""
     written = [path.with_suffix(".csv")]
     write_whole(written[0], table.to_csv(index=False).encode())
     if importlib.util.find_spec("pyarrow") is not None:

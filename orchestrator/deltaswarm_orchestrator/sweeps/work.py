@@ -1,4 +1,4 @@
-"""One run of a sweep, from its scenario to what is kept of it."""
+"""Do one run of a sweep, from its scenario to the result that is kept."""
 
 import os
 import platform
@@ -32,10 +32,10 @@ WAKE_EVERY_S = 2.0
 """Whoever waits for a run wakes its process this often [s]: a stopped one must not keep a sweep waiting for ever."""
 
 WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
-"""What a summary says of the machine and not of the swarm; it is another one each time."""
+"""Summary keys that depend on the machine, not on the swarm; they differ each time."""
 
 PRINTED = ("folder", "exit_reason", "why", "operator_restarts", "resumed")
-"""What `deltaswarm run --json` prints beside a summary: of a folder that is gone when it is read."""
+"""Keys that `deltaswarm run --json` adds to a summary. They are about a folder that is deleted after the run."""
 
 
 class RunError(Exception):
@@ -43,7 +43,7 @@ class RunError(Exception):
 
 
 class DisturbedError(RunError):
-    """A run by processes that lost one of them, or waited for one too long: the machine's doing, not the scenario's."""
+    """A run lost a process or waited for one too long. The cause is the machine, not the scenario."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +53,18 @@ class Task:
     job: Job
     means: str = IN_PROCESS
     scratch: str | None = None
-    """A folder for what processes write while they run; the system's own if None."""
+    """Folder for what the processes write during the run; None: the system's temporary folder."""
 
 
 Result = dict[str, Any]
-"""What is kept of a run: its summary, its time series, and what it cost. Plain, for JSON."""
+"""What is kept of a run: summary, time series and cost, as plain values for JSON."""
 
 
 def work(task: Task) -> Result:
     """Do one run.
 
     Raises:
-        RunError: it is not valid; says why.
+        RunError: the run failed or is not valid; the text says why.
     """
     began = time.monotonic()
     scenario = task.job.scenario
@@ -94,7 +94,7 @@ def work(task: Task) -> Result:
 
 
 def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
-    """The same run by `deltaswarm run`: world, operator and every agent a process."""
+    """Do the run by `deltaswarm run`, with a process each for the world, the operator and every agent."""
     folder = Path(tempfile.mkdtemp(prefix="run-", dir=task.scratch))
     try:
         file = folder / "scenario.toml"
@@ -135,10 +135,10 @@ def _ended(code: int) -> str:
 
 
 def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list[float | None]]:
-    """Means over windows of `every_s` seconds of every column of `series.csv`; `time_s` is where each begins.
+    """Average every column of `series.csv` over windows of `every_s` seconds; `time_s` is each window's start [s].
 
-    Besides, `events_arrived` in the window and their mean waiting time `waiting_time_s`, which for those that were
-    never sensed counts to the end of the run.
+    Add `events_arrived`, the number of events that arrived in the window, and `waiting_time_s`, their mean waiting
+    time [s]. An event that was never sensed waits until the end of the run.
     """
     if every_s == 0:
         return {}

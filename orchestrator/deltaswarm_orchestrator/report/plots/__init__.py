@@ -1,1 +1,1 @@
-"""Figures: data frames in, matplotlib figures out; only `style` writes files."""
+"""Figures: each module turns data into matplotlib figures; only `style` writes files."""

@@ -1,4 +1,4 @@
-"""How a command spreads: one panel per range of the base, one line per share of frames lost."""
+"""Draw how a command spreads: one panel per range of the base, one line per share of frames lost."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,10 +9,10 @@ from deltaswarm_orchestrator.report.plots import style
 
 
 def coverage(found: Mapping[str, Any], *, width_in: float = style.TEXT_IN, height_in: float = 2.1) -> Figure:
-    """The share of agents that know a command against the time since it was sent.
+    """Draw the share of agents that know a command against the time since it was sent.
 
     Args:
-        found: as `bench.coverage.measure_coverage` gives it.
+        found: the result of `bench.coverage.measure_coverage`.
         width_in: width [in].
         height_in: height [in].
     """

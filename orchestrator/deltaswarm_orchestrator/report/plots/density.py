@@ -1,4 +1,4 @@
-"""The paper's event density phi(x, y) as a field to be drawn, for every kind that a scenario may name."""
+"""The paper's event density phi(x, y) as a field to draw, for every kind that a scenario may name."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ CELLS = 200
 
 
 def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
-    """The density of events (cells, cells) [1/m2] at the cells' centres, rows from y = 0, columns from x = 0.
+    """Return the density of events (cells, cells) [1/m2] at the cells' centres, rows from y = 0, columns from x = 0.
 
-    Its integral over the arena is 1: what falls outside is drawn again. Of a grid, the file is read.
+    Its integral over the arena is 1, because an event outside the arena is drawn again. A grid is read from its file.
 
     Raises:
         OSError: the grid's file cannot be read.
-        ValueError: it holds no table of weights.
+        ValueError: the grid's file holds no table of weights.
     """
     arena, density = scenario.arena, scenario.events.density
     shares = (np.arange(cells) + 0.5) / cells
@@ -44,7 +44,7 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
 
 
 def level_holding(field: Floats, share: float) -> float | None:
-    """The level above which a density (rows, columns) holds this share of all events; None if it is the same all over.
+    """Return the level above which a density (rows, columns) holds this share of all events; None if it is uniform.
 
     The paper speaks of the area in which 95 % of the events occur.
     """
@@ -56,6 +56,6 @@ def level_holding(field: Floats, share: float) -> float | None:
 
 
 def _weights(file: str) -> Floats:
-    if file.endswith(".npy"):  # read as such only: np.load would take zips for arrays too
+    if file.endswith(".npy"):  # not by np.load, which would also accept zip files
         return np.atleast_2d(np.array(np.lib.format.open_memmap(file, mode="r"), dtype=np.float64))
     return np.loadtxt(Path(file), delimiter=",", ndmin=2)

@@ -1,4 +1,4 @@
-"""Speed and memory of a run against the number of agents, for the testbed's own limits; no figure of the paper."""
+"""Draw speed and memory of a run against the number of agents: the testbed's limits, not a figure of the paper."""
 
 from collections.abc import Mapping, Sequence
 
@@ -11,15 +11,15 @@ from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.report.plots.density import Floats
 
 PANELS = (("steps_per_s", "steps per s", -1), ("peak_memory_mb", "memory [MB]", 1))
-"""Key, label, and the power of the number of agents that linear cost means: half the steps, or twice the memory."""
+"""Key, label, and exponent at linear cost: twice the agents make half the steps per second, or twice the memory."""
 
 LINEAR = "linear in the number of agents"
 
 
 def scale(rows: Sequence[Mapping[str, float]], *, width_in: float = style.TEXT_IN, height_in: float = 2.3) -> Figure:
-    """Steps per second and memory against the number of agents, both axes logarithmic.
+    """Draw steps per second and memory against the number of agents, both axes logarithmic.
 
-    The thin dashed line is what cost linear in the number of agents would give from the smallest swarm on.
+    The thin dashed line extrapolates from the smallest swarm, at a cost linear in the number of agents.
 
     Args:
         rows: one for each number of agents, with `agents`, `steps_per_s` and `peak_memory_mb`, all above 0.
@@ -55,7 +55,7 @@ def _finish(axes: Axes, agents: Floats, label: str) -> None:
 
 
 def _apart(counts: Floats) -> list[float]:
-    """The counts that can be written below a logarithmic axis without touching."""
+    """Select the counts that can be written below a logarithmic axis without touching."""
     least = (counts[-1] / counts[0]) ** 0.12
     kept = [float(counts[0])]
     for count in counts[1:]:

@@ -1,7 +1,7 @@
-"""The look that all figures share: sizes, type, colours that survive a grey printer, and files that repeat.
+"""The look that all figures share: sizes, type, colours that survive a grey printer, and reproducible files.
 
-No figure touches matplotlib's global state: `drawing()` sets what it needs and puts everything back,
-and figures are made without pyplot.
+No figure touches matplotlib's global state: `drawing()` sets what it needs and restores everything, and figures are
+made without pyplot.
 """
 
 import io
@@ -19,19 +19,19 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 TEXT_IN = 4.8
-"""Width of the paper's text [in]; its figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
+"""Width of the paper's text [in]. The figures are as wide, so that nothing is scaled and 8 pt stays 8 pt."""
 
 STYLE = Path(__file__).with_name("deltaswarm.mplstyle")
 
 BLACK, GREY, PALE = "#000000", "#666666", "#d0d0d0"
 
 LEVELS = ("#004488", "#b12a90", "#d6556d", "#f2844b", "#fdb130", "#f7e425")
-"""Colours by level in a tree: roots blue as in the paper, then lighter with depth; the last for all deeper ones."""
+"""Colours by level in a tree: roots blue as in the paper, then lighter with depth; the last for all deeper levels."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """How one variant is drawn, in every figure: each part alone tells it from its neighbours."""
+    """How a variant is drawn in every figure. Each attribute alone distinguishes it from its neighbours."""
 
     colour: str
     marker: str
@@ -40,7 +40,7 @@ class Look:
 
     @property
     def tint(self) -> str:
-        """The colour at half strength, for areas on which black must be read."""
+        """The colour at half strength, for areas on which black must be legible."""
         return mix(self.colour, "#ffffff", 0.5)
 
 
@@ -49,7 +49,7 @@ MODES = {
     "hybrid": Look("#bb5566", "o", "....", "-"),
     "decentralised": Look("#ddaa33", "^", "", (0, (1, 1))),
 }
-"""Tol's high-contrast colours, for the colour-blind and for grey; hybrid lies between the other two."""
+"""Tol's high-contrast colours, for colour-blind readers and grey printing; hybrid lies between the other two."""
 
 OTHERS = (
     Look("#56b4e9", "D", r"\\\\", "-"),
@@ -58,10 +58,10 @@ OTHERS = (
     Look("#ddcc77", "X", "----", (0, (6, 2))),
     Look("#888888", "p", "++++", (0, (4, 1, 1, 1))),
 )
-"""For variants that are no control mode, in their order of appearance."""
+"""Looks for variants that are not control modes, in order of appearance."""
 
 HYBRID_DELTA = 3
-"""The paper's delta, which has the colour and marker of its mode."""
+"""The paper's delta, which has the look of the hybrid mode itself."""
 
 _DELTA_MARKERS = {2: "D", 4: "v", 5: "P", 6: "X", 7: "<", 8: ">", 9: "p", 10: "h"}
 _DELTA_LINES: tuple[Any, ...] = ((0, (3, 1)), (0, (4, 1, 1, 1)), (0, (2, 2)), "-")
@@ -69,20 +69,20 @@ _HYBRID = re.compile(r"hybrid\s+(\d+)$")
 
 
 def delta_of(variant: str) -> int | None:
-    """The delta of a variant named "hybrid <delta>"; None for any other."""
+    """Return the delta of a variant named "hybrid <delta>"; None for any other."""
     found = _HYBRID.match(variant)
     return int(found[1]) if found else None
 
 
 def looks(variants: Iterable[str], *, repeat: bool = False) -> dict[str, Look]:
-    """The look of each variant of a figure. Modes and deltas look the same in every figure.
+    """Choose the look of each variant of a figure. Modes and deltas look the same in every figure.
 
     Args:
         variants: in the order in which they are drawn.
-        repeat: use looks again when all are used up, for figures that write each variant's name beside it.
+        repeat: reuse looks when all are used up, for figures that write each variant's name beside it.
 
     Raises:
-        ValueError: more other variants than there are looks that can be told apart.
+        ValueError: there are more variants besides the modes than distinguishable looks.
     """
     found: dict[str, Look] = {}
     others = itertools.cycle(OTHERS) if repeat else iter(OTHERS)
@@ -97,7 +97,7 @@ def looks(variants: Iterable[str], *, repeat: bool = False) -> dict[str, Look]:
 
 
 def _of_delta(delta: int) -> Look:
-    """Between hierarchical and decentralised by delta, as the swarm itself is (delta sensitivity analysis)."""
+    """Choose a look between hierarchical and decentralised by delta, like the swarm (delta sensitivity analysis)."""
     hybrid = MODES["hybrid"]
     if delta == HYBRID_DELTA:
         return hybrid
@@ -109,26 +109,26 @@ def _of_delta(delta: int) -> Look:
 
 
 def shown(variant: str) -> str:
-    """A variant's name as it stands in a figure."""
+    """Return a variant's name as figures show it."""
     delta = delta_of(variant)
     return variant.replace("$", r"\$") if delta is None else rf"hybrid $\delta = {delta}$"
 
 
 def mix(one: str, other: str, share: float) -> str:
-    """The colour that lies `share` of the way from one to the other."""
+    """Mix two colours; `share` is the part of `other`, from 0 to 1."""
     red, green, blue = (a + (b - a) * share for a, b in zip(to_rgb(one), to_rgb(other), strict=True))
     return to_hex((red, green, blue))
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Draw with this style on matplotlib's own defaults, whatever the user's are; then put all back."""
+    """Draw with this style on matplotlib's own defaults, whatever the user's are; then restore everything."""
     with matplotlib.style.context(STYLE, after_reset=True):
         yield
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """An empty figure, laid out so that nothing overlaps or is cut off."""
+    """Make an empty figure, laid out so that nothing overlaps or is cut off."""
     return Figure(figsize=(width_in, height_in), layout="constrained")
 
 
@@ -140,7 +140,7 @@ METADATA: Mapping[str, dict[str, Any]] = {
 
 
 def rendered(figure: Figure, kind: str) -> bytes:
-    """A figure as PNG, SVG or PDF: the same figure gives the same bytes."""
+    """Render a figure as PNG, SVG or PDF; the same figure gives the same bytes."""
     stream = io.BytesIO()
     with drawing():
         figure.savefig(stream, format=kind, metadata=METADATA[kind])
@@ -157,7 +157,7 @@ def save(figure: Figure, path: Path) -> list[Path]:
 
 
 def save_as(as_kind: Callable[[str], bytes], path: Path) -> list[Path]:
-    """The same for a figure that is drawn elsewhere: `as_kind` gives it as `png`, `svg` or `pdf`."""
+    """Write the same files for a figure that is rendered elsewhere: `as_kind` returns it as `png`, `svg` or `pdf`."""
     files = [path.with_name(f"{path.name}.{kind}") for kind in METADATA]  # not with_suffix: a name may hold a dot
     for file, kind in zip(files, METADATA, strict=True):
         file.write_bytes(as_kind(kind))

@@ -1,4 +1,4 @@
-"""A swarm at work under each kind of control: the paper's examples of early tree formations."""
+"""Draw a swarm at work under each kind of control: the paper's examples of early tree formations."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -26,7 +26,7 @@ _SHADES = ListedColormap(matplotlib.colormaps["Greys"](np.linspace(0.0, 0.5, 256
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A swarm at one time. Places in m, world frame; `phi` (rows, columns) is the event density [1/m2]."""
+    """A swarm at one time. Positions are in m, world frame; `phi` (rows, columns) is the event density [1/m2]."""
 
     time_s: float
     width_m: float
@@ -48,7 +48,7 @@ class _Kind:
 
     @property
     def look(self) -> dict[str, Any]:
-        """As the artists of matplotlib take it, in a panel and in the legend."""
+        """The look as arguments of matplotlib's artists, for panels and the legend."""
         return {
             "linestyle": "none",
             "marker": self.marker,
@@ -74,18 +74,18 @@ KINDS = (_FREE, _ATTENDING, _ROOT, *_MEMBERS, _RELOCATING, _DEAD)
 
 
 def swarm(snapshots: Mapping[str, Snapshot], *, width_in: float = style.TEXT_IN) -> Figure:
-    """One panel per snapshot, side by side (the paper's three panels: decentralised, hierarchical, hybrid).
+    """Draw one panel per snapshot, side by side (the paper's three panels: decentralised, hierarchical, hybrid).
 
-    The shade is the event density, with a dotted line around 95 % of the events; black dots are events that
-    are not complete. Agents in trees are coloured by level, roots blue, with a line from each child to its
-    parent and the sensing range around each; free, attending and relocating agents have markers of their own.
+    The shade is the event density, with a dotted line around 95 % of the events; black dots are incomplete events.
+    Agents in trees are coloured by level, roots blue, with a line from each child to its parent and the sensing range
+    around each; free, attending and relocating agents have markers of their own.
 
     Args:
-        snapshots: what to draw by title; a variant's name ("hybrid 3") is written as elsewhere.
+        snapshots: snapshots by title; a variant's name ("hybrid 3") is written as in other figures.
         width_in: width of the whole figure [in]; the height follows.
 
     Raises:
-        ValueError: no snapshots.
+        ValueError: there are no snapshots.
     """
     if not snapshots:
         raise ValueError("there are no snapshots")
@@ -116,7 +116,7 @@ def swarm(snapshots: Mapping[str, Snapshot], *, width_in: float = style.TEXT_IN)
 
 
 def kind_of(body: Body) -> _Kind:
-    """How an agent is drawn, by its role and level."""
+    """Return how an agent is drawn, by its role and level."""
     if body.role in ("member", "orphan"):
         return _MEMBERS[min(max(body.level, 1), _LAST) - 1]
     special = {"root": _ROOT, "attending": _ATTENDING, "relocating": _RELOCATING, "dead": _DEAD}
@@ -124,7 +124,7 @@ def kind_of(body: Body) -> _Kind:
 
 
 def edges(bodies: Sequence[Body]) -> Iterator[tuple[tuple[float, float], tuple[float, float]]]:
-    """Lines from each child to its parent [m]; an orphan's parent is lost, and so is the line."""
+    """Yield a line from each child to its parent [m]; an orphan has lost its parent and gets no line."""
     places = {body.agent: (body.x_m, body.y_m) for body in bodies}
     for body in bodies:
         if body.role == "member" and body.parent in places:
@@ -147,7 +147,7 @@ def _panel(axes: Axes, shot: Snapshot) -> None:
     for kind in KINDS:
         places = [(body.x_m, body.y_m) for body in shot.bodies if kind_of(body) == kind]
         if places:
-            # A root's is a larger square: a member that stands close leaves it visible.
+            # A root's marker is larger and lies below, so that it stays visible behind a close member.
             axes.plot(*np.array(places).T, zorder=2.9 if kind == _ROOT else 3, clip_on=False, **kind.look)
     events = [(event.x_m, event.y_m) for event in shot.events]
     axes.plot(
