@@ -42,7 +42,7 @@ MODES = ("peer", "router")
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of the operator."""
+    """Make the operator's argument parser."""
     made = argparse.ArgumentParser(
         prog="deltaswarm operator",
         description="Run the operator.",
@@ -74,7 +74,7 @@ def _add_measuring(made: argparse.ArgumentParser, step: str) -> None:
 
 
 def open_air_parser() -> argparse.ArgumentParser:
-    """The command line of the operator without a world."""
+    """Make the argument parser of the operator without a world."""
     made = argparse.ArgumentParser(
         prog="deltaswarm operator --no-world",
         description="Monitor boards in open air: which are alive, and how much they report. With a key that the boards "

@@ -24,17 +24,17 @@ class _Alive(NamedTuple):
 
 
 class Base:
-    """The base of one operator. Times are those of any clock that goes on [s].
+    """The base of one operator. Times are of any monotonic clock [s].
 
     Args:
         step_s: length of the boards' steps [s], in which they count a command's life.
-        counter: number of the first frame. Boards drop frames with a number not above that of earlier ones, so an
-            operator that starts again begins higher, such as with the time of its start.
+        counter: frames are numbered from the next number on. Boards drop frames whose number does not grow, so a
+            restarted operator must begin higher, for example with its start time.
     """
 
     def __init__(self, step_s: float, counter: int = 0) -> None:
         self.frames = 0
-        """Frames that were made."""
+        """Number of frames made."""
         self._step_s = step_s
         self._counter = counter
         self._alive: list[_Alive] = []
@@ -42,7 +42,7 @@ class Base:
         self._due_s: float | None = None
 
     def send(self, commands: Sequence[Signed], now_s: float) -> None:
-        """Let the base send these commands from now on."""
+        """Send these commands from now on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.insert(0, _Alive(signed, now_s + max(life_s, self._step_s)))
@@ -51,11 +51,11 @@ class Base:
             self._due_s = now_s
 
     def wait_s(self, now_s: float) -> float | None:
-        """Time until the next frame is due [s]; None if there is none."""
+        """Return the time until the next frame is due [s]; None if there is none."""
         return None if self._due_s is None else max(0.0, self._due_s - now_s)
 
     def frame(self, now_s: float) -> bytes | None:
-        """The frame that is due, if any: the newest commands first, and those that did not fit in the next one."""
+        """Return the frame that is due, if any: newest commands first; those that do not fit go into the next frame."""
         if self._due_s is None or now_s < self._due_s:
             return None
         self._alive = [alive for alive in self._alive if alive.ends_s - now_s >= self._step_s]
@@ -72,7 +72,7 @@ class Base:
         self._first += len(items)
         is_round_over = self._first >= len(self._alive)
         self._first = 0 if is_round_over else self._first
-        # A board takes one frame of each sender in a step.
+        # A board takes one frame from each sender per step.
         self._due_s = now_s + (REPEAT_S if is_round_over else min(2 * self._step_s, REPEAT_S))
         self._counter = min(self._counter + 1, MAX_ID)
         self.frames += 1

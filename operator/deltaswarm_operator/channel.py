@@ -1,4 +1,4 @@
-"""The operator's end of the socket pair to its station: nothing here ever waits, and what does not fit is dropped."""
+"""The operator's end of the socket pair to its station. Sending never waits; what does not fit is dropped."""
 
 import socket
 import threading
@@ -9,9 +9,9 @@ SEND_BUFFER_BYTES = 1024 * 1024
 
 
 class Channel:
-    """Datagrams to the station, and the intents that come back.
+    """Sends datagrams to the station, and receives its intents.
 
-    `take` gets each intent, in a thread of its own; None once the station has closed its end.
+    `take` is called in a separate thread: with each intent, and with None once the station has closed its end.
     """
 
     def __init__(self, end: socket.socket, take: Callable[[bytes | None], None]) -> None:
@@ -22,7 +22,7 @@ class Channel:
         threading.Thread(target=self._receive, daemon=True).start()
 
     def send(self, datagram: bytes) -> None:
-        """Send one datagram; it is dropped if the station is behind, or gone."""
+        """Send one datagram; drop it if the station is behind or gone."""
         try:
             self._end.send(datagram, socket.MSG_DONTWAIT)
         except OSError:

@@ -1,4 +1,4 @@
-"""The operator's commands: numbered, checked against what the controller accepts, followed by agents' answers."""
+"""Numbers the operator's commands, checks them against what the controller accepts, and counts agents' answers."""
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
@@ -26,27 +26,27 @@ SHOWN = 50
 
 @dataclass
 class Sent:
-    """A command that was given, and the agents that answered it, by the state that they told."""
+    """A command, and the state that each answering agent reported."""
 
     command: Command
     sent_s: float
     answers: dict[int, int] = field(default_factory=dict)
 
     def count(self, state: int) -> int:
-        """How many agents told this state last."""
+        """Return the number of agents in this state."""
         return list(self.answers.values()).count(state)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many agents know it, have carried it out, and have refused it."""
+        """Numbers of agents that know the command, have carried it out, and have refused it."""
         return {"heard": len(self.answers), "done": self.count(DONE), "refused": self.count(REFUSED)}
 
     def state(self, now_s: float) -> str:
-        """What has become of it: a fate that the station shows."""
+        """Return the outcome, as the station shows it."""
         if self.count(DONE):
             return CARRIED_OUT
         if self.answers:
-            return KNOWN  # an agent may still be at it, or tell of it later
+            return KNOWN  # an agent may still be carrying it out, or report later
         return EXPIRED if now_s > self.sent_s + self.command.life_s else SENT
 
 
@@ -59,9 +59,9 @@ class Commander:
 
     Args:
         forms: the commands that the controller accepts.
-        sign: the signature of an encoded command; without it there is none.
-        first: None: commands are numbered from 0. Else a command's number is this and the time at which it is given
-            [s], so that agents that remember an earlier operator's commands take those of a later one for new.
+        sign: signs an encoded command; default: no signature.
+        first: None: commands are numbered from 0. Otherwise a command's number is at least `first` plus its time [s],
+            so that agents that remember an earlier operator's commands take those of a later operator as new.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Commander:
         self._first = first
         self._queue: list[Command] = []
         self._under_way = 0
-        """Commands of turns that may wait in the world: of those at most `MAX_IN_TURN` leave in a step."""
+        """Number of commands that may still wait in the world, where at most `MAX_IN_TURN` leave per step."""
 
     @property
     def has_room(self) -> bool:
@@ -110,26 +110,26 @@ class Commander:
         return after if self._first is None else max(after, self._first + int(now_s))
 
     def take(self) -> tuple[Signed, ...]:
-        """The commands of the next turn, as they are sent."""
+        """Take the commands of the next turn, encoded and signed."""
         taken, self._queue = self._queue[:MAX_IN_TURN], self._queue[MAX_IN_TURN:]
         self._under_way += len(taken)
         bodies = [encode_command(command) for command in taken]
         return tuple([Signed(body, self._sign(body) if self._sign else b"") for body in bodies])
 
     def close_step(self) -> None:
-        """A step is closed: commands have left."""
+        """Note that a step is closed, in which commands have left."""
         self._under_way = max(0, self._under_way - MAX_IN_TURN)
 
     def hear(self, report: Report) -> None:
-        """Note what a report answers."""
+        """Note the answers in a report."""
         for number, state in report.answers:
             index = bisect_left(self.sent, number, key=_number)
             if index < len(self.sent) and _number(self.sent[index]) == number:
-                answers = self.sent[index].answers  # a report may be delayed: a command that is done stays so
+                answers = self.sent[index].answers  # a delayed report must not undo a state
                 answers[report.agent] = max(state, answers.get(report.agent, HEARD))
 
     def rows(self, now_s: float) -> list[list[Any]]:
-        """The newest commands and their fate, for the station, which counts them from 0."""
+        """Return the newest commands and their outcomes for the station, which counts commands from 0."""
         rows = []
         for index, sent in [*enumerate(self.sent)][-SHOWN:]:
             command = sent.command
@@ -140,7 +140,7 @@ class Commander:
         return rows
 
     def fates(self, now_s: float) -> list[dict[str, Any]]:
-        """All commands and what became of them, for JSON."""
+        """Return all commands and their outcomes, for JSON."""
         return [
             {
                 "number": sent.command.number,
@@ -154,12 +154,12 @@ class Commander:
         ]
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         sent = [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
         return {"sent": sent, "queued": len(self._queue)}
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another's `state` said."""
+        """Resume from another object's `state`."""
         sent, queued = state["sent"], state["queued"]
         self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in sent]
         self._queue = [one.command for one in self.sent[len(sent) - queued :]]

@@ -1,4 +1,4 @@
-"""What the command line of an operator in open air says of commands and of the station."""
+"""Command-line options for commands and the station of an operator in open air."""
 
 import argparse
 import tomllib
@@ -26,7 +26,7 @@ class Commanding:
 
     briefing: Briefing
     sign: Sign | None
-    """What signs commands; None: there are none, somebody only watches."""
+    """Signs commands; None: no commands, the station only watches."""
     board_step_s: float
     """Length of the boards' steps [s]."""
     listen: str | None
@@ -57,10 +57,10 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
 
 
 def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, step_s: float) -> Commanding | None:
-    """What the arguments say; None: the operator only counts.
+    """Read the arguments; return None if the operator only counts.
 
     Raises:
-        ValueError, OSError: they contradict each other, or name a file that is wrong.
+        ValueError, OSError: the arguments contradict each other, or a named file is wrong.
     """
     if arguments.station_listen and not arguments.station:
         raise ValueError("--station-listen needs --station")
@@ -95,7 +95,7 @@ def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, ste
 
 
 def _task(file: Path | None, mode: str | None) -> AgentSettings:
-    """The boards' task, with another controller if one is given."""
+    """Read the boards' task; a given mode replaces its controller."""
     table: Any = tomllib.loads(file.read_text()) if file else {}
     table = table.get("agent", {})
     if mode:
@@ -107,13 +107,13 @@ def _task(file: Path | None, mode: str | None) -> AgentSettings:
 
 
 def _options_of(table: Any, mode: str) -> dict[str, Any]:
-    """A file's options of its controller, which another controller does not have."""
+    """Return a file's controller options if they are for this controller."""
     control = table.get("control", {})
     return dict(control) if control.get("mode") == mode else {}
 
 
 def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandSettings, ...]:
-    """Commands of a file, checked against what the controller accepts."""
+    """Read a file's commands and check them against what the controller accepts."""
     if file is None:
         return ()
     commands = checked.load(_Script, tomllib.loads(file.read_text())).command

@@ -1,4 +1,4 @@
-"""What the person at the station did and answered, as tables: a row per act, and a row per answer."""
+"""Tables of the acts and answers of the person at the station: a row per act, a row per answer."""
 
 import csv
 from pathlib import Path
@@ -10,7 +10,7 @@ DEEDS, PROBES = "deeds.csv", "probes.csv"
 
 
 class DeedTables:
-    """`deeds.csv` and `probes.csv`, each row on disk as soon as it is known."""
+    """`deeds.csv` and `probes.csv`; each row is written as soon as it is known."""
 
     def __init__(self, folder: Path, *, go_on: bool) -> None:
         mode = "a" if go_on else "w"
@@ -22,7 +22,7 @@ class DeedTables:
         self._written = 0
 
     def write(self, desk: Desk) -> None:
-        """Write what is new."""
+        """Write the new rows."""
         if not desk.deeds and len(desk.probes.rows) == self._written:
             return
         while desk.deeds:
@@ -33,7 +33,7 @@ class DeedTables:
             stream.flush()
 
     def close(self, desk: Desk) -> None:
-        """Write what is left."""
+        """Write the remaining rows and close the files."""
         self.write(desk)
         for stream in self._streams:
             stream.close()

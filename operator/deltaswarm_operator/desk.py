@@ -1,6 +1,6 @@
 """The operator's desk: picture, commands, pace and probes of one run, as a person or a script uses them.
 
-Pure: what arrives goes in, turns and the station's datagrams come out. The station's messages are in `docs/STATION.md`.
+Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` describes the station's messages.
 """
 
 import json
@@ -28,11 +28,11 @@ MAX_NOTE = 2000
 """Characters."""
 NO_CONSENT = "the run begins once the participant has consented"
 RESIDUE_S = 60.0
-"""An item that is unread for longer is residue of an earlier load [simulated s]."""
+"""An item unread for longer than this is residue of an earlier load [simulated s]."""
 
 
 class Deed(NamedTuple):
-    """One act of the person, or of what stands in for one; `detail` is JSON."""
+    """One act of a real, simulated or scripted person; `detail` is JSON."""
 
     time_s: float
     kind: str
@@ -40,7 +40,7 @@ class Deed(NamedTuple):
 
 
 def _person(briefing: Briefing) -> Person | None:
-    """The simulated person that a briefing asks for, if any."""
+    """Make the simulated person that a briefing asks for, if any."""
     settings = briefing.operator.person
     if not settings.is_on:
         return None
@@ -55,9 +55,9 @@ class Desk:
     """One operator's desk.
 
     Args:
-        briefing: what the operator is told.
-        commander: numbers and signs commands; default: from 0 on, unsigned.
-        in_air: in open air: time has no pace, and a command leaves the base at once.
+        briefing: what the operator knows in advance.
+        commander: numbers and signs commands; default: numbers from 0, unsigned.
+        in_air: whether in open air, where time has no pace and a command leaves the base at once.
     """
 
     def __init__(self, briefing: Briefing, commander: Commander | None = None, *, in_air: bool = False) -> None:
@@ -67,9 +67,9 @@ class Desk:
         self.person = _person(briefing)
         self.pace = Pace(briefing.speed, -1)
         self.deeds: deque[Deed] = deque()
-        """Acts that have not been written down yet."""
+        """Acts not yet written down."""
         self.rejected = 0
-        """Intents of the station that were dropped."""
+        """Number of dropped intents of the station."""
         self._briefing = briefing
         self._in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
@@ -87,13 +87,13 @@ class Desk:
         return [self._briefing.operator.threshold_hz, *self._briefing.operator.more_thresholds_hz]
 
     def begin(self, wall_s: float) -> None:
-        """Before the first step: a session's sheet holds the run back until it is filled in."""
+        """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
         self.probes.begin(wall_s)
         if self.probes.open(wall_s):
             self.pace = self.pace._replace(hold_step=0)
 
     def close(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
-        """Take in a closed step; the operator's turn."""
+        """Take in a closed step; return the operator's turn."""
         self._step, self._is_over, self._workload = clock.step, clock.last, workload
         self.commander.close_step()
         for report in reports:
@@ -110,18 +110,18 @@ class Desk:
         return self.turn()
 
     def turn(self) -> Turn:
-        """What the operator commands now."""
+        """Return the turn with the commands given so far."""
         return Turn(self._step, self.commander.take())
 
     def _follow_script(self, step: int) -> None:
-        """Give the commands that are to leave the base in this step; those that are too early leave in the first."""
+        """Give the script's commands for this step; those that are too early leave in the first possible step."""
         while self._is_scripted(step) and self.commander.has_room:
             scripted = self._script.popleft()
             target = Target(scripted.target, scripted.numbers)
             self._command(scripted.name, target, scripted.arguments, scripted.life_s)
 
     def _act_as(self, person: Person, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
-        """Do what the simulated person has done by now."""
+        """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
                 self._note("read", self.picture.read(act.numbers))
@@ -134,7 +134,7 @@ class Desk:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The figures of the simulated person, as JSON has them; nothing without one."""
+        """The metrics of the simulated person, for JSON; empty without one."""
         return {} if self.person is None else {"person": self.person.totals}
 
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
@@ -146,11 +146,11 @@ class Desk:
         self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
 
     def _is_scripted(self, step: int) -> bool:
-        """Whether the next command of the script is to leave the base up to this step."""
+        """Whether the script's next command is due in this step or before."""
         return bool(self._script) and round(self._script[0].at_s / self._briefing.step_s) <= step
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         return {
             "commands": self.commander.state(),
             "script": len(self._script),
@@ -164,7 +164,7 @@ class Desk:
         }
 
     def go_on(self, step: int, state: Mapping[str, Any]) -> None:
-        """Go on after a step from what another's `state` said."""
+        """Resume after a step from another desk's `state`."""
         self._step = step
         self.commander.go_on(state["commands"])
         if self.person is not None:
@@ -180,7 +180,7 @@ class Desk:
     # The station
 
     def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> bytes:
-        """What the page must know of the run."""
+        """Return the message that describes the run to the page."""
         briefing = self._briefing
         probes = briefing.operator.probes
         return _json(
@@ -205,9 +205,9 @@ class Desk:
         )
 
     def show(self, wall_s: float, **more: Any) -> bytes:
-        """The newest picture."""
+        """Return the newest picture."""
         picture, workload = self.picture, self._workload
-        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also once a replay has gone back
+        first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also after a replay went back
         self._shown = len(picture.inbox)
         above_s = [steps * self._briefing.step_s for steps in self._steps_above]
         told = dict(
@@ -233,7 +233,7 @@ class Desk:
         return _json(**{**told, **more})
 
     def intend(self, data: bytes, wall_s: float) -> list[bytes]:
-        """Do what somebody at the station wants; what the station is answered."""
+        """Carry out an intent of the station; return the answers."""
         try:
             raw = json.loads(data)
         except ValueError:

@@ -17,19 +17,19 @@ from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 MAX_REPORTS_OF_ONE = 16
-"""Reports of one agent in a step that the desk takes in: the newest. Without admission control anyone may send."""
+"""The desk takes this many of one agent's newest reports per step: without admission control anyone may send."""
 
 
 class FieldedDesk:
-    """A desk with its base. Times are those since the operator's start [s].
+    """A desk with its base. Times count from the operator's start [s].
 
     Args:
         run: the run's name.
-        commanding: what the command line says.
-        folder: for the tables of what the person did.
+        commanding: settings from the command line.
+        folder: for the tables of the person's acts.
         put: publishes a radio frame of the base, with its attachment.
-        on_intent: is called in the channel's thread; `take` then wants the intent in the main one.
-        station: the channel's end, if there is a station.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        station: the operator's end of the channel, if there is a station.
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class FieldedDesk:
         on_intent: Callable[[bytes | None], None],
         station: socket.socket | None,
     ) -> None:
-        started = int(time.time())  # Unix time: an operator that starts again numbers frames and commands higher
+        started = int(time.time())  # Unix time: a restarted operator numbers frames and commands higher
         self.base = Base(commanding.board_step_s, started)
         self._base_m = commanding.briefing.base_m
         self._step_s = commanding.briefing.step_s
@@ -54,12 +54,12 @@ class FieldedDesk:
         self._staffed.begin()
 
     def hear(self, report: Report | None) -> None:
-        """Take in an accepted report; its step is by its board's clock, so what counts is when it arrived."""
+        """Take in an accepted report. It counts when it arrives, since its step is by its board's clock."""
         if report is not None:
             self._reports.setdefault(report.agent, deque(maxlen=MAX_REPORTS_OF_ONE)).append(report)
 
     def go_on(self, now_s: float, workload: Workload | None) -> None:
-        """Close a step, if one has ended, show the picture and send the frame that is due."""
+        """Close the step of this workload, if any; show the picture; send the frame that is due."""
         self._now_s = now_s
         if workload is None:
             self._staffed.show()
@@ -72,24 +72,24 @@ class FieldedDesk:
             self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
 
     def wait_s(self, now_s: float) -> float:
-        """Time until `go_on` wants to be called again, at the latest [s]."""
+        """Return the longest time until `go_on` must be called again [s]."""
         waits = [wait_s for wait_s in (self._staffed.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
         return min(waits, default=self._step_s)
 
     def take(self, intent: bytes | None, now_s: float) -> None:
-        """Do what somebody at the station wants; None: the station has gone."""
+        """Carry out an intent of the station; None: the station has gone."""
         self._now_s = now_s
         self._staffed.take(intent)
         self._staffed.show()
 
     @property
     def totals(self) -> dict[str, Any]:
-        """What the operator's totals have besides the workload."""
+        """The operator's totals besides the workload."""
         fates = self._staffed.desk.commander.fates(self._now_s)
         return {**self._staffed.totals, "commands": fates, "frames": self.base.frames}
 
     def finish(self) -> None:
-        """Nothing comes any more."""
+        """Complete and close the tables."""
         self._staffed.finish()
 
     def _send(self, turn: Turn) -> None:

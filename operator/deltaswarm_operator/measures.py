@@ -1,9 +1,9 @@
-"""What is measured of a simulated person: how busy it was, what it missed, how soon it answered.
+"""Measures of a simulated person: how busy it was, what it missed, how soon it answered.
 
 Fan-out is an outcome, never an input: NT / IT + 1 (Crandall et al. 2005, doi 10.1109/tsmca.2005.850587; after Olsen &
 Wood 2004, activity time / interaction time). The interaction time IT is the mean time that the person spends on an item
-of an agent. The neglect time NT is the mean time from the end of that to the beginning of the next item of the same
-agent. Commands are for the swarm as a whole and count in neither.
+of an agent. The neglect time NT is the mean time from the end of an item to the beginning of the next item of the same
+agent. Commands address the swarm as a whole and count in neither.
 """
 
 from collections.abc import Mapping
@@ -12,7 +12,7 @@ from math import log
 from typing import Any
 
 HIGH_LOAD = 0.7
-"""Time above this utilisation is counted; beyond it people are overloaded (Donmez, Nehme & Cummings 2010)."""
+"""Utilisation above which time is counted: people are overloaded beyond it (Donmez, Nehme & Cummings 2010)."""
 
 
 @dataclass
@@ -20,7 +20,7 @@ class Measures:
     """Counts and sums of one run; times are simulated [s]."""
 
     items: int = 0
-    """Of which each is read, missed, replaced by a newer one before it was read, or unread."""
+    """Each item is read, missed, replaced by a newer item before it was read, or still unread."""
     read: int = 0
     missed: int = 0
     replaced: int = 0
@@ -38,10 +38,10 @@ class Measures:
     neglect_s: float = 0.0
     isa: list[int] = field(default_factory=list)
     last_s: dict[int, float] = field(default_factory=dict)
-    """By agent, when the person was last done with an item of its."""
+    """Time at which the person finished the last item of each agent [s]."""
 
     def see_load(self, before: float, after: float, passed_s: float, memory_s: float, *, is_busy: bool) -> None:
-        """Time in which the load went from one value to another, towards 1 if the person was busy, else towards 0."""
+        """Add time in which the load changed from `before` to `after`: towards 1 if the person was busy, else to 0."""
         goal = float(is_busy)
         self.time_s += passed_s
         self.busy_s += goal * passed_s
@@ -54,13 +54,13 @@ class Measures:
             self.high_s += min(max(crossed_s if was else passed_s - crossed_s, 0.0), passed_s)
 
     def see_unread(self, unread: int) -> None:
-        """How many items wait at the end of a step."""
+        """Add the number of items that wait at the end of a step."""
         self.closes += 1
         self.unread_sum += unread
         self.unread_max = max(self.unread_max, unread)
 
     def interact(self, agent: int, began_s: float, ended_s: float) -> None:
-        """The person was concerned with an item of an agent."""
+        """Add the time that the person spent on an item of an agent."""
         self.interaction_s += ended_s - began_s
         if agent in self.last_s:
             self.neglects += 1
@@ -68,7 +68,7 @@ class Measures:
         self.last_s[agent] = ended_s
 
     def totals(self, unread: int) -> dict[str, Any]:
-        """The figures of the run so far, as JSON has them; `unread` items wait."""
+        """Return the metrics of the run so far, for JSON; `unread` items still wait."""
         interaction_s = _share(self.interaction_s, self.read)
         neglect_s = _share(self.neglect_s, self.neglects)
         return {
@@ -90,14 +90,14 @@ class Measures:
         }
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         return {
             **{one.name: getattr(self, one.name) for one in fields(self)},
             "last_s": sorted(self.last_s.items()),
         }
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another's `state` said."""
+        """Resume from another object's `state`."""
         for name, value in state.items():
             setattr(self, name, dict(value) if name == "last_s" else value)
 

@@ -41,12 +41,12 @@ class OpenAirConfig:
     run: str
     link: RouterLink
     pairs: Pairs
-    """Settings of its Zenoh session."""
+    """Settings of the Zenoh session."""
     settings: OperatorSettings
     step_s: float
     out: Path
     status_every_s: float
-    """Interval of status lines."""
+    """Interval of status lines [s]."""
     commanding: Commanding | None = None
     """A desk with commands, a station or both."""
 
@@ -56,7 +56,7 @@ WAKES_EVERY_S = 1.0
 
 
 class OpenAirOperator:
-    """The operator over an open session. `station` is its end of the channel to the station, if there is one."""
+    """The operator over an open session. `station` is the operator's end of the channel, if there is a station."""
 
     def __init__(
         self,
@@ -205,7 +205,7 @@ def run_open_air(config: OpenAirConfig) -> int:
 
     Raises:
         ValueError: the user's own Zenoh settings are refused.
-        OSError: the station does not come up.
+        OSError: the station does not start.
     """
     zenoh.init_log_from_env_or("error")
     inbox = Inbox()

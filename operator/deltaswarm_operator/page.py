@@ -14,10 +14,10 @@ ENDS_WITHIN_S = 3.0
 
 
 class Page:
-    """The station's process. It ends with the operator, however that ends: its feed closes.
+    """The station's process. However the operator ends, the station ends too, because its feed closes.
 
     Raises:
-        OSError: it did not come up; the text is for the user, and the station has said why.
+        OSError: the station did not start; the text is for the user, and the station has said why.
     """
 
     def __init__(self, listen: str) -> None:

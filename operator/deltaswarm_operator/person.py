@@ -1,11 +1,11 @@
-"""The simulated operator: one server with one queue, whose load slows the work; `docs/OPERATOR.md` has the sources.
+"""The simulated operator: one server with one queue, whose speed depends on its load (sources: `docs/OPERATOR.md`).
 
 Pure: the new items of a closed step, its time and the message rate in; acts out. All times are simulated [s].
 
-An overloaded person of the policy `threshold` changes delta. In the paper (Sensitivity to delta, figure 5) a smaller
-delta is more centralised and sends the operator less, from delta 10, which is as decentralised, down to delta 3; below
-it there are more roots, which report more. Here the least messages come with delta 5. So `delta_step` says in which
-direction delta goes, `delta_limit` how far, and neither goes without saying.
+An overloaded person with the policy `threshold` changes delta. In the paper (Sensitivity to delta, figure 5) delta 10
+behaves as decentralised control. A smaller delta is more centralised and sends the operator fewer messages, down to
+delta 3; below 3 there are more roots, which report more. Here delta 5 sends the fewest messages. So the right direction
+and limit of the change are not obvious: the settings `delta_step` and `delta_limit` give them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,13 +20,13 @@ from deltaswarm_wire.settings_operator import PersonSettings
 
 
 class Read(NamedTuple):
-    """The person has read these items; the newest of them, and those that it made obsolete."""
+    """The person has read an item; `numbers` also has the items that it replaced."""
 
     numbers: tuple[int, ...]
 
 
 class SetDelta(NamedTuple):
-    """The person commands a delta to all."""
+    """The person commands a delta to all agents."""
 
     delta: int
 
@@ -36,7 +36,7 @@ Act = Read | SetDelta
 
 @dataclass
 class _Entry:
-    """An item that waits to be read: the newest of its kind, with the numbers of those that it replaced."""
+    """An item that waits to be read, with its number and those of the items that it replaced."""
 
     item: Item
     numbers: list[int]
@@ -44,7 +44,7 @@ class _Entry:
 
 @dataclass
 class _Job:
-    """What the person is doing, until when."""
+    """The person's present work, with its start and end."""
 
     began_s: float
     ends_s: float
@@ -54,13 +54,13 @@ class _Job:
 
 @dataclass
 class Person:
-    """One person.
+    """One simulated person.
 
     Args:
-        settings: who it is.
+        settings: the person's parameters.
         rng: the person's own generator; a copy of the person has a copy of it.
-        threshold_hz: the message rate that it wants to stay below [1/s].
-        delta: what the swarm begins with; None where the controller takes no delta.
+        threshold_hz: the message rate to stay below [1/s].
+        delta: the swarm's initial delta; None if the controller takes no delta.
     """
 
     settings: PersonSettings
@@ -83,7 +83,7 @@ class Person:
 
     @property
     def unread(self) -> int:
-        """Items that wait, the one at hand among them."""
+        """Number of waiting items, including the item being read."""
         return len(self._waiting) + (self._job is not None and self._job.entry is not None)
 
     @property
@@ -92,7 +92,7 @@ class Person:
         return min(5, 1 + int(5 * self.load))
 
     def live(self, now_s: float, items: Sequence[Item], rate_hz: float) -> list[Act]:
-        """Live up to the end of a step, and take in what it brought; what the person has done by then."""
+        """Advance to the end of a step, then take in its items and rate; return the acts completed by then."""
         acts: list[Act] = []
         while True:
             if self._job is None:
@@ -112,7 +112,7 @@ class Person:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The figures of the run so far, as JSON has them."""
+        """The metrics of the run so far, for JSON."""
         return self.measures.totals(self.unread)
 
     def answer_isa(self) -> int:
@@ -123,7 +123,7 @@ class Person:
     # Time
 
     def _pass(self, until_s: float) -> None:
-        """Time passes in which the person is busy throughout, or idle throughout: dx/dt = (busy - x) / memory_s."""
+        """Advance through time in which the person is always busy or always idle: dx/dt = (busy - x) / memory_s."""
         passed_s = until_s - self._now_s
         if passed_s <= 0:
             return
@@ -134,7 +134,7 @@ class Person:
         self._now_s = until_s
 
     def _duration_s(self, median_s: float) -> float:
-        """How long a piece of work takes that is begun now."""
+        """Draw the duration of work that begins now [s]."""
         settings = self.settings
         self._drawn += 1
         away = (self.load - settings.best_load) / (1 - settings.best_load)
@@ -143,7 +143,7 @@ class Person:
     # Work
 
     def _begin(self) -> _Job | None:
-        """The next piece of work: a command before all reading, the new before the known, the oldest first."""
+        """Begin the next work: commands before reading, new items before known ones, oldest items first."""
         settings = self.settings
         delta = self._wanted_delta()
         if delta is not None:
@@ -168,7 +168,7 @@ class Person:
         return Read(tuple(job.entry.numbers))
 
     def _wanted_delta(self) -> int | None:
-        """The delta to command now, if there is one."""
+        """Return the delta to command now, or None."""
         settings, first = self.settings, self._first_delta
         if not settings.commands or self.delta is None or first is None or self._rate_hz is None:
             return None
@@ -188,7 +188,7 @@ class Person:
     # The queue
 
     def _take(self, item: Item) -> None:
-        """Add an item; it replaces what waits from the same sender and names no other event."""
+        """Add an item; it replaces waiting items of the same sender that name no other event."""
         self.measures.items += 1
         entry = _Entry(item, [item.number])
         for other in [other for other in self._waiting if other.item.agent == item.agent]:
@@ -196,12 +196,12 @@ class Person:
                 self._waiting.remove(other)
                 self.measures.replaced += 1
                 entry.numbers = [*other.numbers, *entry.numbers]
-                if other.item.is_new:  # nobody has read yet what was new in it
+                if other.item.is_new:  # its news is still unread
                     entry.item = entry.item._replace(is_new=True)
         self._waiting.append(entry)
 
     def _renege(self) -> None:
-        """Drop what has waited for too long: it is missed."""
+        """Drop items that have waited too long: they are missed."""
         there = [e for e in self._waiting if self._now_s - e.item.time_s <= self.settings.patience_s]
         self.measures.missed += len(self._waiting) - len(there)
         self._waiting = there
@@ -209,7 +209,7 @@ class Person:
     # Going on
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         job = self._job
         return {
             "delta": self.delta,
@@ -224,7 +224,7 @@ class Person:
         }
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another's `state` said; settings and generator are the same as at its beginning."""
+        """Resume from another person's `state`, with the same settings and generator as at that person's start."""
         self.delta, self.load = state["delta"], state["load"]
         self._now_s, self._rate_hz = state["now_s"], state["rate_hz"]
         self._commanded_s = state["commanded_s"]

@@ -1,7 +1,7 @@
-"""The operator's picture of the swarm: what the reports that arrived add up to, and how old it is.
+"""The operator's picture of the swarm: the sum of the reports that arrived, with its age.
 
-Pure: reports and clock in; places, roles, trees, events and inbox out. An agent of which no report told is not in it,
-and what was told is kept with its time: it ages, and nothing else is made up.
+Pure: reports and clock in; positions, roles, trees, events and inbox out. An agent that no report mentioned is absent.
+Everything reported is kept with its time, so it ages; nothing else is made up.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -11,22 +11,22 @@ from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Report
 
 EVENT_MEMORY_S = 300.0
-"""An event that nobody has reported for so long is taken off the map."""
+"""An event that nobody has reported for this time is removed [s]."""
 
 MAX_EVENTS = 2000
 MAX_INBOX = 20_000
 MAX_NUMBERS = 100_000
-"""Events whose numbers are remembered: in open air a sender may make up any."""
+"""Maximum number of events whose numbers are remembered: in open air a sender may invent events."""
 MAX_NAMED = 8
-"""Events that an item names."""
+"""Maximum number of events in an item."""
 NO_EVENTS: frozenset[int] = frozenset()
 ROOT, MEMBER = "root", "member"
 LEFT = "left its tree"
-"""The role of an agent that its root no longer names: what it does now is not known."""
+"""Role of an agent that its root no longer names: its present activity is unknown."""
 
 
 class KnownAgent(NamedTuple):
-    """What was last told of an agent. `is_own`: by its own report, else by its root's."""
+    """The last known state of an agent. `is_own`: from its own report, else from its root's."""
 
     x_m: float
     y_m: float
@@ -38,7 +38,7 @@ class KnownAgent(NamedTuple):
 
 
 class KnownEvent(NamedTuple):
-    """An event: its place, since when it is known, when it was reported last, and by whom."""
+    """An event: its position [m], the times of its first and last report [s], and the last reporter."""
 
     x_m: float
     y_m: float
@@ -48,9 +48,9 @@ class KnownEvent(NamedTuple):
 
 
 class Item(NamedTuple):
-    """One item of the inbox: a report that tells something its sender had not told before.
+    """One item of the inbox: a report with something that its sender had not reported before.
 
-    `is_new` says that it names an event, or a root, that the operator did not know.
+    `is_new`: the report names an event that the picture lacks, or its sender has become a root.
     """
 
     number: int
@@ -71,24 +71,24 @@ class Picture:
     def __init__(self, step_s: float) -> None:
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
-        """By the picture's own number: the first event that was told is 1."""
+        """By the picture's own numbers; the first reported event is 1."""
         self.inbox: list[Item] = []
         """All items, oldest first; item n is at index n."""
         self.unread: set[int] = set()
-        """Numbers of the items that nobody has read."""
+        """Numbers of the unread items."""
         self.now_s = 0.0
         self._step_s = step_s
         self._numbers: dict[int, int] = {}
-        """Events by a short number, in the order in which they were first told: their ids are long and mean nothing."""
+        """Short numbers of events, in order of their first report: event ids are long and mean nothing."""
         self._told: dict[int, tuple[str, frozenset[int]]] = {}
-        """By sender, the role and the events of its newest report."""
+        """Role and events in each sender's newest report."""
         self._newest_s: dict[int, float] = {}
-        """By sender, the time of its newest report."""
+        """Time of each sender's newest report [s]."""
         self._members: dict[int, set[int]] = {}
-        """By root, the agents that were last known as members of its tree, and may have been heard of since."""
+        """By root, the agents last known as members of its tree; newer reports may have moved some since."""
 
     def take(self, reports: Iterable[Report], now_s: float) -> list[Item]:
-        """Take in the reports of a closed step; the items that are new in the inbox."""
+        """Take in the reports of a closed step; return the new items, even if the inbox is full."""
         self.now_s = now_s
         items = [item for report in reports if (item := self._take(report)) is not None]
         oldest_s = now_s - EVENT_MEMORY_S
@@ -131,7 +131,7 @@ class Picture:
         return item
 
     def _take_tree(self, report: Report, said_s: float) -> None:
-        """Places and trees, as a root tells them; who is no longer named has left."""
+        """Update positions and trees; agents that their root no longer names have left."""
         root, agents = report.agent, self.agents
         is_root = report.role == ROOT
         members = self._members.get(root)
@@ -157,7 +157,7 @@ class Picture:
         self, agent: int, places: Mapping[int, tuple[float, float]], before: frozenset[int], said_s: float
     ) -> None:
         events = self.events
-        for event in before.difference(places):  # its own reporter does not tell of it any more
+        for event in before.difference(places):  # its last reporter no longer reports it
             if (known := events.get(event)) is not None and known.by == agent:
                 del events[event]
         for event, (x_m, y_m) in places.items():
@@ -169,17 +169,17 @@ class Picture:
                 events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent)
 
     def read(self, numbers: Iterable[int]) -> list[int]:
-        """Mark items as read; those that were not."""
+        """Mark items as read; return those that were unread."""
         fresh = sorted(self.unread.intersection(numbers))
         self.unread.difference_update(fresh)
         return fresh
 
     def waiting(self, longer_than_s: float) -> int:
-        """How many unread items are older than this [s]."""
+        """Return the number of unread items older than this [s]."""
         return sum(self.now_s - self.inbox[number].time_s > longer_than_s for number in self.unread)
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         return {
             "now_s": self.now_s,
             "numbers": list(self._numbers.items()),
@@ -192,7 +192,7 @@ class Picture:
         }
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another's `state` said."""
+        """Resume from another object's `state`."""
         self.now_s = state["now_s"]
         self._numbers = dict(state["numbers"])
         self.agents = {agent: KnownAgent(*known) for agent, *known in state["agents"]}
@@ -206,7 +206,7 @@ class Picture:
                 self._members.setdefault(known.root, set()).add(agent)
 
     def rows(self) -> dict[str, list[list[Any]]]:
-        """Agents and events as the station's page takes them."""
+        """Return agents and events in the page's format."""
         return {
             "agents": [
                 [agent, round(k.x_m, 2), round(k.y_m, 2), k.role, k.parent, k.root, round(k.said_s, 2), int(k.is_own)]
@@ -220,11 +220,11 @@ class Picture:
 
 
 def item_of(row: Sequence[Any]) -> Item:
-    """An item that was written as JSON."""
+    """Make an item from its JSON row."""
     number, time_s, agent, role, followers, events, is_new = row
     return Item(number, time_s, agent, role, followers, tuple(events), is_new)
 
 
 def item_row(item: Item) -> list[Any]:
-    """An item as the station's page takes it."""
+    """Return an item in the page's format."""
     return [*item[:5], list(item.events), int(item.is_new)]

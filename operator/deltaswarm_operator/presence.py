@@ -15,7 +15,7 @@ from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_he
 from deltaswarm_wire.settings_operator import OperatorSettings
 
 MAX_SENT_S = 1e11
-"""Unix time; well beyond this millennium."""
+"""Largest sending time [Unix s], well beyond this millennium."""
 
 
 INSISTS = 5
@@ -134,14 +134,14 @@ class OpenAirMeter:
         return known is not None and known.lives.is_doubled
 
     def fault_of(self, agent: int | None) -> str:
-        """The fault of its body; "" if none or unknown."""
+        """Return the fault of an agent's body; "" if none or unknown."""
         known = None if agent is None else self.agents.get(agent)
         return known.fault if known else ""
 
     def feels(self, agent: int | None, data: bytes) -> str | None:
         """Take a health message from an agent's key (None: no agent's key); return the reason if it is dropped.
 
-        It is not part of the workload.
+        Health is not part of the workload.
         """
         try:
             health = decode_health(data)
@@ -194,7 +194,7 @@ class OpenAirMeter:
         return None
 
     def wait_s(self, now_s: float) -> float:
-        """Time until the next step ends; 0 if it has ended."""
+        """Return the time until the next step ends [s]; 0 if it has ended."""
         return max(0.0, (self._meter.step + 2) * self._step_s - now_s)
 
     def close(self, now_s: float, backlog: int) -> Workload | None:

@@ -1,7 +1,8 @@
-"""What a person at the station is asked: ISA during the run, NASA-TLX at its end.
+"""Questions to the person at the station: ISA during the run, NASA-TLX at its end.
 
-ISA (instantaneous self-assessment): workload from 1 to 5, at fixed intervals of simulated time; an answer that does not
-come in time is missing. NASA-TLX: six scales from 0 to 100, raw, and if asked for the 15 pairwise weights.
+ISA (instantaneous self-assessment): workload from 1 to 5, at intervals of simulated time with optional jitter. An
+answer that does not come in time is missing. NASA-TLX: six scales from 0 to 100, raw, and optionally 15 pairwise
+weights.
 """
 
 import math
@@ -35,7 +36,7 @@ class _Asked(NamedTuple):
 
 
 class Probes:
-    """The questions of one run. `wall_s` is any clock that goes on, as `time.monotonic`."""
+    """The questions of one run. `wall_s` is any monotonic clock, such as `time.monotonic`."""
 
     def __init__(self, settings: ProbeSettings, rng: Random) -> None:
         self.rows: list[ProbeRow] = []
@@ -54,27 +55,27 @@ class Probes:
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def begin(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is one that has not been filled in."""
+        """Ask for the session's sheet, if there is one not yet filled in."""
         if self._settings.has_sheet and not self._is_consented:
             self._asked = _Asked(SHEET, 0, 0.0, wall_s)
 
     @property
     def is_sheet_open(self) -> bool:
-        """Whether the session's sheet waits to be filled in."""
+        """Whether the session's sheet must still be filled in."""
         return self._asked is not None and self._asked.kind == SHEET
 
     def state(self) -> dict[str, Any]:
-        """All that is needed to go on, as JSON has it."""
+        """Return all that is needed to resume, for JSON."""
         due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
         return {"isa_number": self._isa_number, "isa_due_s": due_s, "consented": self._is_consented}
 
     def go_on(self, state: Mapping[str, Any]) -> None:
-        """Go on from what another's `state` said; a question that was open then is not asked again."""
+        """Resume from another object's `state`; a question open at that time is not asked again."""
         self._isa_number, self._is_consented = state["isa_number"], state["consented"]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
     def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
-        """Ask what is due at a simulated time; a question that was not answered in time is missing."""
+        """Ask the question that is due at a simulated time; a question not answered in time is missing."""
         self._expire(wall_s, at_once=is_last)
         if is_last:
             if self._settings.tlx and not self._is_over:
@@ -94,7 +95,7 @@ class Probes:
             self._asked = None
 
     def open(self, wall_s: float) -> dict[str, Any] | None:
-        """The question that waits for an answer, as the station's page takes it."""
+        """Return the open question in the page's format, or None."""
         self._expire(wall_s, at_once=False)
         asked = self._asked
         if asked is None:
@@ -105,7 +106,7 @@ class Probes:
         return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": round(left_s, 1)}
 
     def answer_isa(self, number: Any, answer: Any, wall_s: float) -> None:
-        """Take an ISA answer. Raises ValueError: it is not asked for, or not from 1 to 5."""
+        """Take an ISA answer. Raises ValueError: the question is not open, or the answer is not from 1 to 5."""
         self._expire(wall_s, at_once=False)
         asked = self._asked
         if asked is None or asked.kind != ISA or asked.number != number:
@@ -115,7 +116,7 @@ class Probes:
         self._add(asked, {ISA: answer}, wall_s)
 
     def answer_tlx(self, scales: Any, weights: Any, wall_s: float) -> None:
-        """Take the NASA-TLX form. Raises ValueError: it is not asked for, or not filled in rightly."""
+        """Take the NASA-TLX form. Raises ValueError: the form is not open, or not filled in correctly."""
         asked = self._asked
         if asked is None or asked.kind != TLX:
             raise ValueError("NASA-TLX is not open")
@@ -129,7 +130,7 @@ class Probes:
         self._add(asked, answers, wall_s)
 
     def take_sheet(self) -> None:
-        """The session's sheet has been filled in. Raises ValueError: it is not open."""
+        """Note that the session's sheet is filled in. Raises ValueError: it is not open."""
         if not self.is_sheet_open:
             raise ValueError("the session's sheet is not open")
         self._asked = None

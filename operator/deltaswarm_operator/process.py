@@ -35,7 +35,7 @@ SAVE_EVERY_S, SAVE_EVERY_STEPS = 1.0, 100
 """Interval of saving the counts, whichever comes first; the world need not keep older reports."""
 
 PUBLISH_EVERY_S = 0.5
-"""Interval of published workloads [wall s], unless every one is published."""
+"""Interval of published workloads [wall s], unless all are published."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class OperatorConfig:
     settings: OperatorSettings
     step_s: float
     out: Path
-    """Folder for its own table and totals."""
+    """Folder for the operator's table and totals."""
     go_on: bool = False
     """Resume the counts of a killed operator."""
     publish_all: bool = False
@@ -57,7 +57,7 @@ class OperatorConfig:
     briefing: Briefing | None = None
     """Run details for an operator with a station or script."""
     station: socket.socket | None = None
-    """Its end of the socket pair to the station, if there is one."""
+    """The operator's end of the socket pair, if there is a station."""
 
 
 class Arrival(Enum):
@@ -187,7 +187,7 @@ class OperatorProcess:
                 if time.monotonic() >= self._save_due:
                     self._save()
                 if not self._session.info.routers_zid():
-                    return End.WORLD_GONE  # the world went before it had a token
+                    return End.WORLD_GONE  # the world went before its token appeared
                 continue
             if arrival is Arrival.REPORT:
                 self._take_report(sample)
@@ -214,7 +214,7 @@ class OperatorProcess:
         try:
             clock = decode_clock(data)
             if clock.step == self.meter.step and self.meter.is_over:
-                return True  # once more, since who had closed it was killed
+                return True  # sent again: the operator that had closed it was killed
             workload = self.meter.close(clock, self._inbox.qsize())
         except (WireError, ValueError) as error:
             self._warn(f"clock: {error}")
@@ -232,7 +232,7 @@ class OperatorProcess:
         return clock.last
 
     def _save(self, has_checkpoint: bool = False) -> None:
-        """Put what was counted on disk, and tell the world."""
+        """Save the counts, and confirm the step to the world."""
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
             self._output.save(self.meter.state(), None if self._desk is None else self._desk.state())
@@ -242,7 +242,7 @@ class OperatorProcess:
             self._taken.put(encode_taken(self._saved))
 
     def answer_to_the_end(self) -> None:
-        """After the last step: let the world go, and wait for what the person is still asked."""
+        """After the last step, release the world and wait for the person's open answers."""
         desk = self._desk
         if desk is None:
             return
@@ -263,11 +263,11 @@ class OperatorProcess:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The figures of the whole run."""
+        """The metrics of the whole run."""
         return self.meter.totals | ({} if self._desk is None else self._desk.totals)
 
     def finish_desk(self) -> None:
-        """Write down what the person did."""
+        """Complete the tables of the person's acts."""
         if self._desk is not None:
             self._desk.finish()
 
@@ -283,7 +283,7 @@ def _workload(row: Sequence[str]) -> Workload:
 
 
 def run_operator(config: OperatorConfig) -> int:
-    """Run the operator of one run. Exit code: 0 after the last clock, `WORLD_LOST` if the world went before, else 1.
+    """Run the operator of one run. Exit code: 0 after the last clock, `WORLD_LOST` if the world went first, else 1.
 
     Call it in the main thread: it stops on SIGTERM, SIGINT and SIGHUP unless they are ignored.
 
@@ -323,7 +323,7 @@ def run_operator(config: OperatorConfig) -> int:
 
 
 def stop_on_signals(stop: Callable[[], None]) -> None:
-    """Call `stop` at a signal; `SimpleQueue.put` is safe in a handler."""
+    """Call `stop` at a signal that is not ignored; `SimpleQueue.put` is safe in a handler."""
 
     def handle(number: int, frame: FrameType | None) -> None:
         stop()

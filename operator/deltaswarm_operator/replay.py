@@ -1,6 +1,6 @@
-"""A run once more at the operator's desk, from what reached the operator: any time of it, forwards and backwards.
+"""Replays a run at the operator's desk from what reached the operator, at any time, forwards and backwards.
 
-Pure: the steps of a run go in, the station's datagrams come out. Nothing is shown that the operator did not know then.
+Pure: the steps of a run in, the station's datagrams out. A replay shows nothing that the operator did not know then.
 """
 
 import copy
@@ -14,10 +14,10 @@ from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_operator import Briefing
 
 KEPT_EVERY_STEPS = 200
-"""A desk is kept so often, so that a jump back repeats no more steps than that."""
+"""Interval at which a copy of the desk is kept: a jump back repeats at most this many steps."""
 
 FASTEST = 200.0
-"""Simulated per wall second, where the speed is as fast as possible."""
+"""Simulated seconds per wall second, if the speed is "as fast as possible"."""
 
 SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
 
@@ -36,8 +36,8 @@ class Replay:
     """The replay of one run. Times are simulated [s] unless they say wall.
 
     Args:
-        briefing: what the operator was told; its `command` are the commands that were given.
-        steps: in order, at least one.
+        briefing: the operator's briefing; its `command` has the commands that were given.
+        steps: all steps in order, at least one.
     """
 
     def __init__(self, briefing: Briefing, steps: Sequence[RecordedStep]) -> None:
@@ -46,7 +46,7 @@ class Replay:
         self._step_s = briefing.step_s
         self._desk = Desk(briefing)
         self._done = 0
-        """Steps that the desk has taken in."""
+        """Number of steps that the desk has taken in."""
         self._kept = {0: copy.deepcopy(self._desk)}
         self._now_s = self.from_s
         self._told_wall_s: float | None = None
@@ -62,14 +62,14 @@ class Replay:
         return self._steps[-1].clock.time_s
 
     def tick(self, wall_s: float) -> None:
-        """Let the time pass up to a wall time, as the speed says."""
+        """Advance to a wall time at the present speed."""
         passed_s = wall_s - (wall_s if self._told_wall_s is None else self._told_wall_s)
         self._told_wall_s = wall_s
         if not self.is_paused:
             self.seek(self._now_s + passed_s * (self.speed or FASTEST))
 
     def seek(self, time_s: float) -> None:
-        """Go to a time, forwards or backwards; beyond the run's ends is its first or last step."""
+        """Go to a time, forwards or backwards; a time beyond the run goes to its first or last step."""
         self._now_s = min(max(time_s, self.from_s), self.to_s)
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
@@ -85,17 +85,17 @@ class Replay:
         return self._steps[done - 1].clock.time_s
 
     def hello(self, run: str) -> bytes:
-        """What the page must know of the run."""
+        """Return the message that describes the run to the page."""
         return self._desk.hello(run, "replay", SPEEDS)
 
     def show(self) -> bytes:
-        """The picture of the present time."""
+        """Return the picture at the present time."""
         bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
         self._desk.pace = self._desk.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
         return self._desk.show(0.0, replay=bar, probe=None)
 
     def intend(self, data: bytes) -> list[bytes]:
-        """Do what somebody at the page wants; what the page is answered."""
+        """Carry out an intent of the page; return the answers."""
         try:
             raw: Any = json.loads(data)
             kind = raw["type"]
@@ -119,7 +119,7 @@ class Replay:
 
 
 def finite(value: Any) -> float:
-    """A number of somebody at the page. Raises ValueError or TypeError: it is none, or beyond every float."""
+    """Convert a value from the page to a finite number. Raises ValueError or TypeError if that is impossible."""
     try:
         found = float(value)
     except OverflowError:

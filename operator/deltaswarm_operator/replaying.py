@@ -1,6 +1,6 @@
-"""`python -m deltaswarm_operator.replaying`: the station's page of a run that is over, from a file of its steps.
+"""`python -m deltaswarm_operator.replaying`: the station's page for a finished run, from a file of its steps.
 
-The file is a stream of MessagePack values: the briefing, then for each step clock, workload and the encoded reports.
+The file is a stream of MessagePack values: the briefing, then clock, workload and encoded reports of each step.
 """
 
 import argparse
@@ -27,7 +27,7 @@ HELLO_EVERY_S = 1.0
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of a replay."""
+    """Make the argument parser of a replay."""
     made = argparse.ArgumentParser(prog="deltaswarm replay", description="Show a finished run on the station's page.")
     made.add_argument("steps", type=Path, metavar="FILE", help="the run's steps, as `deltaswarm replay` makes them")
     made.add_argument("--run", default="run", help="the run's name on the page")
@@ -36,7 +36,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
-    """The briefing and the steps in a file. Raises ValueError: it holds none."""
+    """Read briefing and steps from a file. Raises ValueError: the file is malformed or has no step."""
     with file.open("rb") as stream:
         values = msgpack.Unpacker(stream, max_buffer_size=16 * MAX_ORDINARY_BYTES)
         try:
@@ -53,7 +53,7 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
 
 
 class Driver:
-    """Drives a replay through a channel, in a thread of its own, until the station has gone."""
+    """Drives a replay through a channel, in a separate thread, until the station has gone."""
 
     def __init__(self, run: str, replay: Replay, end: socket.socket) -> None:
         self._run = run
@@ -88,7 +88,7 @@ class Driver:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve the replay until it is interrupted; 0, or 2 for bad arguments."""
+    """Serve the replay until interrupted. Exit code: 2 for bad arguments, else the station's."""
     arguments = parser().parse_args(argv)
     try:
         briefing, steps = read(arguments.steps)

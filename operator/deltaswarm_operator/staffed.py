@@ -1,4 +1,4 @@
-"""The part of the operator's process that serves a desk: turns and pace out, the station's datagrams both ways."""
+"""Serves a desk in the operator's process: sends turns and pace, and exchanges datagrams with the station."""
 
 import json
 import socket
@@ -16,25 +16,25 @@ from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 SHOW_EVERY_S = 0.1
-"""The station gets a picture at most this often [wall s]."""
+"""Shortest interval between pictures for the station [wall s]."""
 
 HELLO_EVERY_S = 1.0
 ANSWER_WITHIN_S = 900.0
-"""After the last step the person has so long to answer what is still asked [wall s]."""
+"""Time that the person has after the last step to answer open questions [wall s]."""
 
 
 class StaffedDesk:
-    """A desk with its edges.
+    """A desk with its inputs and outputs.
 
     Args:
         run: the run's name.
         desk: the desk, before the first step.
         is_awaited: whether the world waits for each turn.
-        folder: for the tables of what the person did and answered.
-        send_turn, send_pace: take what goes to the world, or on the air.
-        on_intent: is called in the channel's thread; `take` then wants the intent in the main one.
-        end: the socket pair's end, if there is a station.
-        go_on: go on with the tables of an operator that was killed.
+        folder: for the tables of the person's acts and answers.
+        send_turn, send_pace: send to the world, or on the air.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        end: the operator's end of the socket pair, if there is a station.
+        go_on: continue the tables of a killed operator.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class StaffedDesk:
         self._channel = None if end is None else Channel(end, on_intent)
         self._pace = self.desk.pace
         self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
-        """The newest turns, which the world may not have had when this process was killed."""
+        """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
         self._show_due = self._hello_due = 0.0
 
     @property
@@ -67,10 +67,10 @@ class StaffedDesk:
         return None if self._channel is None else SHOW_EVERY_S
 
     def begin(self) -> None:
-        """Before the first step."""
+        """Start the desk before the first step."""
         self.desk.begin(time.monotonic())
         if self.is_awaited:
-            for turn in self._turns:  # the world leaves out those that it has
+            for turn in self._turns:  # the world drops those that it has
                 self._send_turn(turn)
         if self._channel is not None:
             self._pace = self.desk.pace
@@ -78,7 +78,7 @@ class StaffedDesk:
         self.show()
 
     def close(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
-        """A step is closed; answer with the operator's turn."""
+        """Take in a closed step and answer with the operator's turn."""
         turn = self.desk.close(clock, workload, reports, time.monotonic())
         if self.is_awaited or turn.commands:
             self._turns.append(turn)
@@ -88,9 +88,9 @@ class StaffedDesk:
         self.show()
 
     def take(self, intent: bytes | None) -> bool:
-        """Do what somebody at the station wants; whether `state` should be saved for it, before `show` tells of it.
+        """Carry out an intent of the station; return whether to save `state` before `show` shows the result.
 
-        None: the station has gone, and the run goes on without it.
+        None: the station has gone, and the run continues without it.
         """
         desk, channel = self.desk, self._channel
         if channel is None:
@@ -98,7 +98,7 @@ class StaffedDesk:
         given = len(desk.commander.sent)
         if intent is None:
             self._channel = None
-            if desk.pace.hold_step >= 0:  # nobody could let it go on
+            if desk.pace.hold_step >= 0:  # nobody could resume the run
                 desk.pace = desk.pace._replace(hold_step=-1)
         else:
             for answer in desk.intend(intent, time.monotonic()):
@@ -113,7 +113,7 @@ class StaffedDesk:
         return has_news
 
     def show(self) -> None:
-        """Send the station a picture, if one is due, and write down what the person did."""
+        """Write down the person's acts, and send the station a picture if one is due."""
         self._tables.write(self.desk)
         now = time.monotonic()
         if self._channel is None or now < self._show_due:
@@ -126,25 +126,25 @@ class StaffedDesk:
 
     @property
     def is_asking(self) -> bool:
-        """Whether somebody at the station has still something to answer."""
+        """Whether a question to the person at the station is open."""
         return self._channel is not None and self.desk.probes.open(time.monotonic()) is not None
 
     def go_on(self, step: int, state: str | None) -> None:
-        """Go on for an operator that was killed after a step."""
+        """Resume after a step from the state of a killed operator."""
         if state is not None:
             found = json.loads(state)
             self.desk.go_on(step, found["desk"])
             self._turns += [decode_turn(bytes.fromhex(turn)) for turn in found["turns"]]
 
     def state(self) -> str:
-        """All that is needed to go on, as JSON: one text, since it may be long and is written often."""
+        """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""
         return json.dumps({"desk": self.desk.state(), "turns": [encode_turn(turn).hex() for turn in self._turns]})
 
     @property
     def totals(self) -> dict[str, Any]:
-        """What the operator's totals have besides the workload."""
+        """The operator's totals besides the workload."""
         return self.desk.totals
 
     def finish(self) -> None:
-        """Nothing comes any more."""
+        """Complete and close the tables."""
         self._tables.close(self.desk)

@@ -63,7 +63,7 @@ class Inbox:
         self._queue.put((Arrival.STOP, None))
 
     def put_intent(self, intent: bytes | None) -> None:
-        """Add what somebody at the station wants, if there is room; None: the station has gone."""
+        """Add an intent of the station, if there is room; None: the station has gone."""
         if intent is None or len(self) < MAX_TOKENS:
             self._queue.put((Arrival.INTENT, intent))
 

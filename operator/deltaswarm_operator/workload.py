@@ -164,7 +164,7 @@ class WorkloadMeter:
                 rate.add(0)
 
     def state(self) -> dict[str, Any]:
-        """The meter's state after the newest closed step, for JSON."""
+        """Return the meter's state after the newest closed step, for JSON."""
         return {
             "step": self.step,
             "is_over": self.is_over,

@@ -1,7 +1,7 @@
 """The samples of agents in a step, checked at the world's edge, since agents are untrusted.
 
-Of each agent and step one radio frame, one report and one act are taken; what is beyond that is dropped and counted.
-A board that was late may answer several frames at once: each answer counts for the frame that it answers.
+The inbox takes one radio frame, one report and one act per agent and step; the excess is dropped and counted.
+A late board may answer several frames at once: each answer counts for the frame that it answers.
 Of a radio frame the world reads the envelope, never the payload.
 """
 
@@ -28,7 +28,7 @@ class Inbox:
         self.spoken: dict[int, bytes] = {}
         """Radio frames, by sender."""
         self._reports: dict[int, deque[bytes]] = {}
-        """Reports not yet taken; more than one only of an agent that was late."""
+        """Reports not yet taken; only an agent that was late has more than one."""
         self._newest_report: dict[int, int] = {}
         """The step of each agent's newest report."""
         self._ahead: Counter[int] = Counter()
@@ -37,7 +37,7 @@ class Inbox:
         self.rejected: Counter[int] = Counter()
         """Dropped samples by the agent of their key."""
         self.excess: Counter[int] = Counter()
-        """Those of them beyond one radio frame, one report and one act per step."""
+        """Dropped samples beyond one radio frame, one report and one act per step."""
         self.late_acts: Counter[int] = Counter()
         """Acts for steps that had continued without them, by agent."""
         self.unsaved: set[int] = set()

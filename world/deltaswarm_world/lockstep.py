@@ -8,7 +8,7 @@ FORGIVEN_STEPS = 2500
 """After this many steps the patience with a late agent doubles again, up to its initial value."""
 
 MAX_RETURNS = 20
-"""An agent, unless it is a board, may so often come back after its process died."""
+"""Number of times that an agent, unless it is a board, may come back after its process died."""
 
 MAX_MISSES = 20
 """Maximum number of counted misses; almost no patience is left then."""
@@ -27,11 +27,11 @@ class Patience:
         """The step at which the next miss of an agent is forgiven."""
 
     def left_s(self, agent: int, step: int) -> float:
-        """Time that this step may wait for an agent [s]."""
+        """Return the time that this step may wait for an agent [s]."""
         return self.most_s * 0.5 ** self._counted(agent, step)
 
     def with_any(self, agents: Collection[int], step: int) -> tuple[float, float]:
-        """The shortest and the longest time that this step may wait for one of these agents [s]."""
+        """Return the shortest and the longest time that this step may wait for one of these agents [s]."""
         if not self._misses or not agents:
             return self.most_s, self.most_s
         left_s = [self.left_s(agent, step) for agent in agents]
@@ -55,7 +55,7 @@ class Attendance:
     """A board's attendance in a run."""
 
     late_steps: int = 0
-    """Steps that it missed while present."""
+    """Steps that the board missed while present."""
     absences: int = 0
     """Number of absences."""
     absent_steps: int = 0
@@ -65,12 +65,12 @@ class Attendance:
 class LockStep:
     """Keeps the set of agents that a step waits for. It has no clock; the caller has.
 
-    `boards` are agents on machines of their own: they may come and go, and how they did is counted.
+    `boards` are agents on machines of their own: they may come and go, and their attendance is counted.
     """
 
     def __init__(self, agents: Iterable[int], boards: Iterable[int] = ()) -> None:
         self.alive = set(agents)
-        """Agents whose process is there."""
+        """Agents whose process is present."""
         self.waiting: set[int] = set()
         """Agents that got the frame of this step and have not closed it."""
         self.hanging: set[int] = set()
@@ -87,13 +87,13 @@ class LockStep:
         self.probed: list[int] = []
         """Hung boards to probe: they get the next frame, but the step does not wait for their acts."""
         self._missed: dict[int, int] = {}
-        """The step that each hung agent missed: an act of it or a later step ends the hang."""
+        """The step that each hung agent missed: an act for that or a later step ends the hang."""
         self._answers_due: Counter[int] = Counter()
-        """Number of frames that boards may still answer: probes, and those of before an absence."""
+        """Number of frames that boards may still answer: probes, and frames from before an absence."""
         self.step = -1
 
     def taking_part(self) -> list[int]:
-        """Present agents that neither hang nor are frozen, ascending."""
+        """Return the present agents that neither hang nor are frozen, ascending."""
         return sorted(self.alive - self.hanging - self.frozen)
 
     def begin(self, step: int, asked: Iterable[int]) -> None:
@@ -105,7 +105,7 @@ class LockStep:
             attendance.absent_steps += agent not in self.alive
 
     def unanswered(self, agent: int) -> int:
-        """Number of frames of an agent without an act."""
+        """Return the number of an agent's frames without an act."""
         return (agent in self.waiting) + (agent in self.hanging) + self._answers_due[agent]
 
     def close(self, agent: int, step: int) -> bool:
@@ -150,7 +150,7 @@ class LockStep:
         """Note that an agent's liveliness token disappeared."""
         if agent in self.alive:
             if agent in self.boards and agent in self.waiting | self.hanging:
-                self._answers_due[agent] += 1  # its process may be well, and answer once its link is
+                self._answers_due[agent] += 1  # its process may be well, and answer once its link is back
             self.alive.discard(agent)
             self.waiting.discard(agent)
             self.hanging.discard(agent)

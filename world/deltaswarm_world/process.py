@@ -1,4 +1,4 @@
-"""The world's process: lock-step and clock. What touches Zenoh is in `wires.py`, `waker.py` and `slow_links.py`."""
+"""The world's process: lock-step and clock. Only `wires.py`, `waker.py` and `slow_links.py` use Zenoh."""
 
 import logging
 import time
@@ -25,11 +25,11 @@ SAVING_STEPS = 2.0
 """An agent may take this many step timeouts to save itself, and half as long after each miss."""
 
 GOODBYE_S = 3.0
-"""Time at the end for the other parts to leave."""
+"""Time at the end for the other parts to leave [s]."""
 
 
 class WorldProcess(Attention):
-    """One run of the world over its wires, or what is left of one whose world was saved in a checkpoint."""
+    """One run of the world over its wires, or the rest of a run from a checkpoint."""
 
     def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
         super().__init__(config, wires, waker, saved)
@@ -40,10 +40,10 @@ class WorldProcess(Attention):
         self._probe_due = 0.0
 
     def wait_for_all(self) -> None:
-        """Wait until every expected process is there.
+        """Wait until every expected process is present.
 
         Raises:
-            TimeoutError: naming those who are missing.
+            TimeoutError: some are missing; the text names them.
             InterruptedError: a signal came first.
         """
         expected = {(AGENT, agent) for agent in self._core.lockstep.alive}
@@ -58,11 +58,11 @@ class WorldProcess(Attention):
         return expected <= self._there
 
     def run(self, output: WorldOutput) -> bool:
-        """All steps; True if none was cut off.
+        """Run all steps; return True if none was cut off.
 
         Raises:
-            TimeoutError: an operator that went did not come back, or somebody did not do what a fault asks for.
-            InterruptedError: a signal came while that was waited for.
+            TimeoutError: the operator did not answer or come back, a part did not catch up, or an order was not done.
+            InterruptedError: a signal came during such a wait.
         """
         settings = self._settings
         first = self._core.lockstep.step + 1
@@ -94,7 +94,7 @@ class WorldProcess(Attention):
         return complete
 
     def _await_operator(self, step: int) -> None:
-        """Hold a step back until the operator's turn has come and its pace allows it.
+        """Hold a step back until the operator's turn has come and the pace allows the step.
 
         Raises:
             TimeoutError, InterruptedError: as in `run`.
@@ -119,10 +119,10 @@ class WorldProcess(Attention):
         return self._overruns_before + (self._pace.overruns if self._pace else 0)
 
     def _save(self, step: int, output: WorldOutput) -> None:
-        """Write a checkpoint, if all can take part in it; else the run goes on with the one before.
+        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint.
 
         Raises:
-            InterruptedError: a signal came while others were waited for.
+            InterruptedError: a signal came while the world waited for others.
         """
         lockstep, inbox = self._core.lockstep, self._core.inbox
         agents = set(lockstep.taking_part())
@@ -157,7 +157,7 @@ class WorldProcess(Attention):
         )
 
     def _probe(self, last: bool) -> None:
-        """A board that hung for long gets a frame, as does each that hangs at the end, which else it would miss."""
+        """Schedule a frame for boards that have hung for long, and for all hung boards at the end, so they see it."""
         now, lockstep = time.monotonic(), self._core.lockstep
         if last or now >= self._probe_due:
             lockstep.probe()
@@ -165,10 +165,10 @@ class WorldProcess(Attention):
             self._probe_due = now + self._settings.step_timeout_s
 
     def _give(self, order: ProcessOrder) -> None:
-        """Have the orchestrator do something to processes; the step that comes does not begin before it is done.
+        """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
 
         Raises:
-            TimeoutError: it was not done in time.
+            TimeoutError: the order was not carried out in time.
             InterruptedError: a signal came first.
         """
         log.warning("%s", order.text)
@@ -188,9 +188,9 @@ class WorldProcess(Attention):
         return as_told and order.number in self._waker.done
 
     def _collect(self) -> None:
-        """Wait until every agent has closed the step, or its time is up; where all hang, for the first to return.
+        """Wait until every agent has closed the step or its time is up; if all hang, wait for the first to return.
 
-        Agents that sleep take part, so a step in which nobody is asked is not waited for.
+        Sleeping agents take part, so a step in which no agent is asked does not wait.
         """
         lockstep, waker, pace = self._core.lockstep, self._waker, self._pace
         began = time.monotonic()
@@ -213,17 +213,17 @@ class WorldProcess(Attention):
             while time.monotonic() < pace.tick_ends_s and not waker.stop_requested:
                 if not self._wires.take(self._take):
                     self._look_up()
-        self._wires.take_waiting(self._take)  # who was late takes part again in the next step
+        self._wires.take_waiting(self._take)  # late agents take part again in the next step
 
     def _give_up(self) -> None:
-        """The step goes on without those who have not closed it."""
+        """Continue the step without the agents that have not closed it."""
         lockstep = self._core.lockstep
         for agent in sorted(lockstep.waiting):
             self._patience.missed(agent, lockstep.step)
             log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
 
     def _close(self, tally: Tally, last: bool) -> None:
-        """Tell recorder and operator of the step; who is far behind, or gone for a moment, is waited for.
+        """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
 
         Raises:
             TimeoutError, InterruptedError: as in `run`.
@@ -244,7 +244,7 @@ class WorldProcess(Attention):
             self._let_catch_up(tally.step)
 
     def _welcome_operator(self) -> None:
-        """Wait for an operator to be started in place of the one that went, and give it what it missed."""
+        """Wait for the operator that replaces the lost one, and send it what it missed."""
         step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
         log.warning("the operator is gone in step %d; waiting for it", step)
         if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
@@ -254,7 +254,7 @@ class WorldProcess(Attention):
         log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
-        """Wait for who is far behind; after a signal the last step comes at once."""
+        """Wait for parts that are far behind, unless a signal came: then the last step comes at once."""
 
         def behind() -> list[str]:
             return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
@@ -266,10 +266,11 @@ class WorldProcess(Attention):
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
-        """Let operator and recorder take what was sent and leave; then the world's token goes.
+        """Let operator and recorder take what was sent and leave; then undeclare the world's token.
 
         Raises:
-            TimeoutError, InterruptedError: the operator does not take it, or went and did not come back.
+            TimeoutError: the operator did not take it, or left and did not come back.
+            InterruptedError: a signal came during the wait.
         """
         last = self._core.lockstep.step
 

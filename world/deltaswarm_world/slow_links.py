@@ -1,7 +1,7 @@
 """Cuts the links of clients that do not read: a blocked write stops the world's sending, or the router's one thread.
 
-Nobody in lock-step leaves more than a few frames unread, so a link whose outgoing buffer is full has a reader that is
-broken or hostile. Operator and recorder are trusted, and the world waits for them by itself: theirs are never cut.
+In lock-step no client leaves more than a few frames unread, so a link whose outgoing buffer is full has a broken or
+hostile reader. The links of operator and recorder are never cut: both are trusted, and the world itself waits for them.
 """
 
 import logging
@@ -25,42 +25,42 @@ log = logging.getLogger("deltaswarm.world")
 
 LOOK_EVERY_S = 0.05
 PATIENCE_S = 2.0
-"""Total time that slow links may take before they are cut on sight."""
+"""Total time that slow links may take before they are cut on sight [s]."""
 REGAINED = 0.01
 """Patience regained in each second without a slow link [s/s]; bounds what a client that keeps coming back costs."""
 
 DESCRIPTORS = "/dev/fd"
 
 NO_LINGER, DISCARD = struct.pack("ii", 0, 0), struct.pack("ii", 1, 0)
-"""Values of SO_LINGER. With Zenoh's own, 10 s, closing a link that is not read would block the router as long."""
+"""Values of SO_LINGER. With Zenoh's own 10 s, closing a link that is not read would block the router for 10 s."""
 
 Address = tuple[str, int]
 
 
 def trusted_sessions(credentials: str) -> set[str]:
-    """The ids of the sessions of operator and recorder, from the lines `user:password` of all."""
+    """Return the session ids of operator and recorder, from all `user:password` lines."""
     pairs = (line.partition(":") for line in credentials.splitlines())
     return {secret_id(user, password) for user, _, password in pairs if user in (OPERATOR, RECORDER)}
 
 
 class SlowLinks:
-    """Watches the router's links over TCP, TLS and WebSocket in a thread of its own.
+    """Watches the router's links over TCP, TLS and WebSocket in a separate thread.
 
-    Made before anybody is told where the router listens: links that are there already are not watched, since asking for
-    them makes Zenoh 1.10.2 panic if one of them is of low latency.
+    Create it before anybody is told where the router listens. Existing links are not watched, since listing them makes
+    Zenoh 1.10.2 panic if one of them is of low latency.
 
     Args:
-        session: the router's.
-        trusted: ids of sessions whose links are never cut, as text.
-        waits_for: who blocks the world's sending, if anybody.
+        session: the router's session.
+        trusted: ids, as text, of sessions whose links are never cut.
+        waits_for: returns the client that blocks the world's sending, or "".
     """
 
     def __init__(self, session: zenoh.Session, trusted: Container[str], waits_for: Callable[[], str]) -> None:
         self._trusted, self._waits_for = trusted, waits_for
         self._links: dict[Address, tuple[str, str]] = {}
-        """Session id and certified name by the other end's address."""
+        """Session id and certified name by address of the other end."""
         self._watched: dict[int, Address] = {}
-        """By descriptor; a stale one is noticed before anything is cut."""
+        """Addresses by descriptor; a stale descriptor is noticed before anything is cut."""
         self._patience_s = PATIENCE_S
         self._changed, self._closing = threading.Event(), threading.Event()
         self._listener = session.info.declare_link_events_listener(
@@ -70,7 +70,7 @@ class SlowLinks:
         self._thread.start()
 
     def close(self) -> None:
-        """Watch no longer; the session is about to close."""
+        """Stop watching; the session is about to close."""
         self._closing.set()
         self._thread.join()
         self._listener.undeclare()
@@ -111,7 +111,7 @@ class SlowLinks:
         return session not in self._trusted and name not in (OPERATOR, RECORDER)
 
     def _find(self) -> dict[int, Address]:
-        """The descriptors of the links."""
+        """Find the descriptors of the links, and set them not to linger."""
         found: dict[int, Address] = {}
         for name in os.listdir(DESCRIPTORS):
             with suppress(OSError), _duplicate(int(name)) as link:
@@ -133,7 +133,7 @@ class SlowLinks:
 
 
 def _duplicate(descriptor: int) -> socket.socket:
-    """The same connection; stays valid when Zenoh closes it. Raises OSError if it is no socket."""
+    """Duplicate a connection, so that it stays valid when Zenoh closes it. Raises OSError if it is no socket."""
     duplicate = os.dup(descriptor)
     try:
         return socket.socket(fileno=duplicate)

@@ -1,8 +1,8 @@
 """The operator's turns: which commands leave the base in which step, and whether a step may begin without a turn.
 
-A scripted or simulated operator is waited for: what it says after the clock of step k leaves the base in step k + 2, so
-that its answer overlaps a step. A person is not: a command leaves in the step that begins next, which is noted, so that
-a script can repeat the run.
+The world waits for a scripted or simulated operator: its commands after the clock of step k leave the base in step
+k + 2, so that its answer overlaps a step. The world does not wait for a person: a command leaves in the step that
+begins next, which is logged, so that a script can repeat the run.
 """
 
 from collections import deque
@@ -14,7 +14,7 @@ from deltaswarm_wire.settings_downlink import FIRST_STEP
 OFF, AWAITED, LIVE = "off", "awaited", "live"
 
 MAX_WAITING = 256
-"""Commands of a person that wait for the next step."""
+"""Maximum number of commands that wait for a step."""
 
 
 class Turns:
@@ -23,18 +23,18 @@ class Turns:
     def __init__(self, mode: str = OFF) -> None:
         self.mode = mode
         self.newest = -1
-        """The newest step whose turn has come."""
+        """The newest step whose turn has arrived."""
         self.log: list[dict[str, Any]] = []
-        """The commands that left the base, as the scenario has them, with their steps."""
+        """The commands that left the base, as scenario entries with their times."""
         self._waiting: deque[tuple[int, Signed]] = deque()
-        """With the least step in which each may leave."""
+        """Waiting commands, each with the first step in which it may leave."""
 
     def take(self, turn: Turn) -> str | None:
-        """Take in a turn; the reason if it is dropped."""
+        """Take in a turn; return the reason if it is dropped."""
         if self.mode == OFF:
             return "turn: the scenario has no operator that commands"
         if self.mode == AWAITED and turn.step <= self.newest:
-            return None  # of an operator that stands in for one that was killed, and says it again
+            return None  # repeated by an operator that replaces a killed one
         if len(self._waiting) + len(turn.commands) > MAX_WAITING:
             return f"turn: at most {MAX_WAITING} commands may wait for a step"
         self.newest = max(self.newest, turn.step)
@@ -43,13 +43,13 @@ class Turns:
         return None
 
     def is_due(self, step: int) -> bool:
-        """Whether a step may begin: what the operator says to the step before the last is known."""
+        """Whether a step may begin: an awaited operator's turn for the step before the last has come."""
         return self.mode != AWAITED or self.newest >= step - FIRST_STEP
 
     def leaving(self, step: int, step_s: float) -> list[Signed]:
-        """The commands that leave the base in this step, in the order in which they were given.
+        """Take and log the commands that leave the base in this step, in the order given.
 
-        No more than a script's turn has room for: what a person gave during a pause must be repeatable.
+        At most as many leave as fit into a script's turn: a person's commands during a pause must be repeatable.
         """
         leaving: list[Signed] = []
         while self._waiting and self._waiting[0][0] <= step and len(leaving) < MAX_IN_TURN:

@@ -58,7 +58,7 @@ class Wires:
 
         self._frames = [publisher(keys.agent(agent, FRAME), "Frame") for agent in range(agents)]
         self._sending: tuple[int, float] | None = None
-        """The agent that gets a message now, and since when [wall s]."""
+        """The agent whose message is being sent, and since when [wall s]."""
         self._status = publisher(keys.status, "Status")
         self._orders = publisher(keys.orders, "Order")
         self.clock = publisher(keys.clock, "Clock").put
@@ -84,7 +84,7 @@ class Wires:
         self._sending = None
 
     def waits_for(self) -> str:
-        """The agent whose link blocks the world's sending, if one does."""
+        """Return the agent whose link blocks the world's sending, or ""."""
         agent, since_s = self._sending or (0, float("inf"))
         return f"agent {agent}" if time.monotonic() - since_s > BLOCKED_S else ""
 
@@ -164,10 +164,10 @@ def open_router(
     agents: Sequence[int],
     asked: Sequence[str],
 ) -> tuple[zenoh.Session, list[str]]:
-    """Open the router on these endpoints, where port 0 means any free port; return it with where it listens.
+    """Open the router on these endpoints, where port 0 means any free port; return session and endpoints.
 
     Raises:
-        ConnectionError: it cannot listen there.
+        ConnectionError: the router cannot listen there.
     """
     zenoh.init_log_from_env_or("error")
     may_retry = any(endpoint.endswith(ANY_PORT) for endpoint in asked)

@@ -28,7 +28,7 @@ MAX_ACCELERATE = 10_000.0
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of a board."""
+    """Make a board's argument parser."""
     made = argparse.ArgumentParser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     made.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
@@ -109,7 +109,7 @@ def warn_of_certificate(settings: BoardSettings) -> None:
 
 
 WORLD_LOST_S = 60.0
-"""Time that a board without a link waits for the world before it exits, for systemd to restart it."""
+"""Time that a board without a link waits for the world before it exits, for systemd to restart it [s]."""
 
 
 def world_config(settings: BoardSettings) -> AgentConfig:

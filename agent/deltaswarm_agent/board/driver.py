@@ -80,7 +80,7 @@ class Driver:
 
     @property
     def refused_commands(self) -> int:
-        """Relayed commands that are malformed, not the operator's, or over."""
+        """Number of relayed commands that are malformed, not the operator's, or over."""
         return self._shell.commands.rejected
 
     def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:

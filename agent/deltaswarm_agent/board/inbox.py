@@ -60,19 +60,19 @@ class _Arrival(NamedTuple):
 
 
 class Lateness:
-    """How much longer than usual a frame was under way, without clocks that agree.
+    """Measures how much longer than usual a frame was under way, without synchronised clocks.
 
-    Arrival on the own clock less sending on the sender's is the clocks' offset and the delay; the least of it seen is
-    the offset with the usual delay. It may grow slowly, as clocks drift, and at once where it then stays: a board that
-    was suspended has lost time. What comes out of a dead link does not stay: it catches up. A sender whose clock went
-    back began anew.
+    The offset (arrival by the receiver's clock less sending by the sender's) is the difference of the clocks plus the
+    delay. The smallest offset seen has the usual delay. It may grow slowly, since clocks drift, and at once to a value
+    that then stays: a board that was suspended has lost time. The offset of frames from a dead link does not stay: they
+    catch up. A sender whose clock went back has restarted.
     """
 
     def __init__(self) -> None:
         self._known: dict[int, _Sender] = {}
 
     def of(self, sender: int, sent_s: float, now_s: float) -> float:
-        """Of a frame that arrives now [s]; 0 for the first one of a sender."""
+        """Return the lateness of a frame that arrives now [s]; 0 for a sender's first frame."""
         known = self._known.get(sender)
         offset_s = now_s - sent_s
         if known is None or sent_s < known.sent_s:
@@ -124,7 +124,7 @@ class Inbox:
         self._newest: dict[int, _Arrival] = {}
 
     def refuse(self, sender: int | None, now_s: float) -> str:
-        """Why to drop a sample that arrives now [s] unread, or "".
+        """Return the reason to drop a sample that arrives now [s] unread, or "".
 
         This bounds the cost of a sender that floods its key.
         """

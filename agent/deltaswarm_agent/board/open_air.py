@@ -32,7 +32,7 @@ CLOSE_S = 1.0
 
 
 def cannot_listen(endpoint: str) -> str:
-    """Why listening on a network endpoint fails at present; "" if it works."""
+    """Return why listening on a network endpoint fails at present; "" if it works."""
     protocol = protocol_of(endpoint)
     if protocol not in WITH_PORT:
         return ""
@@ -73,9 +73,9 @@ class OpenAir:
         self._report: zenoh.Publisher | None = None
         self._health: zenoh.Publisher | None = None
         self.unsent = 0
-        """Samples dropped for lack of a session."""
+        """Number of samples that could not be sent."""
         self.links = 0
-        """Present links with boards, operators and routers."""
+        """Number of present links with boards, operators and routers."""
 
     def open(self, accelerate: float = 1.0) -> None:
         """Start connecting, and start the agent's clock, `accelerate` times as fast as the wall clock."""
@@ -97,7 +97,7 @@ class OpenAir:
         return f"{heard}; links {self.links}"
 
     def now_s(self) -> float:
-        """The agent's monotonic clock [s since `open`]."""
+        """Return the time of the agent's monotonic clock [s since `open`]."""
         return (time.monotonic() - self._start_s) * self._accelerate
 
     def hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
@@ -145,7 +145,7 @@ class OpenAir:
             log.debug("sample not sent: %s", error)
         self.unsent += 1
 
-    # In threads of their own
+    # In separate threads
 
     def _tell_of_taken_ports(self) -> None:
         """Warn of endpoints in use: Zenoh retries silently without end, since an address may appear later."""

@@ -14,7 +14,7 @@ class StepTimer:
         self._next = 0
 
     def wait_s(self, now_s: float) -> float:
-        """Time until the next step is due; 0 if it is due."""
+        """Return the time until the next step is due [s]; 0 if it is due."""
         return max(0.0, self._start_s + self._next * self._step_s - now_s)
 
     def due(self, now_s: float) -> int | None:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 log = logging.getLogger("deltaswarm.board")
 
 ENDS_WITHIN_S = 3.0
-"""Time after a signal at which a hanging body is abandoned (systemd kills after 5 s)."""
+"""Time after a signal at which a hanging body is abandoned [s]; systemd kills after 5 s."""
 
 
 class Recorder(Protocol):
@@ -84,7 +84,7 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
 
     Raises:
         ControllerError: the controller failed.
-        Exception: from the body, as it is made or later.
+        Exception: from the body, at its creation or later.
     """
     settings = run.settings
     log_to(settings.log, settings.id)
@@ -216,12 +216,12 @@ def _has_come(stop: Stop, wait_s: float) -> bool:
 
 
 def _end_in_time() -> None:
-    """Make sure that the process exits soon; if it hangs, with tracebacks and exit code 1."""
+    """Make sure that the process exits soon; if it hangs, it exits with tracebacks and code 1."""
     faulthandler.dump_traceback_later(ENDS_WITHIN_S, exit=True)
 
 
 def _verify(settings: BoardSettings) -> Verify:
-    """Whose commands the agent believes: the operator's, if its key is known, else nobody's."""
+    """Return the check of commands: only the operator's pass, if its key is known, else none."""
     public = settings.air.operator_key
     if not public:
         return lambda _: False

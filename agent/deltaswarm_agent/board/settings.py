@@ -37,7 +37,7 @@ class TlsSettings:
     verify_name: bool = key(True, "check the other end's name against its certificate")
 
     def problems(self) -> list[Problem]:
-        """All three files or none must be given, each readable, the key only by its owner."""
+        """Check that all three files or none are given, each readable, the key only by its owner."""
         files = {name: getattr(self, name) for name in ("ca_file", "cert_file", "key_file")}
         if not any(files.values()):
             return []
@@ -50,7 +50,7 @@ class TlsSettings:
         return Tls(self.ca_file, self.cert_file, self.key_file) if self.ca_file else None
 
     def pairs(self) -> Pairs:
-        """Zenoh's settings."""
+        """Return Zenoh's settings for TLS."""
         made = tls_pairs(self.files, "connect", "listen")
         return [*made, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if made else []
 
@@ -77,7 +77,7 @@ class AirSettings:
     zenoh: dict[str, Any] = key(dict, "any other Zenoh setting, by its path: its value as JSON5 text")
 
     def problems(self) -> list[Problem]:
-        """What no single key can show."""
+        """Check the rules that involve several keys."""
         found = []
         if self.mode == "client" and not self.connect:
             found.append(Problem("connect", "none", "must name the router of a client"))
@@ -127,14 +127,14 @@ class AirSettings:
         return agent_numbers(self.agents) if self.agents else []
 
     def link(self, user: str) -> RouterLink:
-        """The first endpoint with its credentials, and the user's own settings; raises as `password_in`."""
+        """Return the first endpoint with credentials and the user's own Zenoh settings. Raises as `password_in`."""
         password = password_in(Path(self.credentials_file), user) if self.credentials_file else ""
         endpoint = self.connect[0] if self.connect else ""
         tls = self.tls.files if protocol_of(endpoint) == TLS else None
         return RouterLink(endpoint, user if password else "", password, False, tuple(self.zenoh.items()), tls)
 
     def pairs(self, user: str) -> Pairs:
-        """Zenoh's settings for open air."""
+        """Return Zenoh's settings for open air."""
         link = self.link(user)
         listen = self.listen
         if self.mode == "peer" and self.multicast and not listen:
@@ -174,7 +174,7 @@ class LogSettings:
     record: str = key("off", "mcap: the agent's own frames and what it hears, beside the log", choices=RECORDS)
 
     def problems(self) -> list[Problem]:
-        """A recording needs a place, and a place a name."""
+        """Check that a recording has a folder, and that the folder's name is valid."""
         if "\0" in self.folder:
             return [Problem("folder", repr(self.folder), "must have no NUL character")]
         if self.record != "off" and not self.folder:
@@ -194,7 +194,7 @@ class BoardSettings:
     log: LogSettings = key(LogSettings, "its logs and recordings")
 
     def problems(self) -> list[Problem]:
-        """What no single table can show."""
+        """Check the rules that involve several tables."""
         found = []
         try:
             Keys(self.run)
@@ -253,7 +253,7 @@ def read_settings(file: Path) -> BoardSettings:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the file is too large, writable by everybody or no TOML, or (SettingsError) it has mistakes.
+        ValueError: the file is too large, writable by everybody or no TOML, or (SettingsError) has mistakes.
     """
     with file.open("rb") as stream:
         mode = os.fstat(stream.fileno()).st_mode & 0o777

@@ -1,6 +1,6 @@
 """`python -m deltaswarm_operator.station`: the station of one feed, which started it and holds its channel.
 
-The feed is the operator, a replay or the researcher's observer: whoever has the other end of the socket pair.
+The feed is the process at the other end of the socket pair: the operator, a replay or the researcher's observer.
 """
 
 import argparse
@@ -17,14 +17,14 @@ from collections.abc import Sequence
 from deltaswarm_operator.station.server import Station
 
 PASSWORD_VARIABLE = "DELTASWARM_PASSWORD"
-"""That of all parts of a run, named here once more: a station knows nothing of the wire."""
+"""Same name as for all parts of a run, repeated here because a station does not import the wire."""
 
 TOKEN_BYTES = 24
 """32 characters in a URL."""
 
 
 def parser() -> argparse.ArgumentParser:
-    """The command line of the station."""
+    """Make the station's argument parser."""
     made = argparse.ArgumentParser(
         prog="python -m deltaswarm_operator.station",
         description="Serve the operator's page. Prints its URL; whoever knows the URL can watch and give orders.",
@@ -48,10 +48,10 @@ def parser() -> argparse.ArgumentParser:
 
 
 def host_and_port(text: str) -> tuple[str, int]:
-    """HOST:PORT, with an IPv6 address in brackets.
+    """Parse HOST:PORT, with an IPv6 address in brackets.
 
     Raises:
-        argparse.ArgumentTypeError: it is neither.
+        argparse.ArgumentTypeError: the text is no HOST:PORT.
     """
     host, _, port = text.rpartition(":")
     host = host.removeprefix("[").removesuffix("]")
@@ -61,7 +61,7 @@ def host_and_port(text: str) -> tuple[str, int]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Serve until the feed closes; 0 after a whole run, 2 for bad arguments, else 1."""
+    """Serve until the feed closes or a signal. Exit code: 0, 1 if it cannot listen, 2 for bad arguments."""
     arguments = parser().parse_args(argv)
     logging.basicConfig(level=logging.INFO, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     log = logging.getLogger("deltaswarm.station")

@@ -1,4 +1,4 @@
-"""Whom the station lets in, and which messages of a browser it hands on. Pure."""
+"""Decides whom the station admits and which browser messages it forwards. Pure."""
 
 import hmac
 import ipaddress
@@ -12,7 +12,7 @@ INTENTS = frozenset({"command", "pace", "read", "isa", "tlx", "note", "sheet", "
 MAX_INTENT_BYTES = 16 * 1024
 
 MAX_INTENTS_PER_S = 60
-"""Of one browser: a person who drags a slider stays far below it."""
+"""Limit for one browser; a person who drags a slider stays far below it."""
 
 HEADERS: Mapping[str, str] = {
     "Content-Security-Policy": (
@@ -25,23 +25,23 @@ HEADERS: Mapping[str, str] = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-"""Of every answer: nothing from elsewhere, no inline script, no frame, and the token leaks to nobody."""
+"""Headers of every answer: nothing from elsewhere, no inline script, no frame, and the token does not leak."""
 
 
 class RefusedError(ValueError):
-    """A message of a browser that is not handed on."""
+    """A browser's message that is not forwarded."""
 
     def __init__(self, why: str, command: str | None = None) -> None:
         super().__init__(why)
         self.command = command
-        """The browser's own name of the command, so that it can tell which one was refused."""
+        """The browser's own id of the command, so that it can tell which command was refused."""
 
 
 def is_our_host(host: str | None, listen: str) -> bool:
     """Whether a request's Host header names this station.
 
-    A page from elsewhere can point its own name at this address (DNS rebinding), so a name must be ours; an address
-    cannot be rebound. The port may be that of a tunnel.
+    A page from elsewhere can point its own name at this address (DNS rebinding), so a name must be the station's; an
+    address cannot be rebound. The port is not checked: it may be that of a tunnel.
     """
     try:
         name = urlsplit(f"//{host}").hostname or ""
@@ -57,24 +57,24 @@ def is_our_host(host: str | None, listen: str) -> bool:
 
 
 def is_our_origin(origin: str | None, host: str) -> bool:
-    """Whether a WebSocket is opened by a page of this station: browsers always name the page's origin."""
+    """Whether a page of this station opens the WebSocket: browsers always name the page's origin."""
     return origin == f"http://{host}"
 
 
 def path_below(token: str, path: str) -> str | None:
-    """What follows `/token/` in a request's path, None if the token is wrong."""
+    """Return what follows `/token/` in a request's path; None if the token is wrong."""
     given, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
     is_right = hmac.compare_digest(given.encode(errors="replace"), token.encode())
     return rest if is_right and path.startswith(f"/{token}/") else None
 
 
 def intent_of(message: str | bytes, browser: int) -> bytes:
-    """A browser's message as the datagram for the feed, with the browser's number.
+    """Convert a browser's message to a datagram for the feed, with the browser's number.
 
-    The feed checks everything again; this only keeps out what is no intent at all.
+    The feed checks everything again; this check only rejects what is no intent at all.
 
     Raises:
-        RefusedError: it is too long, no JSON object, or of no known type.
+        RefusedError: the message is too long, no JSON object, or of no known type.
     """
     if not isinstance(message, str):
         raise RefusedError("a message must be text")

@@ -1,6 +1,6 @@
-"""The station's sockets: the newest picture from the feed to browsers, and what people do in them to the feed.
+"""The station's sockets: forwards the feed's newest picture to browsers, and people's intents to the feed.
 
-It never waits for a browser nor for the feed: who cannot take a message now is skipped.
+The station never waits for a browser or the feed; if one cannot take a message now, it is skipped.
 """
 
 import asyncio
@@ -24,21 +24,21 @@ log = logging.getLogger("deltaswarm.station")
 
 MAX_BROWSERS = 20
 MAX_CONNECTIONS = 80
-"""Those that fetch files included: a browser opens six at once."""
+"""Includes connections that fetch files: a browser opens six at once."""
 
 SLOW_BYTES = 64 * 1024
-"""A browser that has not taken this much yet gets no picture."""
+"""A browser that has not yet taken this much gets no picture."""
 
 STUCK_BYTES = 1024 * 1024
-"""One that has not taken this much of the answers is let go; its page connects again and catches up."""
+"""A browser that has not yet taken this much is disconnected; its page reconnects and catches up."""
 
 SEND_BUFFER_BYTES = 128 * 1024
-"""Of a connection in the kernel, so that a browser that stops and goes on is not shown a long past."""
+"""A connection's buffer in the kernel: small, so that a browser that stops and resumes shows no long backlog."""
 
 MAX_DATAGRAM_BYTES = 1024 * 1024
 MAX_DATAGRAMS_AT_ONCE = 64
 LINGER_S = 5.0
-"""How long the station stays after its feed has closed, for a page that is just being loaded."""
+"""Time that the station stays after its feed has closed, for a page that is still loading [s]."""
 
 ENDED = '{"type":"ended"}'
 PICTURE = b'{"type":"picture"'
@@ -52,17 +52,17 @@ MIME_TYPES = {
 }
 
 COMPRESSION = [ServerPerMessageDeflateFactory(server_max_window_bits=15, compress_settings={"level": 1, "memLevel": 8})]
-"""A window that reaches back to the picture before, from which the next one differs little."""
+"""The window reaches back to the previous picture, from which the next differs little."""
 
 
 class Visitor(ServerConnection):
-    """A connection; there are only so many at a time."""
+    """A connection; their number is limited."""
 
     all: ClassVar[set["Visitor"]] = set()
-    """Of the process, which has one station."""
+    """All connections of the process, which has one station."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Take it in, or drop it at once."""
+        """Admit the connection, or drop it at once."""
         super().connection_made(transport)
         self.all.add(self)
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
@@ -70,22 +70,22 @@ class Visitor(ServerConnection):
             transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Make room for another one."""
+        """Make room for another connection."""
         super().connection_lost(exc)
         self.all.discard(self)
 
     @property
     def waiting_bytes(self) -> int:
-        """What its browser has not taken yet."""
+        """Number of bytes that the browser has not taken yet."""
         return int(self.transport.get_write_buffer_size())
 
 
 class Station:
-    """Everything between one feed and its browsers."""
+    """Connects one feed with its browsers."""
 
     def __init__(self, feed: socket.socket, token: str) -> None:
         self.dropped = 0
-        """Intents that were refused, or that the feed could not take."""
+        """Number of intents that were refused or that the feed could not take."""
         self._feed = feed
         self._token = token
         self._listen = ""
@@ -103,10 +103,10 @@ class Station:
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
 
     async def run(self, host: str, port: int) -> None:
-        """Serve until the feed has closed, or `stop`; prints the URL when browsers may come.
+        """Serve until the feed has closed or `stop` is called; print the URL once browsers can connect.
 
         Raises:
-            OSError: it cannot listen there.
+            OSError: the station cannot listen on this address.
         """
         self._listen = host
         self._feed.setblocking(False)
@@ -131,7 +131,7 @@ class Station:
             loop.remove_reader(self._feed.fileno())
 
     def stop(self) -> None:
-        """End soon."""
+        """Stop serving soon."""
         self._stop.set()
 
     def _url(self, server: Server) -> str:
@@ -139,7 +139,7 @@ class Station:
         return f"http://{f'[{host}]' if ':' in host else host}:{port}/{self._token}/"
 
     def _hear_feed(self) -> None:
-        """Take all that is there; of the pictures only the newest is shown."""
+        """Take the waiting datagrams; show only the newest picture."""
         picture = None
         for _ in range(MAX_DATAGRAMS_AT_ONCE):
             try:
@@ -161,7 +161,7 @@ class Station:
             broadcast([browser for browser in browsers if browser.waiting_bytes < SLOW_BYTES], self._picture)
 
     def _pass_on(self, datagram: bytes) -> None:
-        """Anything but a picture: to the browser that it names, else to all."""
+        """Forward a message other than a picture to the browser that it names, else to all."""
         try:
             message = orjson.loads(datagram)
             kind, to = message["type"], message.get("to")
@@ -176,7 +176,7 @@ class Station:
         )
 
     def _tell(self, browsers: Iterable[Visitor], text: str) -> None:
-        """Send what must not be skipped; a browser that takes nothing any more is let go."""
+        """Send what must not be skipped; disconnect a browser that no longer takes anything."""
         able = []
         for browser in browsers:
             if browser.waiting_bytes < STUCK_BYTES:
@@ -193,7 +193,7 @@ class Station:
         loop.call_later(LINGER_S, self.stop)
 
     def _answer(self, connection: ServerConnection, request: Request) -> Response | None:
-        """A file, an error, or None for what may become a WebSocket."""
+        """Return a file, an error, or None for what may become a WebSocket."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not rules.is_our_host(hosts[0], self._listen):
             return _response(HTTPStatus.MISDIRECTED_REQUEST)
@@ -208,9 +208,9 @@ class Station:
         return _response(HTTPStatus.OK, *found) if found else _response(HTTPStatus.NOT_FOUND)
 
     async def _converse(self, connection: ServerConnection) -> None:
-        """Everything between the station and one browser."""
+        """Serve one browser until it leaves."""
         assert isinstance(connection, Visitor)
-        if len(self._browsers) >= MAX_BROWSERS:  # several shook hands at the same time
+        if len(self._browsers) >= MAX_BROWSERS:  # several browsers connected at the same time
             await connection.close(1013, "too many browsers")
             return
         self._newest_browser += 1
@@ -222,7 +222,7 @@ class Station:
         try:
             await self._listen_to(connection, number)
         except ConnectionClosed:
-            pass  # also where it sent too much at once
+            pass  # also if it sent too much at once
         finally:
             del self._browsers[number]
 
@@ -260,7 +260,7 @@ def _response(status: HTTPStatus, mime_type: str = "text/plain; charset=utf-8", 
 
 
 def _quiet_logger() -> logging.Logger:
-    """Of the library: a browser that goes away, or a stranger, is no event worth a traceback."""
+    """Silence the library's logger: a browser that leaves, or a stranger, is not worth a traceback."""
     logger = logging.getLogger("deltaswarm.station.websockets")
     logger.setLevel(logging.CRITICAL)
     return logger

@@ -1,4 +1,4 @@
-/** Orders: a form for each command that the run offers, where it goes, and what became of those that were sent. */
+/** Orders: a form for each command that the run offers, its target, and the outcomes of sent orders. */
 
 import { button, byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
 import { aim, argument as said, clock, fate, order } from "./words.js";
@@ -11,7 +11,7 @@ import { aim, argument as said, clock, fate, order } from "./words.js";
 
 /** @type {Record<TargetKind, string>} */
 const KINDS = { all: "all agents", circle: "a circle", tree: "a tree", agent: "one agent", place: "a place" };
-/** A second click so soon is the first one again. */
+/** A second click within this time is ignored. */
 const TWICE_MS = 500;
 const FIELDS = { x: "command-x", y: "command-y", radius: "command-radius" };
 
@@ -25,9 +25,9 @@ export class CommandPanel {
     this.agent = choice("command-agent");
     this.formsOf = "";
     this.sent = 0;
-    /** @type {Map<string, string>} words of each order that was sent and not answered yet */
+    /** @type {Map<string, string>} words of each order that was sent but not yet answered */
     this.waiting = new Map();
-    /** @type {Map<string, Record<string, string | number>>} what was last given to each order */
+    /** @type {Map<string, Record<string, string | number>>} arguments last given to each command */
     this.given = new Map();
     this.tookEvent = -1;
     this.sentAt_ms = -Infinity;
@@ -58,7 +58,7 @@ export class CommandPanel {
     return chosen instanceof HTMLInputElement ? /** @type {TargetKind} */ (chosen.value) : "all";
   }
 
-  /** A new hello: its forms, if they are others than before. */
+  /** Take a new hello's forms, if they differ from the previous ones. */
   start() {
     const { hello } = this.app.model;
     const forms = hello?.kind === "live" ? hello.commands : [];
@@ -81,7 +81,7 @@ export class CommandPanel {
     this.show();
   }
 
-  /** The chosen command's form. */
+  /** Show the chosen command's form. */
   show() {
     const { command } = this;
     setText(element("command-help"), command?.help ?? "");
@@ -107,7 +107,7 @@ export class CommandPanel {
     this.aim();
   }
 
-  /** The fields of the chosen kind of target; the map helps to fill them. */
+  /** Show the fields of the chosen kind of target; the map helps to fill them in. */
   aim() {
     const { kind } = this;
     element("command-place").hidden = kind !== "place" && kind !== "circle";
@@ -139,7 +139,7 @@ export class CommandPanel {
   }
 
   /**
-   * An agent was chosen on the map or in a list.
+   * Take an agent that was chosen on the map or in a list.
    * @param {number} id
    */
   take(id) {
@@ -152,7 +152,7 @@ export class CommandPanel {
   }
 
   /**
-   * An event was chosen: its place is where the order goes.
+   * Take a chosen event: its place becomes the order's target.
    * @param {number} id
    */
   takeEvent(id) {
@@ -162,7 +162,7 @@ export class CommandPanel {
     this.put({ x: found[1], y: found[2] });
   }
 
-  /** As much of the target as is filled in. */
+  /** Return the target as far as it is filled in. */
   half() {
     const number = (/** @type {string} */ id) => (input(id).value === "" ? undefined : input(id).valueAsNumber);
     const chosen = (/** @type {HTMLSelectElement} */ list) => (list.value === "" ? undefined : Number(list.value));
@@ -232,7 +232,7 @@ export class CommandPanel {
   }
 
   /**
-   * Whether it was an order of this page.
+   * Note a refusal; return whether it concerns an order of this page.
    * @param {string | null} id
    * @param {string} why
    */
@@ -284,7 +284,7 @@ export class CommandPanel {
 /**
  * @param {Argument} argument
  * @param {number} at
- * @param {string | number} [given] what was last given
+ * @param {string | number} [given] the value last given
  */
 function field(argument, at, given = argument.default) {
   const id = `argument-${at}`;
@@ -310,7 +310,7 @@ function field(argument, at, given = argument.default) {
 }
 
 /**
- * What was filled in for an argument.
+ * Read the value of an argument from its field; throw an error if it is not valid.
  * @param {Argument} argument
  * @param {number} at
  */

@@ -1,4 +1,4 @@
-/** Small helpers for elements. Text is only ever set as text, so names from a scenario or a report stay text. */
+/** Helpers for elements. Text is only set as text, never as HTML, so names from scenarios or reports stay text. */
 
 /**
  * @template {keyof HTMLElementTagNameMap} K
@@ -38,7 +38,7 @@ export const button = (id) => byId(id, HTMLButtonElement);
 export const dialog = (id) => byId(id, HTMLDialogElement);
 
 /**
- * Write a text only where it differs, which keeps a reader's selection and a screen reader's peace.
+ * Set a text only if it differs, which keeps a reader's selection and does not disturb a screen reader.
  * @param {Element} where
  * @param {string} text
  */
@@ -47,7 +47,7 @@ export function setText(where, text) {
 }
 
 /**
- * Offer options in a list without disturbing it while nothing changes.
+ * Set a list's options; leave the list alone if nothing changes.
  * @param {HTMLSelectElement} list
  * @param {[string, string][]} options values and their words
  */
@@ -61,7 +61,7 @@ export function setOptions(list, options) {
 }
 
 /**
- * Whether a key typed there belongs to what is being written.
+ * Whether a key typed in this element is text input.
  * @param {EventTarget | null} where
  */
 export function isTyping(where) {
@@ -70,7 +70,7 @@ export function isTyping(where) {
 }
 
 /**
- * Keep rows of a list in the order of `items`, making and removing only what has to be.
+ * Keep a list's rows in the order of `items`; create and remove only the rows that change.
  * @template T
  * @param {HTMLElement} list
  * @param {T[]} items

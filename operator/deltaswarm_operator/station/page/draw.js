@@ -79,7 +79,7 @@ function line(on, view, x_m, y_m, to_x_m, to_y_m) {
 }
 
 /**
- * The nearest of 1, 2, 5, 10, ... above a length.
+ * Round a length up to the next of 1, 2, 5, 10, ... m.
  * @param {number} length_m
  */
 export function roundLength(length_m) {
@@ -215,7 +215,7 @@ function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, sel
 }
 
 /**
- * Where the order that is being written would go.
+ * Draw the target of the order that is being written.
  * @param {Canvas} on
  * @param {View} view
  * @param {App} app
@@ -253,7 +253,7 @@ function picked(on, view, { pick, model }, hasFocus) {
 }
 
 /**
- * Where orders went that may still be carried out.
+ * Draw the targets of orders that may still be carried out.
  * @param {Canvas} on
  * @param {View} view
  * @param {App} app

@@ -1,4 +1,4 @@
-/** When anything was last heard from each part of the arena: what is known, and how old that is. */
+/** The time of the last report from each part of the arena: where something is known, and how old it is. */
 
 const CELLS = 48;
 const RADIUS_CELLS = 2;
@@ -10,7 +10,7 @@ export class Heat {
     this.cell_m = 1;
     this.columns = 1;
     this.rows = 1;
-    /** @type {Float64Array} newest word from each cell [s]; NaN where nobody ever was */
+    /** @type {Float64Array} newest report from each cell [s]; NaN if none */
     this.heard_s = new Float64Array(0);
     this.newest_s = -Infinity;
     window.addEventListener("pagehide", () => this.store());
@@ -59,7 +59,7 @@ export class Heat {
     if (!((this.heard_s[cell] ?? NaN) >= said_s)) this.heard_s[cell] = said_s;
   }
 
-  /** Share of the arena from which anything was heard. */
+  /** Share of the arena from which anything was reported. */
   share() {
     let known = 0;
     for (const heard_s of this.heard_s) if (!Number.isNaN(heard_s)) known += 1;

@@ -88,7 +88,7 @@ export class InboxPanel {
   }
 
   /**
-   * Mark as read and show on the map.
+   * Mark a message as read and show its sender on the map.
    * @param {HTMLElement | null} row
    */
   open(row) {
@@ -115,7 +115,7 @@ export class InboxPanel {
   }
 
   /**
-   * To the next message, or the one before.
+   * Move to the next message (`by` 1) or the previous one (-1).
    * @param {number} by
    */
   step(by) {
@@ -124,14 +124,14 @@ export class InboxPanel {
     if (next instanceof HTMLElement) this.focus(next);
   }
 
-  /** To the message where one was, or to the filter while there is none. */
+  /** Move to the last focused message, or to the filter if there is none. */
   enter() {
     const row = this.list.querySelector('[tabindex="0"]');
     if (row instanceof HTMLElement) this.focus(row);
     else this.filter.focus();
   }
 
-  /** The next one that is unread is opened; so one key works a queue off. */
+  /** Open the next unread message, so that one key works through the queue. */
   next() {
     const row = this.list.querySelector('[data-read="false"]');
     if (row instanceof HTMLElement) this.open(row);

@@ -1,4 +1,4 @@
-/** The question of how busy a person is right now (ISA): five buttons, or the keys 1 to 5, until its time is up. */
+/** The ISA question, how busy the person is right now: five buttons, or keys 1 to 5, until its time is up. */
 
 import { byId, dialog, element, make, setText } from "./dom.js";
 
@@ -58,7 +58,7 @@ export class IsaPanel {
     setText(element("isa-seconds"), `${Math.ceil(asked.left_s)} s left`);
   }
 
-  /** The answer did not arrive: ask again while there is time. */
+  /** Ask again while there is time, since the answer was not accepted. */
   reopen() {
     this.answered = -1;
     this.update();

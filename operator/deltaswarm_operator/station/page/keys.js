@@ -1,4 +1,4 @@
-/** Shortcuts, and the list of them. */
+/** Keyboard shortcuts, and their list. */
 
 import { button, dialog, element, input, isTyping, make } from "./dom.js";
 
@@ -14,7 +14,7 @@ export class Keys {
    */
   constructor(shortcuts, others) {
     this.byKey = new Map(shortcuts.flatMap((shortcut) => shortcut.keys.map((key) => [key, shortcut])));
-    /** when a letter was last typed that chooses in a list of options */
+    /** when a letter that chooses an option of a list was last typed */
     this.typedAt_ms = -Infinity;
     this.help = dialog("help");
     this.isOn = input("shortcuts-on");
@@ -58,7 +58,7 @@ export class Keys {
   }
 
   /**
-   * Whether a key chooses an option of a list by its letters; others are shortcuts there as everywhere.
+   * Whether a key chooses an option of a list; all other keys are shortcuts, even in a list.
    * @param {HTMLSelectElement} list
    * @param {KeyboardEvent} event
    */

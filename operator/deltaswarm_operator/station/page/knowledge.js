@@ -1,4 +1,4 @@
-/** What the map shows, as lists that a screen reader reads: agents and events that were reported, and nothing else. */
+/** What the map shows, as lists for screen readers: reported agents and events, and nothing else. */
 
 import { choice, element, keepRows, make, setText } from "./dom.js";
 import { aboutAgent, aboutEvent, place } from "./words.js";

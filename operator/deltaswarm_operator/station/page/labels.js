@@ -1,4 +1,4 @@
-/** Labels of the map: where they would lie on one another, the less important one is left out. */
+/** Labels of the map: if two would overlap, the less important is left out. */
 
 import { inks } from "./looks.js";
 

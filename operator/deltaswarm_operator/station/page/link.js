@@ -1,4 +1,4 @@
-/** The WebSocket: connects again by itself, so that the page and what is half filled in stay. */
+/** The WebSocket. It reconnects by itself, so that the page and half-filled forms stay. */
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
@@ -47,7 +47,7 @@ export class Link {
   }
 
   /**
-   * Whether it could be sent: nothing is kept for later, since an order that comes late is another order.
+   * Send an intent; return whether that was possible. Nothing is kept for later: a late order is another order.
    * @param {Intent} intent
    */
   send(intent) {

@@ -1,4 +1,4 @@
-/** Colours and shapes: each alone tells roles apart, for any eye and on any screen. */
+/** Colours and shapes: either alone distinguishes roles, for any eye and on any screen. */
 
 /**
  * Okabe and Ito's palette, as in recordings.
@@ -43,7 +43,7 @@ const INKS = {
 };
 
 /**
- * Ages up to which a band of the heat map reaches [s], their words, and their strength.
+ * Bands of the heat map: maximum age [s], label, and opacity.
  * @type {[number, string, number][]}
  */
 export const HEAT = [
@@ -81,13 +81,13 @@ export function look(role) {
 }
 
 /**
- * How much of its colour is left to what was heard so long ago.
+ * The share of the colour that remains at this age.
  * @param {number} age_s
  */
 export const strength = (age_s) => Math.max(0.4, 1 - Math.max(0, age_s - 5) / 120);
 
 /**
- * Corners of regular shapes: how many, turned by [turns of a corner].
+ * Regular shapes: number of corners, and rotation [in angles between corners].
  * @type {Record<string, [number, number]>}
  */
 const CORNERS = {
@@ -132,7 +132,7 @@ export function trace(on, shape, x, y, size) {
 }
 
 /**
- * Draw an agent's marker: filled by its own word, hollow where another one named it.
+ * Draw an agent's marker: filled if the agent reported itself, hollow if another agent named it.
  * @param {CanvasRenderingContext2D} on
  * @param {string} role
  * @param {number} x
@@ -184,7 +184,7 @@ export function markEvent(on, x, y, size) {
 }
 
 /**
- * The ring of an event that was reported only now.
+ * Draw the ring of a newly reported event.
  * @param {CanvasRenderingContext2D} on
  * @param {number} x
  * @param {number} y

@@ -1,4 +1,4 @@
-/** The station's page: joins the link, what the page knows, and the panels. */
+/** The station's page: connects the link, the model and the panels. */
 
 import { CommandPanel } from "./commands.js";
 import { choice, element, setText } from "./dom.js";
@@ -98,7 +98,7 @@ function takePicture(picture) {
 
 let askTimer = 0;
 
-/** At most once a second, and again until an answer has come. */
+/** Ask for missing messages, at most once a second, until an answer comes. */
 function askForMissing() {
   if (askTimer || app.model.isCaughtUp) return;
   link.send({ type: "catch_up" });
@@ -108,7 +108,7 @@ function askForMissing() {
   }, ASK_EVERY_MS);
 }
 
-/** What people read is written four times a second at most: faster cannot be read. */
+/** Update the text panels. Pictures cause this at most four times a second, since nobody reads faster. */
 function showLists() {
   window.clearTimeout(listsTimer);
   listsTimer = 0;
@@ -118,7 +118,7 @@ function showLists() {
   commands.update();
 }
 
-/** Whether what is shown is up to date. */
+/** Show whether the page is up to date. */
 function showStatus() {
   const { picture, hello } = app.model;
   const isSilent = performance.now() - heardAt_ms > SILENT_MS;

@@ -1,4 +1,4 @@
-/** The map's panel: pan, zoom, select, and choosing where an order goes. */
+/** The map's panel: pan, zoom, select, and choose an order's target. */
 
 import { byId, element, input, make, setText } from "./dom.js";
 import { draw } from "./draw.js";
@@ -28,12 +28,12 @@ export class MapPanel {
     this.heat = new Heat();
     /** @type {Selection | null} */
     this.hovered = null;
-    /** @type {Map<number, [number, number]>} where each pointer is that touches the map */
+    /** @type {Map<number, [number, number]>} position of each pointer that touches the map */
     this.pointers = new Map();
     this.hasMoved = false;
     this.isDirty = false;
     this.legendOf = "";
-    /** what kind of view it is: the truth needs no heat map, so that it is off there until it is asked for */
+    /** kind of the view: the truth needs no heat map, so it is off there until asked for */
     this.kind = "";
     this.arenaOf = "";
     this.layers = { heat: input("layer-heat"), labels: input("layer-labels"), trees: input("layer-trees") };
@@ -77,7 +77,7 @@ export class MapPanel {
     this.fit();
   }
 
-  /** A new hello. */
+  /** Take a new hello. */
   start() {
     const { hello } = this.app.model;
     if (!hello) return;
@@ -106,7 +106,7 @@ export class MapPanel {
     this.layers[layer].click();
   }
 
-  /** A new picture. */
+  /** Take a new picture. */
   update() {
     const { model } = this.app;
     this.heat.take(model.agents, model.now_s);
@@ -174,7 +174,7 @@ export class MapPanel {
   }
 
   /**
-   * A click: where an order goes if one is being written, else a selection.
+   * Take a click: the target of the order that is being written, else a selection.
    * @param {number} x
    * @param {number} y
    */
@@ -227,7 +227,7 @@ export class MapPanel {
   }
 
   /**
-   * Select the next agent, or the one before.
+   * Select the next agent (`by` 1) or the previous one (-1).
    * @param {number} by
    */
   step(by) {
@@ -252,7 +252,7 @@ export class MapPanel {
     this.tell();
   }
 
-  /** Write what is known of whatever the pointer is on, or is selected. */
+  /** Describe what is under the pointer, or else the selection. */
   tell() {
     const { model, selection } = this.app;
     const about = this.hovered ?? selection;
@@ -277,7 +277,7 @@ export class MapPanel {
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
-  /** Explain the markers that are on the map. */
+  /** Explain the markers on the map. */
   legend() {
     const { model } = this.app;
     const roles = [...new Set(model.agents.map((agent) => agent[3]))].sort();
@@ -326,7 +326,7 @@ export class MapPanel {
 }
 
 /**
- * A line of the legend.
+ * Make an entry of the legend.
  * @param {string} words
  * @param {(on: CanvasRenderingContext2D) => void} paint
  */

@@ -1,4 +1,4 @@
-/** What the page knows: the newest picture, the inbox, which messages were read, and the rates so far. */
+/** What the page knows: the newest picture, the inbox, the read messages, and the rates so far. */
 
 /** @typedef {import("./types.js").Hello} Hello */
 /** @typedef {import("./types.js").Picture} Picture */
@@ -10,7 +10,7 @@
 
 const MAX_INBOX = 1000;
 const MAX_HISTORY = 1200;
-/** Further than this the time of a replay goes only by a jump. */
+/** A longer advance of a replay's time is a jump [s]. */
 const JUMP_S = 60;
 
 export class Model {
@@ -25,10 +25,10 @@ export class Model {
     this.read = new Set();
     /** @type {HistoryRow[]} */
     this.history = [];
-    /** Whether no message is missing; else they should be asked for. */
+    /** Whether no message is missing; if false, ask for the missing ones. */
     this.isCaughtUp = false;
     this.newest = -1;
-    /** @type {Map<number, number>} running numbers of the events of the truth, whose own are too long to read */
+    /** @type {Map<number, number>} running numbers of the truth's events, whose ids are too long to read */
     this.eventNumbers = new Map();
   }
 
@@ -36,7 +36,7 @@ export class Model {
     return this.picture?.time_s ?? 0;
   }
 
-  /** @returns {AgentRow[]} the researcher's are the truth, of now */
+  /** @returns {AgentRow[]} the researcher's are the present truth */
   get agents() {
     const { picture, now_s } = this;
     if (picture?.truth) return picture.truth.agents.map((row) => [...row, now_s, 1]);
@@ -51,7 +51,7 @@ export class Model {
     return picture?.events ?? [];
   }
 
-  /** Roots of trees that were reported, whether or not the root itself was heard. */
+  /** Roots of the reported trees, whether or not the root itself reported. */
   get roots() {
     const roots = new Set(
       this.agents.flatMap((agent) => (agent[5] >= 0 ? [agent[5]] : agent[3] === "root" ? [agent[0]] : [])),
@@ -60,7 +60,7 @@ export class Model {
   }
 
   /**
-   * Whether it is another run than the one before, so that nothing of that holds any more.
+   * Take a hello; return whether it is of another run, so that nothing known before applies.
    * @param {Hello} hello
    */
   takeHello(hello) {
@@ -117,7 +117,7 @@ export class Model {
   }
 
   /**
-   * A replay went back: what came later is not known yet.
+   * Forget what came after this time, since a replay went back.
    * @param {number} time_s
    */
   rewind(time_s) {
@@ -131,7 +131,7 @@ export class Model {
     if (this.newest >= this.inbox.size && this.inbox.size < MAX_INBOX / 2) this.isCaughtUp = false;
   }
 
-  /** Time went back, or it is another run. */
+  /** Forget everything, since time went back or another run began. */
   forget() {
     this.picture = null;
     this.inbox.clear();

@@ -1,4 +1,4 @@
-/** The clock, pause, step and speed, and the time bar of a replay. */
+/** Clock, pause, step and speed, and the time bar of a replay. */
 
 import { button, choice, element, input, setOptions, setText } from "./dom.js";
 import { clock, number, speed } from "./words.js";
@@ -19,10 +19,10 @@ export class PacePanel {
     this.bar = input("seek");
     this.isDragging = false;
     this.seekAt_ms = -Infinity;
-    /** @type {[number, number][]} wall time [ms] and time of the run [s] of the newest pictures */
+    /** @type {[number, number][]} wall time [ms] and the run's time [s] of the newest pictures */
     this.passed = [];
     this.reachedOf = "";
-    /** the speed that was asked for last: the next key may come before the picture that has it */
+    /** the speed last asked for: the next key may come before a picture shows this speed */
     this.asked = 1;
     this.askedAt_ms = -Infinity;
     this.pause.addEventListener("click", () => this.toggle());
@@ -32,7 +32,7 @@ export class PacePanel {
     this.speeds.addEventListener("keydown", () => (byPointer = false));
     this.speeds.addEventListener("change", () => {
       this.app.send({ type: "pace", speed: Number(this.speeds.value) });
-      if (byPointer) this.speeds.blur(); // else the next shortcut might choose another speed by its letter
+      if (byPointer) this.speeds.blur(); // otherwise the next shortcut's letter might choose another speed
     });
     this.bar.addEventListener("input", () => this.drag());
     this.bar.addEventListener("change", () => this.drop());
@@ -54,7 +54,7 @@ export class PacePanel {
   }
 
   /**
-   * Faster, or slower: as fast as possible (0) is the fastest.
+   * Go faster or slower; 0, as fast as possible, is the fastest speed.
    * @param {number} by
    */
   shift(by) {
@@ -91,7 +91,7 @@ export class PacePanel {
     this.seek(this.bar.valueAsNumber);
   }
 
-  /** The speed that is reached, where it is another than the one that is wanted. */
+  /** The speed reached, if well below the wanted speed, or if that is as fast as possible. */
   reached() {
     const { now_s, picture } = this.app.model;
     const { paused, speed: wanted } = this.state;

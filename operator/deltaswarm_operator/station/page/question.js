@@ -1,4 +1,4 @@
-/** A dialog that is open while something is asked and no answer was sent; nothing but an answer closes it. */
+/** A dialog that is open while a question has no answer; only an answer closes it. */
 
 import { dialog } from "./dom.js";
 

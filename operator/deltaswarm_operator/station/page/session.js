@@ -1,4 +1,4 @@
-/** What a session asks before it begins, and notes at any time. */
+/** The sheet that a session asks for before it begins, and notes at any time. */
 
 import { button, byId, element, input, make, setText } from "./dom.js";
 import { Question } from "./question.js";
@@ -9,7 +9,7 @@ import { clock } from "./words.js";
 const DRAFT = "deltaswarm-note";
 const NOTES = "deltaswarm-notes";
 
-/** @typedef {{run: string, lines: [number, string][]}} Notes the time of each [s], and its text */
+/** @typedef {{run: string, lines: [number, string][]}} Notes time [s] and text of each */
 
 export class SessionPanel {
   /** @param {App} app */
@@ -47,7 +47,7 @@ export class SessionPanel {
     return this.app.model.hello?.run ?? "";
   }
 
-  /** @returns {Notes} those that were saved in this run, also before the page was loaded again */
+  /** @returns {Notes} the notes of this run, including those from before a reload of the page */
   get notes() {
     const notes = JSON.parse(sessionStorage.getItem(NOTES) ?? "null");
     return notes?.run === this.run ? notes : { run: this.run, lines: [] };
@@ -91,7 +91,7 @@ export class SessionPanel {
   }
 
   /**
-   * The sheet did not arrive, or was not taken.
+   * Ask for the sheet again, since it was not accepted.
    * @param {string} why
    */
   reopen(why) {

@@ -22,7 +22,7 @@ export class Tabs {
   }
 
   /**
-   * Offer a tab, or hide it where it is of no use.
+   * Offer a tab, or hide it if it is of no use.
    * @param {string} id
    * @param {boolean} isOffered
    */

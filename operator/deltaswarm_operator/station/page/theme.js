@@ -1,4 +1,4 @@
-/** Dark or light: as the machine has it, or as chosen here. */
+/** Dark or light: the machine's choice, unless chosen here. */
 
 import { button, setText } from "./dom.js";
 import { isDark } from "./looks.js";

@@ -1,4 +1,4 @@
-/** NASA-TLX at the end of a run: six scales from 0 to 100 by 5; if asked for, which of each pair weighed more. */
+/** NASA-TLX at the end of a run: six scales from 0 to 100 in steps of 5, and optionally pairwise weights. */
 
 import { button, element, make, setText } from "./dom.js";
 import { Question } from "./question.js";
@@ -56,7 +56,7 @@ export class TlxPanel {
     this.question.update();
   }
 
-  /** The form, with what was filled in before the page was loaded again. */
+  /** Build the form, with the answers from before a reload of the page. */
   open() {
     this.answers = JSON.parse(sessionStorage.getItem(STORED) ?? "null") ?? { scales: {}, pairs: {} };
     element("tlx-scales").replaceChildren(...SCALES.map((scale) => this.slider(scale)));
@@ -127,7 +127,7 @@ export class TlxPanel {
     );
   }
 
-  /** Keep what was filled in, and say what is missing. */
+  /** Store the answers, and show what is missing. */
   note() {
     sessionStorage.setItem(STORED, JSON.stringify(this.answers));
     const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) =>
@@ -153,7 +153,7 @@ export class TlxPanel {
   }
 
   /**
-   * The answers did not arrive.
+   * Ask again, since the answers were not accepted.
    * @param {string} why
    */
   reopen(why) {

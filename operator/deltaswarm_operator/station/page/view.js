@@ -1,4 +1,4 @@
-/** Which part of the arena the map shows: metres with y upwards, pixels with y downwards. */
+/** The part of the arena on the map: metres with y upwards, pixels with y downwards. */
 
 const MARGIN_PX = 26;
 export const LEAST_MARKER_PX = 6;
@@ -14,7 +14,7 @@ export class View {
     this.isFitted = false;
   }
 
-  /** How large an agent is drawn: larger on a large screen. */
+  /** Size of an agent's marker: larger on a large screen [px]. */
   get marker_px() {
     return Math.min(9, Math.max(LEAST_MARKER_PX, Math.min(this.width, this.height) / 100));
   }
@@ -38,7 +38,7 @@ export class View {
   }
 
   /**
-   * Show the whole arena, and the base where that lies outside.
+   * Show the whole arena, and the base even if it lies outside.
    * @param {[number, number]} arena_m
    * @param {[number, number] | null} base_m
    */
@@ -76,7 +76,7 @@ export class View {
   }
 
   /**
-   * Move just as far that a place is well inside.
+   * Centre a place unless it is well inside the map.
    * @param {number} x_m
    * @param {number} y_m
    */

@@ -1,4 +1,4 @@
-/** Words for people: times, ages, who is doing what. */
+/** Text for people: times, ages, and what agents do. */
 
 /** @typedef {import("./types.js").AgentRow} AgentRow */
 /** @typedef {import("./types.js").EventRow} EventRow */
@@ -6,7 +6,7 @@
 /** @typedef {import("./types.js").CommandRow} CommandRow */
 
 /**
- * 65 as 1:05, 3723 as 1:02:03.
+ * Format a time: 65 as 1:05, 3723 as 1:02:03.
  * @param {number} time_s
  */
 export function clock(time_s) {
@@ -35,7 +35,7 @@ export const ago = (age_s) => (age_s < 0.5 ? "just now" : `${age(age_s)} ago`);
 export const count = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 
 /**
- * A number as people write it: at most so many digits after the point, and no zeros at the end.
+ * Format a number with at most `digits` decimals and no trailing zeros.
  * @param {number} value
  * @param {number} digits
  */
@@ -48,7 +48,7 @@ export function speed(speed) {
 }
 
 /**
- * What an agent does, as far as it was told.
+ * Describe what an agent does, as far as reported.
  * @param {AgentRow} agent
  * @param {AgentRow[]} agents
  * @param {EventRow[]} events
@@ -110,7 +110,7 @@ export function message([, , , role, followers, events]) {
 }
 
 /**
- * What is known of an agent; of the truth nobody has to tell.
+ * Describe what is known of an agent; the truth comes from no reporter.
  * @param {AgentRow} agent
  * @param {import("./model.js").Model} model
  */
@@ -128,7 +128,7 @@ export function aboutEvent(event, { now_s, picture }) {
 }
 
 /**
- * An argument's name as people say it, and its unit: within_m is "within" in m.
+ * Split an argument's name into readable words and a unit: within_m is "within" in m.
  * @param {string} key
  * @param {string} [unit]
  * @returns {[string, string]}
@@ -140,7 +140,7 @@ export function argument(key, unit) {
 }
 
 /**
- * Where an order goes.
+ * Describe an order's target.
  * @param {CommandRow[2]} target
  */
 export function aim([kind, first = 0, second = 0, radius_m = 0]) {
@@ -162,7 +162,7 @@ export function order([, name, , values]) {
 }
 
 /**
- * What became of an order, and until when agents pass it on and begin it.
+ * Describe an order's outcome, and until when agents pass it on and begin it.
  * @param {CommandRow} command
  * @param {number} now_s
  */

@@ -1,4 +1,4 @@
-/** The workload: how many messages come, from how many, and how long it was too much. */
+/** The workload: message rates, number of senders, and time above the thresholds. */
 
 import { element, setText } from "./dom.js";
 import { inks } from "./looks.js";
@@ -10,7 +10,7 @@ const SHORT = "#0072b2";
 const SHORT_DARK = "#56b4e9";
 const LONG = "#d55e00";
 
-/** Distances of the times below the chart [s]. */
+/** Possible intervals between the times below the chart [s]. */
 const TIMES_S = [1, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200];
 
 export class WorkloadPanel {
@@ -29,7 +29,7 @@ export class WorkloadPanel {
     return { width: Math.max(this.where.clientWidth, 100), height: Math.max(this.where.clientHeight, 80) };
   }
 
-  /** Draw anew: another run, or other colours. */
+  /** Draw the chart again, for another run or other colours. */
   start() {
     this.plot?.destroy();
     const { soft, faint, ink } = inks();
