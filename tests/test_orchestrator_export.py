@@ -181,6 +181,14 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureF
         assert str(path) in capsys.readouterr().err
 
 
+def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was cut off after its first bytes."""
+    file = run / "recording.mcap"
+    file.write_bytes(file.read_bytes()[:8])
+    assert export(run, "csv") != 0
+    assert str(file) in capsys.readouterr().err
+
+
 def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
     """ROS allows letters, digits and _ in a topic; a role may be any printable text."""
     (tmp_path / "run").mkdir()

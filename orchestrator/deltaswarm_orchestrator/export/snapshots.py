@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.recording.reader import Recording, read_recording
-from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
+from deltaswarm_orchestrator.recording.records import Messages, RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
 from deltaswarm_wire.truth import Body, EventState
 
@@ -53,14 +53,16 @@ class Film:
 
 
 def read_film(path: Path) -> Film:
-    """Open the recording in a file. If it was cut off before the scenario, the arena is 0 m by 0 m.
+    """Open the recording in a file.
 
     Raises:
         FileNotFoundError: there is no recording.
-        RecordingError: the file is not a recording.
+        RecordingError: the file is not a recording, or was cut off before the scenario.
     """
     recording = read_recording(path)
-    arena = tomllib.loads(recording.scenario).get("arena", {"width_m": 0.0, "height_m": 0.0})
+    if not recording.scenario:
+        raise RecordingError(f"{path} must hold a scenario; it was cut off before that")
+    arena = tomllib.loads(recording.scenario)["arena"]
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
     return Film(path, recording, arena["width_m"], arena["height_m"], obstacles)
 

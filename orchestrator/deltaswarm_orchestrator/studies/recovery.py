@@ -53,14 +53,15 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
     if not count or len(columns) < settings.windows:
         return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
     low_s, high_s = math.nan, math.nan
+    ends_s = columns.to_numpy(float) + window_s
     if count > 1:
         generator = np.random.default_rng(0)
         drawn = (generator.integers(count, size=count) for _ in range(RESAMPLES))
-        found = np.sort([_back_s(settings, tuple(frame[chosen] for frame in frames), window_s) for chosen in drawn])
+        found = np.sort([_back_s(settings, tuple(frame[chosen] for frame in frames), ends_s) for chosen in drawn])
         # By rank, not by interpolation: there is no value between 300 s and never.
         ends = math.floor(TAIL * (RESAMPLES - 1)), math.ceil((1 - TAIL) * (RESAMPLES - 1))
         low_s, high_s = (float(found[end]) for end in ends)
-    return {"n": count, "back_s": _back_s(settings, frames, window_s), "low_s": low_s, "high_s": high_s}
+    return {"n": count, "back_s": _back_s(settings, frames, ends_s), "low_s": low_s, "high_s": high_s}
 
 
 def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.DataFrame]:
@@ -74,8 +75,14 @@ def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.Dat
     return total, weight
 
 
-def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], window_s: float) -> float:
-    """Compute when the swarm is back [s] from sums and weights (replicates, windows) with and without the fault."""
+def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], ends_s: Floats) -> float:
+    """Compute when the swarm is back, counted from `after_s` [s].
+
+    Args:
+        settings: what counts as being back.
+        frames: sums and weights (replicates, windows) with the fault, then without it.
+        ends_s: (windows,) the end of each window [s].
+    """
     with np.errstate(divide="ignore", invalid="ignore"):
         own, base = (frames[i].sum(axis=0) / frames[i + 1].sum(axis=0) for i in (0, 2))
         ratios = np.where((own == 0) & (base == 0), 1.0, own / base)
@@ -83,5 +90,5 @@ def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], window_s: fl
     well = (ratios <= settings.tolerance) & (ratios >= least)
     for first in range(len(well) - settings.windows + 1):
         if well[first : first + settings.windows].all():
-            return (first + 1) * window_s
+            return float(ends_s[first]) - settings.after_s
     return math.inf
