@@ -143,6 +143,7 @@ class _Run:
         """Why it ended too early, or what was lost on the way; each a line."""
         self._logs: list[str] = []
         self._operator_restarts = 0
+        self._disk_is_full = False
         if resumed:
             self._manifest = json.loads((folder.path / "manifest.json").read_text())
             self._manifest |= {"exit_reason": results.RUNNING}
@@ -171,7 +172,8 @@ class _Run:
                 self._write_tables()
         except (RoomError, KeyboardInterrupt) as error:
             self._stop.conclude()
-            self._why.append(str(error) or AT_ONCE)
+            if not (self._disk_is_full and isinstance(error, RoomError)):
+                self._why.append(str(error) or AT_ONCE)
             summary = self._conclude()
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
@@ -318,6 +320,7 @@ class _Run:
                     tails = [(who, tail) for who, tail in watch.logs.items() if tail.strip()]
                     self._logs += [f"the last lines of the log of {who}:\n{tail}" for who, tail in tails]
                     self._operator_restarts = watch.operator_restarts
+                    self._disk_is_full = watch.disk_is_full
 
     def _conclude(self) -> dict[str, Any]:
         """The summary; the manifest gets what agrees with it."""

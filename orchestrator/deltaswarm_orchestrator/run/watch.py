@@ -48,6 +48,8 @@ class Watch:
         self.logs: dict[str, str] = {}
         """The last lines of the logs of those who were not started again."""
         self.operator_restarts = 0
+        self.disk_is_full = False
+        """Whether `why` has the line of a part that found the disk full. More lines would say the same."""
         self._swarm = swarm
         self._observer = observer
         self._reporter = reporter
@@ -189,8 +191,14 @@ class Watch:
         return [part for part in self._swarm.ended() if part not in self._noted]
 
     def _mourn(self, failed: list[Part]) -> None:
-        self.why += [part.obituary(self._step if self._has_begun else None) for part in failed]
-        self.logs |= {part.name: part.log_tail() for part in failed}
+        for part in failed:
+            if part.exit_code != NO_ROOM:
+                self.logs[part.name] = part.log_tail()
+            elif self.disk_is_full:
+                continue
+            else:
+                self.disk_is_full = True
+            self.why.append(part.obituary(self._step if self._has_begun else None))
 
     @property
     def _step(self) -> int:
