@@ -25,7 +25,7 @@ FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
 """After the first frame with a command the second follows so soon; the intervals double up to the longest."""
 
 ANSWERED_S = 600.0
-"""An agent answers for a command in its reports for so long after its life."""
+"""Time after a command's life for which an agent still answers for it in its reports [s]."""
 
 MAX_KNOWN = 4096
 """Numbers of commands that an agent remembers; when it has more, those below its newest ones count as known."""

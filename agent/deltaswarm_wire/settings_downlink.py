@@ -40,7 +40,9 @@ class CommandSettings:
         (), "circle: x, y and radius [m]; tree: its root; agent: its number; place: x and y [m]"
     )
     arguments: dict[str, Any] = key(dict, "its arguments, by name")
-    life_s: float = key(120.0, "agents relay it, and begin to carry it out, for so long [s]", above=0, high=MAX_LIFE_S)
+    life_s: float = key(
+        120.0, "time for which agents relay it and may begin to carry it out [s]", above=0, high=MAX_LIFE_S
+    )
 
     def __hash__(self) -> int:
         return hash((self.at_s, self.name, self.target, self.numbers, repr(self.arguments), self.life_s))

@@ -1,6 +1,6 @@
 """The operator's commands under the paper's control structures. The paper has no commands: all of this is ours.
 
-- `set delta`: from now on so many events sensed at once make the agent a root (hybrid control only).
+- `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
 - `attend`: free agents near a place go there, and walk on if they sense nothing on the way.
 - `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
