@@ -95,7 +95,7 @@ def short_path(file: Path) -> Iterator[str]:
 
 
 def connected(folder: Path, within_s: float) -> socket.socket:
-    """Connect to the running run in a folder, within `within_s` [s].
+    """Connect to the run in progress in a folder, within `within_s` [s].
 
     Raises:
         OSError: no run is under way there, or this user may not watch it.

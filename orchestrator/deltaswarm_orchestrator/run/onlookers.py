@@ -1,4 +1,4 @@
-"""Onlookers of a running run: viewers and terminals, which only read and do not affect the run."""
+"""Onlookers of a run in progress: viewers and terminals, which only read and do not affect the run."""
 
 import time
 from collections.abc import Callable, Sequence
