@@ -7,10 +7,10 @@ from deltaswarm_orchestrator.stopping import end_at_once_on_signals
 
 
 def main() -> int:
-    """Run one command; its exit code. What takes long to import comes after the signals."""
+    """Run one command; return its exit code. Slow imports come after the signal handlers are set."""
     end_at_once_on_signals()
-    # No array here is large enough for OpenBLAS to use a second thread, and those that it starts when numpy is imported
-    # spin for 0.1 s in every process. Set before that import; the parts of a run inherit it.
+    # No array here is large enough for a second OpenBLAS thread, and the threads started by importing numpy spin for
+    # 0.1 s in every process. Set before that import; the parts of a run inherit it.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from deltaswarm_orchestrator import cli
 

@@ -1,13 +1,13 @@
-"""How a command ends: its exit code, and what it complains of."""
+"""Exit codes and error messages of commands."""
 
 import sys
 
 OK, FAILED, USAGE, MISSED = 0, 1, 2, 3
-"""Success; the run failed; usage or scenario; a claim missed its tolerance."""
+"""Success; a run failed; wrong usage or scenario; a claim missed its tolerance."""
 
 
 class CommandError(Exception):
-    """Ends a command with its text as one line on standard error, and with an exit code."""
+    """Ends a command with an exit code and with its text as one line on standard error."""
 
     code = USAGE
 
@@ -17,5 +17,5 @@ class CommandError(Exception):
 
 
 def complain(text: str) -> None:
-    """Say what is wrong, on standard error."""
+    """Print what is wrong on standard error."""
     print(f"deltaswarm: {text}", file=sys.stderr)

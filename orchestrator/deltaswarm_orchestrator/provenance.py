@@ -13,21 +13,21 @@ DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pa
 PACKAGES = ("deltaswarm_wire", "deltaswarm_agent", "deltaswarm_world", "deltaswarm_operator", "deltaswarm_orchestrator")
 
 GIT_WITHIN_S = 5.0
-"""A git that takes longer, as on a network drive that is gone, has nothing to tell."""
+"""Maximum wait for git [s], which may hang, for example on a lost network drive."""
 
 
 def now() -> str:
-    """Date and time, UTC."""
+    """Return date and time in UTC, as ISO 8601."""
     return datetime.now(UTC).isoformat(timespec="seconds")
 
 
 def versions() -> dict[str, str | None]:
-    """Of Python and of what the results depend on; None for what is not installed."""
+    """Return the versions of Python and of what the results depend on; None for what is not installed."""
     return {"python": platform.python_version(), **{name: _version(name) for name in DISTRIBUTIONS}}
 
 
 def _version(distribution: str) -> str | None:
-    from importlib.metadata import PackageNotFoundError, version  # slow to import, and a sweep's worker needs none
+    from importlib.metadata import PackageNotFoundError, version  # slow to import, and not needed by a sweep's worker
 
     try:
         return version(distribution)
@@ -36,13 +36,13 @@ def _version(distribution: str) -> str | None:
 
 
 def host() -> dict[str, str | int | None]:
-    """The machine's kind, not its name."""
+    """Return the machine's system, architecture and number of cores, but not its name."""
     return {"system": platform.platform(), "machine": platform.machine(), "cores": os.cpu_count()}
 
 
 @cache
 def commit() -> str | None:
-    """The git commit of the sources, with `-dirty` if they differ from it; None outside of a git checkout."""
+    """Return the git commit of the sources, with `-dirty` if they differ from it; None outside a git checkout."""
     here = Path(__file__)
 
     def git(*arguments: str) -> str:
@@ -58,7 +58,7 @@ def commit() -> str | None:
 
 @cache
 def code_digest() -> str:
-    """A digest of all sources of deltaswarm, which tells apart what one version number may hold."""
+    """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
     found = hashlib.blake2b(digest_size=8)
     for package in PACKAGES:
         spec = importlib.util.find_spec(package)

@@ -1,4 +1,4 @@
-"""Room on the disk: an estimate before a run, a reserve for its last words, and what a full disk is called."""
+"""Disk space: an estimate before a run, a reserve for its final results, and the error for a full disk."""
 
 import os
 import shutil
@@ -11,24 +11,24 @@ from deltaswarm_wire.exits import NO_ROOM, exit_code_of
 from deltaswarm_wire.settings import Scenario
 
 RESERVE, RESERVE_BYTES = ".reserve", 48 * 1024
-"""A file that is given up at the end, so that summary and manifest can be written on a disk that is full."""
+"""A file that is deleted at the end, so that summary and manifest can be written on a full disk."""
 
 SPARE_BYTES = 16 * 1024
-"""With less than this beside the reserve a part cannot even log why it fails."""
+"""With less than this besides the reserve, a part cannot even log why it fails."""
 
 STEP_BYTES, VIEWS_BYTES, AGENT_VIEWS_BYTES, AGENT_WIRE_BYTES = 300, 300, 40, 150
-"""Of tables per step; of a recording for viewers per step, and per agent and step; of raw samples the same."""
+"""Sizes: tables per step; recording for viewers per step, and per agent and step; raw samples per agent and step."""
 
 
 class RoomError(CommandError):
-    """A file could not be written, since the disk is full or refuses; the text names it, and why."""
+    """A file could not be written because the disk is full or faulty; the text names the file and the reason."""
 
     code = FAILED
 
 
 @contextmanager
 def room_for(path: Path) -> Iterator[None]:
-    """Raises RoomError for what goes wrong while this file is written."""
+    """Turn any OSError while this file is written into RoomError."""
     try:
         yield
     except OSError as error:
@@ -37,7 +37,7 @@ def room_for(path: Path) -> Iterator[None]:
 
 @contextmanager
 def room_in(folder: Path) -> Iterator[None]:
-    """Raises RoomError for whatever the disk refuses meanwhile, in this folder unless the error names its file."""
+    """Turn disk errors into RoomError, which names this folder unless the error names a file."""
     try:
         yield
     except OSError as error:
@@ -47,17 +47,17 @@ def room_in(folder: Path) -> Iterator[None]:
 
 
 def is_refused(error: OSError) -> bool:
-    """Whether the disk is at fault: full, over a quota, broken or read-only."""
+    """Return whether the disk is at fault: full, over quota, broken or read-only."""
     return exit_code_of(error) == NO_ROOM
 
 
 def no_room(error: OSError, path: Path) -> RoomError:
-    """What went wrong while this file was written."""
+    """Return the RoomError for an error while this file was written."""
     return RoomError(f"{error.filename or path} could not be written: {error.strerror or error}")
 
 
 def keep_reserve(folder: Path, size: int = RESERVE_BYTES) -> None:
-    """Set a little room aside, or have more than before. Raises RoomError."""
+    """Reserve disk space, or enlarge the reserve. Raises RoomError."""
     with room_for(folder):
         (folder / RESERVE).touch()
         with (folder / RESERVE).open("r+b") as file:
@@ -65,17 +65,17 @@ def keep_reserve(folder: Path, size: int = RESERVE_BYTES) -> None:
 
 
 def check_spare(folder: Path) -> None:
-    """Raises RoomError if there is no room beside the reserve."""
+    """Raise RoomError if there is no spare room besides the reserve."""
     keep_reserve(folder, RESERVE_BYTES + SPARE_BYTES)
 
 
 def give_up_reserve(folder: Path) -> None:
-    """Let the last words have it."""
+    """Delete the reserve, so that the final results have room."""
     (folder / RESERVE).unlink(missing_ok=True)
 
 
 def shortage(folder: Path, scenario: Scenario) -> str | None:
-    """A warning, if the disk has less room than a run of this size may need."""
+    """Return a warning if the disk has less room than a run of this size may need, else None."""
     agents = scenario.agents.count
     per_step = STEP_BYTES
     per_step += VIEWS_BYTES + AGENT_VIEWS_BYTES * agents if scenario.record != "off" else 0

@@ -28,14 +28,14 @@ DIFFERENCE: Literal["difference"] = "difference"
 
 @dataclass(frozen=True)
 class Description:
-    """A sample's median with its exact interval, and quartiles, in the values' unit; None where there is none."""
+    """A sample's median with its exact interval, and quartiles, in the values' unit; None where undefined."""
 
     n: int
     missing: int
     """Values that were None or NaN; they are left out."""
     median: float | None = None
     low: float | None = None
-    """Lower end of the median's 95 % interval; None below 6 values, which cannot give one."""
+    """Lower end of the median's 95 % interval; None with fewer than 6 values, which cannot give one."""
     high: float | None = None
     q1: float | None = None
     q3: float | None = None
@@ -47,7 +47,7 @@ class Contrast:
 
     scale: Literal["ratio", "difference"]
     n: int
-    """Pairs."""
+    """Number of pairs."""
     missing: int
     """Pairs left out because a value was None or NaN."""
     estimate: float | None
@@ -55,17 +55,17 @@ class Contrast:
     """Lower end of the 95 % interval; None where there are too few pairs for one."""
     high: float | None
     p: float
-    """Two-sided, of the signed-rank test; 1 where there is no evidence."""
+    """Two-sided p-value of the signed-rank test; 1 if there is no evidence."""
     effect: float | None
     """Matched-pairs rank-biserial correlation, from -1 (`a` always smaller) to 1 (`a` always larger)."""
     p_alike: float | None = None
-    """Of two one-sided tests (TOST): small if `a` and `b` differ by less than the margin."""
+    """P-value of two one-sided tests (TOST): small if `a` and `b` differ by less than the margin."""
     p_beyond: float | None = None
-    """Of the opposite: small if they differ by more than the margin."""
+    """P-value of the opposite: small if `a` and `b` differ by more than the margin."""
 
 
 def describe(values: Values) -> Description:
-    """Describe a sample. The interval is made of order statistics (scipy's `quantile_test`), so it assumes nothing."""
+    """Describe a sample. Its interval uses order statistics (scipy's `quantile_test`), so it assumes nothing."""
     array = _array(values)
     known = array[~np.isnan(array)]
     if not len(known):
@@ -83,8 +83,8 @@ def contrast(a: Values, b: Values, *, margin: float | None = None) -> Contrast:
 
     Args:
         a: One value per replicate; a pair in which either value is None or NaN is left out.
-        b: The others, in the same order.
-        margin: The largest ratio that is to count as none, above 1; not tested where the scale is a difference.
+        b: The values to compare with, in the same order.
+        margin: The largest ratio that counts as no difference, above 1; not tested if the scale is a difference.
 
     Raises:
         ValueError: If the samples differ in length, a value is infinite, or the margin is impossible.
@@ -118,7 +118,7 @@ def contrast(a: Values, b: Values, *, margin: float | None = None) -> Contrast:
 
 
 def holm(p_values: Sequence[float]) -> list[float]:
-    """Holm's adjusted p-values, in the order given; scipy has none."""
+    """Return Holm's adjusted p-values, in the order given; scipy does not have them."""
     p = np.asarray(p_values, dtype=float)
     order = np.argsort(p, kind="stable")
     adjusted = np.empty_like(p)
@@ -127,12 +127,12 @@ def holm(p_values: Sequence[float]) -> list[float]:
 
 
 def smallest_p(pairs: int) -> float:
-    """The smallest two-sided p-value that so many pairs can give: when all point one way."""
+    """Return the smallest two-sided p-value that this many pairs can give: all differences have the same sign."""
     return min(1.0, 2.0 ** (1 - pairs))
 
 
 def pairs_needed(family: int) -> int:
-    """How many pairs a test needs at least to become significant in a family of so many tests (Holm)."""
+    """Return the minimum number of pairs for a test to become significant in a family of `family` tests (Holm)."""
     return next(pairs for pairs in range(1, 200) if smallest_p(pairs) * family < ALPHA)
 
 
@@ -144,28 +144,28 @@ def _array(values: Values) -> Array:
 
 
 def _walsh(differences: Array) -> Array:
-    """The means of all pairs of differences, each with itself among them, in order."""
+    """Return the sorted means of all pairs of differences, including each with itself."""
     i, j = np.triu_indices(len(differences))
     return np.sort((differences[i] + differences[j]) / 2)
 
 
 def _rank_sum(walsh: Array) -> float:
-    """The signed-rank statistic: Walsh averages above 0; those at 0 count half."""
+    """Return the signed-rank statistic: the number of Walsh averages above 0; those at 0 count half."""
     return float(np.sum(walsh > 0) + np.sum(walsh == 0) / 2)
 
 
 def _p_greater(walsh: Array, shift: float, pairs: int) -> float:
-    """One-sided p-value against "the shift is at most this"; what lies at it counts for the null hypothesis."""
+    """Return the one-sided p-value against "the shift is at most this"; ties count for the null hypothesis."""
     return _tail(int(np.sum(walsh > shift)), pairs)
 
 
 def _p_less(walsh: Array, shift: float, pairs: int) -> float:
-    """One-sided p-value against "the shift is at least this"."""
+    """Return the one-sided p-value against "the shift is at least this"; ties count for the null hypothesis."""
     return _tail(int(np.sum(walsh < shift)), pairs)
 
 
 def _tail(statistic: int, pairs: int) -> float:
-    """The probability that the signed-rank statistic is at least this large, if nothing differs."""
+    """Return the probability under the null hypothesis of a signed-rank statistic at least this large."""
     total = pairs * (pairs + 1) // 2
     if pairs > MAX_EXACT:
         spread = math.sqrt(pairs * (pairs + 1) * (2 * pairs + 1) / 24)
@@ -174,7 +174,7 @@ def _tail(statistic: int, pairs: int) -> float:
 
 
 def _null_distribution(pairs: int) -> Array:
-    """Probabilities (n (n + 1) / 2 + 1,) of every value of the signed-rank statistic, if nothing differs."""
+    """Return the probabilities (n (n + 1) / 2 + 1,) of all signed-rank statistics under the null hypothesis."""
     found = np.ones(1)
     for rank in range(1, pairs + 1):
         longer = np.zeros(len(found) + rank)
@@ -185,15 +185,15 @@ def _null_distribution(pairs: int) -> Array:
 
 
 def _interval(walsh: Array, pairs: int) -> tuple[float | None, float | None]:
-    """The shifts that the two-sided test does not reject at ALPHA; None where it rejects none."""
+    """Return the range of shifts that the two-sided test does not reject at ALPHA; None if it rejects none."""
     total = len(walsh)
     tails = np.array([_tail(total - cut, pairs) for cut in range(total // 2 + 1)])
-    cut = int(np.sum(tails <= ALPHA / 2))  # so many Walsh averages at each end are rejected
+    cut = int(np.sum(tails <= ALPHA / 2))  # number of Walsh averages rejected at each end
     return (None, None) if cut == 0 else (float(walsh[cut - 1]), float(walsh[total - cut]))
 
 
 def _equivalence(walsh: Array, limit: float | None, pairs: int) -> tuple[float | None, float | None]:
-    """The p-values of "within the margin" and of "beyond the margin"."""
+    """Return the p-values of "within the margin" and of "beyond the margin"."""
     if limit is None:
         return None, None
     within = max(_p_greater(walsh, -limit, pairs), _p_less(walsh, limit, pairs))

@@ -1,4 +1,4 @@
-"""Signals that ask for the end, from the first moment on. Imports next to nothing: it is there before all else."""
+"""Signals that ask the program to stop. Imports next to nothing, because the handlers are set before all else."""
 
 import atexit
 import os
@@ -12,10 +12,10 @@ STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class _EndAtOnce:
-    """A handler of signals for as long as there is nothing to end in order: one line, and exit code 1.
+    """A signal handler for when there is nothing to shut down: it prints one line and exits with code 1.
 
-    Once another exit code is decided, the first signal is too late, and the second one ends the process with that code:
-    the reader of its output may have stopped reading.
+    Once the exit code is decided, the first signal is too late and only noted. The second one ends the process with
+    that code, since the reader of its output may have stopped reading.
     """
 
     def __init__(self) -> None:
@@ -35,16 +35,16 @@ _end_at_once = _EndAtOnce()
 
 
 class Stop:
-    """Notes that somebody asked for the end; a handler of signals."""
+    """A signal handler that notes a request to stop."""
 
     def __init__(self) -> None:
         self.by: str | None = None
         self._is_over = False
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
-        """Note the first signal; raise KeyboardInterrupt at the second: who asks twice is not made to wait.
+        """Note the first signal; raise KeyboardInterrupt at the second, so that the user need not wait.
 
-        It is raised once: what then follows is short, and must come to its end.
+        It is raised only once: what follows is short and must be completed.
         """
         if self._is_over:
             _end_at_once.late = number
@@ -55,18 +55,18 @@ class Stop:
             self.by = signal.Signals(number).name
 
     def conclude(self) -> None:
-        """What the end is has been decided: from here on a signal neither changes nor interrupts it."""
+        """Ignore later signals: the outcome is decided, and a signal neither changes nor interrupts it."""
         self._is_over = True
 
 
 def _heeded() -> list[signal.Signals]:
-    """Signals that ask for the end, but for those that are ignored, as SIGHUP is after `nohup`."""
+    """Return the stop signals, except those that are ignored, such as SIGHUP after `nohup`."""
     return [number for number in STOP_SIGNALS if signal.getsignal(number) is not signal.SIG_IGN]
 
 
 @contextmanager
 def stoppable() -> Iterator[Stop]:
-    """Ctrl-C, SIGTERM and a closed terminal ask for an orderly end; a second one is not waited for."""
+    """Let Ctrl-C, SIGTERM and a closed terminal request an orderly stop; a second signal raises KeyboardInterrupt."""
     stop = Stop()
     before = {number: signal.signal(number, stop) for number in _heeded()}
     try:
@@ -77,25 +77,25 @@ def stoppable() -> Iterator[Stop]:
 
 
 def end_at_once_on_signals() -> None:
-    """For as long as there is nothing to end in order: one line, and exit code 1."""
+    """Let stop signals end the process with one line and exit code 1, while there is nothing to shut down."""
     for number in _heeded():
         signal.signal(number, _end_at_once)
     atexit.register(_ignore_signals)
 
 
 def _ignore_signals() -> None:
-    """Python gives signals back their defaults while it ends, and one would then change the exit code."""
+    """Ignore stop signals: Python restores their defaults at exit, and a signal would then change the exit code."""
     for number in STOP_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def decide(code: int) -> None:
-    """This is the process's exit code: what it stands for is on disk, and no signal changes it."""
+    """Fix the process's exit code: the results are on disk, and no signal changes the code any more."""
     _end_at_once.code = code
 
 
 def begin_anew() -> None:
-    """More is to come, and no exit code is decided: a signal that was too late for what is over is in time for this."""
+    """Undo `decide`, since more work follows; a signal that came too late for the previous work takes effect now."""
     _end_at_once.code = None
     if _end_at_once.late is not None:
         _end_at_once(_end_at_once.late, None)
@@ -104,7 +104,7 @@ def begin_anew() -> None:
 def raise_on_signals(raising: Container[signal.Signals] = (signal.SIGINT,)) -> None:
     """Let some signals raise KeyboardInterrupt, by default Ctrl-C as in any Python program; the others end the process.
 
-    In another thread than the main one, as where a program calls a command, signals are that program's.
+    Outside the main thread this does nothing: a program that calls a command there handles its own signals.
     """
     if threading.current_thread() is not threading.main_thread():
         return

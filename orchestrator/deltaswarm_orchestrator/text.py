@@ -1,11 +1,11 @@
-"""Results as text for people: numbers with few digits, columns aligned."""
+"""Format results as text: numbers with few digits, columns aligned."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
 
 
 def aligned(rows: Iterable[Iterable[str]]) -> str:
-    """Rows of cells as lines whose columns begin at the same place."""
+    """Format rows of cells as lines with aligned columns."""
     cells = [list(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     return "\n".join(
@@ -14,7 +14,7 @@ def aligned(rows: Iterable[Iterable[str]]) -> str:
 
 
 def named(values: Mapping[str, Any]) -> str:
-    """A line for each value beside its name; a list of rows, or a table of them by name, as a table below."""
+    """Format named values, one line each; lists of rows and mappings follow as tables."""
     plain, tables = [], []
     for name, value in values.items():
         rows = value if isinstance(value, list) else []
@@ -30,7 +30,7 @@ def named(values: Mapping[str, Any]) -> str:
 
 
 def shown(value: Any) -> str:
-    """A value; a small fraction with two decimals, a large one with none."""
+    """Format a value; a float has two decimals below 100 and none from 100 on."""
     if isinstance(value, float):
         return f"{value:.0f}" if abs(value) >= 100 else f"{value:.2f}"
     return {"None": "-", "True": "yes", "False": "NO"}.get(str(value), str(value))

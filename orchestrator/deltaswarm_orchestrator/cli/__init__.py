@@ -31,14 +31,14 @@ COMMANDS = {
     "bundle": "make a folder that installs an agent on a board, offline",
     "certificates": "make certificates for agents that reach the world over TLS",
 }
-"""Each is a module of this package with a function `add` that completes its parser and sets `func`."""
+"""Each command is a module of this package with a function `add` that adds its arguments and sets `func`."""
 
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
 
 
 def parser(command: str = "") -> argparse.ArgumentParser:
-    """The command line with all commands, and the arguments of one of them."""
+    """Return the parser of the command line: all commands, and the arguments of `command`."""
     made = argparse.ArgumentParser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
@@ -56,8 +56,8 @@ def parser(command: str = "") -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command; its exit code."""
-    argv = [*(sys.argv[1:] if argv is None else argv)]  # `list` is a module of this package
+    """Run one command; return its exit code."""
+    argv = [*(sys.argv[1:] if argv is None else argv)]  # not list(): `list` is a module of this package
     command = argv[0] if argv else ""
     if command in PARTS:
         raise_on_signals()
@@ -67,7 +67,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         complain(f"there is no command {command!r}; did you mean {close[0]!r}?")
         return USAGE
     arguments = parser(command).parse_args(argv)
-    if command not in ("run", "session"):  # which has its own way with signals
+    if command not in ("run", "session"):  # these two handle signals themselves
         raise_on_signals()
     try:
         code = int(arguments.func(arguments))
@@ -96,7 +96,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _reader_is_gone() -> bool:
-    """Whether nobody reads standard output any more, as `head` does not; what is left of it then goes nowhere."""
+    """Return whether the reader of standard output is gone, as after `head`; if so, discard further output."""
     output = select.poll()
     output.register(sys.stdout.fileno(), 0)
     if not output.poll(0):

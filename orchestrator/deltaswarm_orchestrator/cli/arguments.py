@@ -8,12 +8,12 @@ N = TypeVar("N", int, float)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
-    """The parser of a whole number within limits, for `type=`."""
+    """Return a parser of a whole number within limits, for `type=`."""
     return _within(int, least, most)
 
 
 def number(least: float, most: float | None = None) -> Callable[[str], float]:
-    """The same of any number."""
+    """Return a parser of a number within limits, for `type=`."""
     return _within(float, least, most)
 
 

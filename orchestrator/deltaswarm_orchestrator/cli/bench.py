@@ -1,4 +1,4 @@
-"""`deltaswarm bench`."""
+"""The command `deltaswarm bench`."""
 
 import argparse
 import json
@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.text import named
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm bench`."""
+    """Add the arguments of `deltaswarm bench`."""
     count = whole(1)
     command.add_argument("--agents", type=count, default=25, metavar="N", help="size of the swarm (default: 25)")
     command.add_argument("--steps", type=count, default=1000, metavar="N", help="steps per measurement (default: 1000)")
@@ -40,7 +40,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def bench(arguments: argparse.Namespace) -> int:
-    """Measure, and print what was measured."""
+    """Do the measurements and print the results."""
     from deltaswarm_orchestrator.bench.doctor import can_start_parts
 
     if not (arguments.scale or arguments.radio or arguments.coverage or can_start_parts()):
@@ -76,7 +76,7 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _coverage(arguments: argparse.Namespace) -> dict[str, Any]:
-    """How a command spreads; printed as the time until half and nine tenths of the agents know it."""
+    """Measure how a command spreads; as text, the time until half and nine tenths of the agents know it."""
     from deltaswarm_orchestrator.bench.coverage import measure_coverage
 
     found = measure_coverage(arguments.rounds)

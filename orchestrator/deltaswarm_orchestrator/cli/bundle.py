@@ -1,4 +1,4 @@
-"""`deltaswarm bundle`."""
+"""The command `deltaswarm bundle`."""
 
 import argparse
 from pathlib import Path
@@ -8,7 +8,7 @@ from deltaswarm_wire import __version__
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm bundle`."""
+    """Add the arguments of `deltaswarm bundle`."""
     from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS
 
     command.description = "Make a folder from which an agent is installed on a board without internet."
@@ -38,7 +38,7 @@ def _public_key(text: str) -> str:
 
 
 def bundle(arguments: argparse.Namespace) -> int:
-    """Make the folder."""
+    """Make the folder, and print its files and its name."""
     from deltaswarm_orchestrator.boards import bundle as bundles
 
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")

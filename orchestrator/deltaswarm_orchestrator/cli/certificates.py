@@ -1,4 +1,4 @@
-"""`deltaswarm certificates`."""
+"""The command `deltaswarm certificates`."""
 
 import argparse
 import sys
@@ -10,7 +10,7 @@ from deltaswarm_wire.arguments import agent_numbers
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm certificates`."""
+    """Add the arguments of `deltaswarm certificates`."""
     command.description = (
         "Make an authority and certificates signed by it, for the world, the operator, the recorder and each agent. "
         "In an existing folder, only missing certificates are made. With --operator-key, make the key that signs the "
@@ -34,7 +34,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def certificates(arguments: argparse.Namespace) -> int:
-    """Make what is missing."""
+    """Make the certificates and the key that are missing."""
     from deltaswarm_orchestrator.boards.certificates import make
 
     has_certificates = arguments.out is not None and arguments.agents is not None

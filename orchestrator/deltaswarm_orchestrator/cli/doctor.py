@@ -1,4 +1,4 @@
-"""`deltaswarm doctor`."""
+"""The command `deltaswarm doctor`."""
 
 import argparse
 import json
@@ -13,13 +13,13 @@ if TYPE_CHECKING:
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm doctor`."""
+    """Add the arguments of `deltaswarm doctor`."""
     command.add_argument("--json", action="store_true", help="print the findings as JSON")
     command.set_defaults(func=doctor)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
-    """Examine this machine; fails if anything that runs need is missing."""
+    """Examine this machine; fail if anything that runs need is missing."""
     from deltaswarm_orchestrator.bench import doctor
 
     findings = doctor.examine()
@@ -31,6 +31,6 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 
 def _row(finding: "Finding") -> tuple[str, str, str]:
-    """What is not well comes with its advice."""
+    """Return a finding's row, with advice if something is missing."""
     found = finding.found if finding.is_well else f"{finding.found}  ->  {finding.advice}"
     return "ok" if finding.is_well else "MISSING", finding.name, found

@@ -1,4 +1,4 @@
-"""`deltaswarm export`."""
+"""The command `deltaswarm export`."""
 
 import argparse
 from pathlib import Path
@@ -9,7 +9,7 @@ FORMATS = ("csv", "rosbag2", "rrd", "mp4")
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm export`."""
+    """Add the arguments of `deltaswarm export`."""
     command.description = "Exports the recording of a run, also of one that was cut off. See docs/RECORDING.md."
     command.add_argument("run", type=Path, metavar="RUN", help="a run's folder, or an MCAP recording")
     command.add_argument("--format", choices=FORMATS, required=True, help="tables, ROS 2 bag, Rerun, or video")

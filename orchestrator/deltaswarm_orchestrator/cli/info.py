@@ -1,4 +1,4 @@
-"""`deltaswarm info`."""
+"""The command `deltaswarm info`."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from deltaswarm_orchestrator.exits import OK, CommandError
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm info`."""
+    """Add the arguments of `deltaswarm info`."""
     command.add_argument("folder", type=Path, metavar="RUN")
     command.add_argument("--json", action="store_true", help="print the result as JSON")
     command.set_defaults(func=info)

@@ -1,4 +1,4 @@
-"""`deltaswarm list`."""
+"""The command `deltaswarm list`."""
 
 import argparse
 import json
@@ -9,14 +9,14 @@ from deltaswarm_orchestrator.text import aligned
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm list`."""
+    """Add the arguments of `deltaswarm list`."""
     command.description = "List what comes with deltaswarm and what other installed packages add to it."
     command.add_argument("--json", action="store_true", help="print the lists as JSON")
     command.set_defaults(func=list_all)
 
 
 def list_all(arguments: argparse.Namespace) -> int:
-    """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with what it is."""
+    """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with a short text."""
     found = known()
     if arguments.json:
         print(json.dumps(found))
@@ -27,7 +27,7 @@ def list_all(arguments: argparse.Namespace) -> int:
 
 
 def known() -> dict[str, dict[str, str]]:
-    """Every name that a command or a settings file may use, by kind, with a line about it."""
+    """Return every name that a command or a settings file may use, by kind, with a line about it."""
     from deltaswarm_orchestrator.run.scenario import files_in
     from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
     from deltaswarm_wire.commands import forms_of

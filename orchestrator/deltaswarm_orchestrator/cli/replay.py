@@ -1,4 +1,4 @@
-"""`deltaswarm replay`."""
+"""The command `deltaswarm replay`."""
 
 import argparse
 import importlib
@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.exits import USAGE, complain
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm replay`."""
+    """Add the arguments of `deltaswarm replay`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
     command.add_argument(
         "--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="where the page is served (default: any free port)"
@@ -18,7 +18,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """`deltaswarm replay`: serve the station's page from a recording, until Ctrl-C."""
+    """Serve the station's page from a recording, until Ctrl-C."""
     from deltaswarm_orchestrator.recording.records import RecordingError
     from deltaswarm_orchestrator.recording.replay import write_steps
 

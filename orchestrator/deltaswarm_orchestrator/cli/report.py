@@ -1,4 +1,4 @@
-"""`deltaswarm report`."""
+"""The command `deltaswarm report`."""
 
 import argparse
 import json
@@ -8,7 +8,7 @@ from deltaswarm_orchestrator.exits import OK, CommandError
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm report`."""
+    """Add the arguments of `deltaswarm report`."""
     command.description = "Write a page about a sweep: every factor's levels compared, figures, tables."
     command.add_argument("sweep", type=Path, metavar="SWEEP", help="a sweep's folder")
     command.add_argument("--reference", metavar="LEVEL", help="compare the others with this level (default: the first)")
@@ -21,7 +21,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def report(arguments: argparse.Namespace) -> int:
-    """Report a bare sweep as a study that compares everything."""
+    """Report a sweep without a study, as a study that compares everything."""
     from deltaswarm_orchestrator.studies.bare import bare_study
     from deltaswarm_orchestrator.studies.page import Evidence, provenance_of, write
     from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError

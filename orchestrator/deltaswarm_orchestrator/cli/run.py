@@ -1,4 +1,4 @@
-"""`deltaswarm run`."""
+"""The command `deltaswarm run`."""
 
 import argparse
 import json
@@ -22,14 +22,14 @@ DEFAULT_SCENARIO = "paper-25"
 LOOPBACK = "127.0.0.1:0"
 
 LIVE_PORT = 8765
-"""The one that Foxglove suggests."""
+"""Foxglove's default port."""
 
 ANYWHERE = "tcp/127.0.0.1:0"
-"""On this machine, any free port."""
+"""Any free port, reachable from this machine only."""
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm run`."""
+    """Add the arguments of `deltaswarm run`."""
     command.add_argument(
         "scenario",
         nargs="?",
@@ -122,7 +122,7 @@ def _port(text: str) -> int:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """`deltaswarm run`."""
+    """Run a scenario, or resume a run, and print its results."""
     if problem := _live_problem(arguments) or _resume_problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
@@ -183,7 +183,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _live_problem(arguments: argparse.Namespace) -> str | None:
-    """What does not go together with --live or --station, if anything."""
+    """Return what is wrong with the use of --live and --station; None if nothing is."""
     if arguments.station and arguments.in_process:
         return "--station must be given without --in-process: the station is a process of its own"
     if arguments.live and arguments.dry_run:
@@ -194,7 +194,7 @@ def _live_problem(arguments: argparse.Namespace) -> str | None:
 
 
 def _resume_problem(arguments: argparse.Namespace) -> str | None:
-    """What does not go together with --resume or --checkpoint, if anything."""
+    """Return what is wrong with the use of --resume and --checkpoint; None if nothing is."""
     if arguments.resume is None:
         elsewhere = {"--in-process": arguments.in_process, "--boards": arguments.boards}
         given = [name for name, value in elsewhere.items() if arguments.checkpoint and value]
@@ -231,10 +231,10 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
-    """The boards of a run into the folder `out`, if it has any.
+    """Return the boards of a run with the folder `out`; None if it has none.
 
     Raises:
-        SettingsError: a folder for them without them, or boards in a run in one process.
+        SettingsError: --boards-folder without --boards, or --boards with --in-process.
     """
     if not arguments.boards:
         if arguments.boards_folder:

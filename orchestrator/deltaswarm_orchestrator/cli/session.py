@@ -1,4 +1,4 @@
-"""`deltaswarm session`."""
+"""The command `deltaswarm session`."""
 
 import argparse
 import json
@@ -15,7 +15,7 @@ RECORD = "session.json"
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm session`."""
+    """Add the arguments of `deltaswarm session`."""
     command.description = "Do all runs of one participant, one after the other, each with a station: training first."
     command.add_argument("session", metavar="FILE", help="a TOML file with a table [session]")
     command.add_argument("--participant", type=whole(1), required=True, metavar="N", help="number, from 1 on")
@@ -25,7 +25,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def session(arguments: argparse.Namespace) -> int:
-    """Do what is left of a participant's session; runs that are complete are not done again."""
+    """Do the remaining runs of a participant's session; complete runs are not repeated."""
     participant: int = arguments.participant
     if participant > MAX_PARTICIPANT:
         complain(f"--participant must be at most {MAX_PARTICIPANT} (got {participant})")
@@ -56,7 +56,7 @@ def session(arguments: argparse.Namespace) -> int:
 
 
 def _do(one: PlannedRun, folder: Path) -> int:
-    """As `deltaswarm run --station` does it."""
+    """Do one run as `deltaswarm run --station` does; return the exit code."""
     name = free_folder(one.folder, [path.name for path in folder.iterdir()])
     parser = argparse.ArgumentParser()
     cli_run.add(parser)
@@ -64,7 +64,7 @@ def _do(one: PlannedRun, folder: Path) -> int:
 
 
 def _summaries(folder: Path, one: PlannedRun) -> dict[str, dict[str, Any]]:
-    """The summaries of the attempts at a run, by folder."""
+    """Return the summaries of all attempts at a run, by folder name."""
     names = [path.name for path in folder.iterdir() if path.name == one.folder or _is_again(path.name, one.folder)]
     files = {name: folder / name / "summary.json" for name in sorted(names)}
     return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
@@ -79,7 +79,7 @@ def _done(folder: Path, one: PlannedRun) -> bool:
 
 
 def _write(folder: Path, participant: int, planned: list[PlannedRun]) -> None:
-    """The order of the conditions, and what became of each."""
+    """Write the order of the conditions, and the attempts at each, to RECORD."""
     rows = []
     for place, one in enumerate(planned):
         attempts = _summaries(folder, one)

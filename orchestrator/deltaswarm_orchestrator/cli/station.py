@@ -1,4 +1,4 @@
-"""`deltaswarm station`."""
+"""The command `deltaswarm station`."""
 
 import argparse
 from pathlib import Path
@@ -8,13 +8,13 @@ from deltaswarm_orchestrator.run.station import address, open_browser
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm station`."""
+    """Add the arguments of `deltaswarm station`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
     command.set_defaults(func=station)
 
 
 def station(arguments: argparse.Namespace) -> int:
-    """`deltaswarm station`: print the address of a running station's page, and open it where there is a browser."""
+    """Print the address of the station's page of a run in progress, and open it in a browser if there is one."""
     under_way = arguments.run.with_name(arguments.run.name + ".part")
     url = address(under_way)
     if url is None:

@@ -1,4 +1,4 @@
-"""`deltaswarm study`."""
+"""The command `deltaswarm study`."""
 
 import argparse
 import json
@@ -26,7 +26,7 @@ examples:
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm study`."""
+    """Add the arguments of `deltaswarm study`."""
     command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
@@ -67,7 +67,7 @@ def study(arguments: argparse.Namespace) -> int:
         codes.append(code)
         told.append(found)
     if is_collection and told:
-        from deltaswarm_orchestrator.studies.page import write_index  # with Matplotlib, which a plan need not wait for
+        from deltaswarm_orchestrator.studies.page import write_index  # imports Matplotlib, which is slow
 
         index = write_index(arguments.study, studies, out)
         print(f"{arguments.study}: {index}", file=sys.stderr)
@@ -77,10 +77,10 @@ def study(arguments: argparse.Namespace) -> int:
 
 
 def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
-    """Do one study; its exit code, and its page and verdicts.
+    """Do one study; return its exit code, and its page and verdicts.
 
     Raises:
-        CommandError: a run failed, or there is no page.
+        CommandError: a run failed, or the page could not be made.
     """
     from deltaswarm_orchestrator.studies.page import Evidence, write
     from deltaswarm_orchestrator.sweeps.table import read_table
@@ -108,10 +108,10 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
 
 
 def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
-    """What a study's runs show, and where they come from.
+    """Do a study's runs; return the evidence and the runs' provenance.
 
     Raises:
-        CommandError: the sweep could not begin, or a run failed.
+        CommandError: the sweep could not start, or a run failed.
     """
     from deltaswarm_orchestrator.studies.page import Evidence, provenance_of
     from deltaswarm_orchestrator.sweeps.shared import take_over

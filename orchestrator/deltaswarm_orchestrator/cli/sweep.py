@@ -1,4 +1,4 @@
-"""`deltaswarm sweep`, and what other commands that do many runs have of it."""
+"""The command `deltaswarm sweep`, and the functions it shares with other commands that do many runs."""
 
 import argparse
 import json
@@ -19,7 +19,7 @@ ENGINES = ("local", "dask")
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm sweep`."""
+    """Add the arguments of `deltaswarm sweep`."""
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
 
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
@@ -33,7 +33,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def add_runs(command: argparse.ArgumentParser) -> None:
-    """Which runs are done, where and by what means."""
+    """Add the arguments that say which runs to do, and how."""
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
     command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")
     command.add_argument("--prove", type=int, metavar="N", help="runs to repeat with real processes")
@@ -46,7 +46,7 @@ def add_runs(command: argparse.ArgumentParser) -> None:
 
 
 def sweep(arguments: argparse.Namespace) -> int:
-    """`deltaswarm sweep`."""
+    """Do a sweep, or list its variants, and print the result."""
     from deltaswarm_orchestrator.sweeps.load import load_sweep
 
     settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
@@ -67,10 +67,10 @@ def sweep(arguments: argparse.Namespace) -> int:
 
 
 def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool) -> "SweepResult":
-    """Do a sweep as the command line says, and say what went wrong.
+    """Do a sweep as the command line says, and print what went wrong on standard error.
 
     Raises:
-        CommandError: it could not begin.
+        CommandError: the sweep could not start, or its tables could not be written.
     """
     from deltaswarm_orchestrator.sweeps.conduct import conduct
     from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
@@ -78,11 +78,11 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
-    raise_on_signals(STOP_SIGNALS)  # tables are written, and the sweep can go on later
+    raise_on_signals(STOP_SIGNALS)  # so that tables are written and the sweep can be resumed
     try:
         with SweepDisplay(loaded.name) as display:
             result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
-    except OSError as error:  # a full disk beneath a table
+    except OSError as error:  # such as a full disk while a table is written
         raise CommandError(str(error)) from None
     told = [
         *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
@@ -101,12 +101,16 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
 
 
 def _is_outdated(report: Path, digest: str | None) -> bool:
-    """Whether there is a report, and it is not that of the sweep with this digest; None: one that is not whole."""
+    """Return whether there is a report that is not of the sweep with this digest (None: the sweep is incomplete)."""
     return report.exists() and (digest is None or digest not in report.read_text())
 
 
 def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine]":
-    """What makes the engine that the command line asks for."""
+    """Return a function that makes the engine that the command line asks for.
+
+    Raises:
+        CommandError: --scheduler is given for the wrong engine, or Dask is not installed.
+    """
     from deltaswarm_orchestrator.sweeps.conduct import default_workers
     from deltaswarm_orchestrator.sweeps.engine import LocalEngine
 
@@ -123,7 +127,7 @@ def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Eng
 
 
 def described(result: "SweepResult") -> str:
-    """The end of a sweep, for people."""
+    """Format the result of a sweep as text."""
     manifest, proofs = result.manifest, result.manifest["proofs"]
     return "\n".join(
         [

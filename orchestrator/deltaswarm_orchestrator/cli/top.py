@@ -1,4 +1,4 @@
-"""`deltaswarm top`."""
+"""The command `deltaswarm top`."""
 
 import argparse
 import sys
@@ -10,7 +10,7 @@ INSTALL_TOP = "pip install 'deltaswarm[top]'"
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm top`."""
+    """Add the arguments of `deltaswarm top`."""
     command.description = (
         "Shows a run under way on the terminal: map, message rate, agents and events. Attach and leave as often as you "
         "like; the run does not notice. Shows the truth, which no operator knows. See docs/LIVE.md."
@@ -23,7 +23,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 
 def top(arguments: argparse.Namespace) -> int:
-    """Attach to a run."""
+    """Attach to a run and show it, or print one picture of it as JSON."""
     from deltaswarm_orchestrator.top.link import NoRunError, linked
 
     if not arguments.json and not (sys.stdin.isatty() and sys.stderr.isatty()):

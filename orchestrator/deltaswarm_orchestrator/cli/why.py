@@ -1,4 +1,4 @@
-"""`deltaswarm why`."""
+"""The command `deltaswarm why`."""
 
 import argparse
 import json
@@ -10,7 +10,7 @@ from deltaswarm_wire.keys import OPERATOR
 
 
 def add(command: argparse.ArgumentParser) -> None:
-    """The arguments of `deltaswarm why`."""
+    """Add the arguments of `deltaswarm why`."""
     command.description = "Repeats the run in one process up to a time, and says whether B could hear A then."
     command.add_argument("folder", type=Path, metavar="RUN")
     command.add_argument("sender", type=int, metavar="A", help="the agent that sends")

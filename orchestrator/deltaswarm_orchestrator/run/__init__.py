@@ -1,1 +1,1 @@
-"""One run: its scenario, its processes, its folder, what came of it."""
+"""One run: its scenario, processes, folder and results."""

@@ -1,4 +1,4 @@
-"""What a started process does first. Imports little, since every agent carries it."""
+"""Entry point of every started process. It imports little, because every agent pays for it."""
 
 import gc
 import importlib
@@ -18,10 +18,10 @@ from pathlib import Path
 from deltaswarm_orchestrator.parent import signal_at_parents_death
 
 GC_THRESHOLD = 100_000
-"""The hot path makes no cycles; seldom collections keep the memory of many processes out of the caches."""
+"""The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
 
 GRACE_S = 3.0
-"""A part whose orchestrator has died gets so long to write what it has."""
+"""Time that a part has to write its results after its orchestrator died [s]."""
 
 
 def main(
@@ -36,11 +36,11 @@ def main(
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
-    `lifeline` is the reading end of a pipe that only the orchestrator can write: it ends when the
-    orchestrator does, even by kill -9. `stdout`, if given, takes standard output, and `channel` is the part's end of
-    the socket pair between operator and station, whose number it is told. `in_background` keeps a
-    process from interrupting another as soon as a message wakes it: so the world hands out all frames of a
-    step before the agents take the cores, and a third of the switches between processes goes.
+    `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
+    ends, even by kill -9. `stdout`, if given, receives standard output. `channel` is the part's end of the socket pair
+    between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process that a
+    message wakes from preempting another: the world hands out all frames of a step before the agents take the cores,
+    which saves a third of the context switches.
     """
     if in_background and hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
@@ -49,7 +49,7 @@ def main(
     _wake_at_the_end()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
     _redirect(log_file, stdout)
-    logging.raiseExceptions = False  # a full disk takes no log, and is told of by the exit code
+    logging.raiseExceptions = False  # logging fails on a full disk, which the exit code reports
     os.environ.update(environment)
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
@@ -82,13 +82,13 @@ def _follow(lifeline: Connection) -> None:
         lifeline.recv_bytes()
     except (EOFError, OSError):
         remove_socket_folder()
-        os.killpg(0, signal.SIGCONT)  # all parts: one that a fault has frozen cannot see that it should end
+        os.killpg(0, signal.SIGCONT)  # wakes all parts: a frozen one cannot notice the end
         os.kill(os.getpid(), signal.SIGTERM)
         time.sleep(GRACE_S)
         os._exit(1)
 
 
 def remove_socket_folder() -> None:
-    """Remove the folder of the fork server's socket, which only an orchestrator that ends in order does itself."""
+    """Remove the folder of the fork server's socket; an orchestrator that is killed does not do so itself."""
     if address := getattr(forkserver._forkserver, "_forkserver_address", None):
         shutil.rmtree(os.path.dirname(address), ignore_errors=True)

@@ -1,4 +1,4 @@
-"""One run from scenario to summary, by real processes or in one process."""
+"""One run from scenario to summary, in real processes or in one process."""
 
 import json
 import secrets
@@ -40,7 +40,7 @@ AT_ONCE = "a second signal came: nothing was waited for"
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is done, apart from what it is (the scenario)."""
+    """How to do a run; what to run is the scenario."""
 
     out: Path
     in_process: bool = False
@@ -48,40 +48,40 @@ class RunOptions:
     listen: str = "tcp/127.0.0.1:0"
     zenoh: tuple[tuple[str, str], ...] = ()
     boards: Boards | None = None
-    """Agents that are started elsewhere, by hand."""
+    """Agents that are started by hand on other machines."""
     checkpoint_steps: int = 0
-    """Each time that so many steps are closed, all is saved, so that the run can go on from there; 0: never."""
+    """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
     station: Station | None = None
-    """A page for a person who watches and commands."""
+    """The page of the person who watches and commands; None: no station."""
     researcher: bool = False
-    """Another page, which shows the truth."""
+    """Whether to serve another page, which shows the truth."""
     resume: bool = False
-    """Go on with the run in `out`, which was cut off, from its newest checkpoint."""
+    """Resume the interrupted run in `out` from its newest checkpoint."""
     live_port: int | None = None
-    """Show the run live to Foxglove on this port; 0: any free one; None: not at all."""
+    """Port on which to show the run live to Foxglove; 0: any free port; None: do not show it."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a finished run gives its caller."""
+    """The result of a run that has ended."""
 
     folder: Path
     summary: dict[str, Any]
     exit_reason: str
     messages: tuple[str, ...]
-    """What the user should know: what was lost, and the last lines of the logs."""
+    """Messages for the user: what went wrong, the last lines of logs, and how to resume."""
 
 
 def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
     """Do one run and write its folder.
 
     Raises:
-        FolderError: the folder cannot be had, or there is nothing in it to go on from.
-        FolderTakenError: it could not get its name in the end.
+        FolderError: the folder cannot be taken, or has no checkpoint to resume from.
+        FolderTakenError: the folder could not be given its final name.
         SettingsError: the scenario cannot be run with these boards.
         LiveError: the run cannot be shown live.
-        RoomError: the disk is so full that the folder cannot tell how the run ended.
-        CommandError: somebody asked twice for the end before there was a run.
+        RoomError: the disk is too full to write how the run ended.
+        CommandError: the user asked to stop twice before the run began.
     """
     with stoppable() as stop:
         try:
@@ -108,7 +108,7 @@ def _run(
 
 @contextmanager
 def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[FoxgloveServer | None]:
-    """The server for live viewers, if the run is to have one."""
+    """Yield the server for live viewers, or None if the run has none."""
     if options.live_port is None:
         yield None
         return
@@ -118,7 +118,7 @@ def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iter
 
 
 class _Run:
-    """One run, and what becomes of it."""
+    """One run and its outcome."""
 
     def __init__(
         self,
@@ -140,7 +140,7 @@ class _Run:
         self._resumed = resumed
         self._outcome: Outcome | None = None
         self._why: list[str] = []
-        """Why it ended too early, or what was lost on the way; each a line."""
+        """Reasons why the run ended too early, and what was lost, one line each."""
         self._logs: list[str] = []
         self._operator_restarts = 0
         self._disk_is_full = False
@@ -155,9 +155,9 @@ class _Run:
         self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
 
     def do(self) -> RunResult:
-        """All steps, then tables, summary and manifest.
+        """Do all steps, then write tables, summary and manifest.
 
-        From its last step on a run is what it is: a signal then comes too late to change what the records say.
+        A signal after the last step comes too late to change the recorded outcome.
         """
         folder = self._folder.path
         summary: dict[str, Any] = {}
@@ -178,7 +178,7 @@ class _Run:
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
         finally:
-            room.give_up_reserve(folder)  # for what follows alone: recording and tables could use it up
+            room.give_up_reserve(folder)  # not earlier: recording and tables could use it up
         self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
         results.write_json(folder / "summary.json", summary)
         path = self._folder.finish()
@@ -188,7 +188,7 @@ class _Run:
         return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
 
     def _begin(self) -> None:
-        """The folder as the first step needs it."""
+        """Prepare the folder for the first step."""
         folder = self._folder.path
         if warning := room.shortage(folder, self._scenario):
             self._reporter.say(f"warning: {warning}")
@@ -201,7 +201,7 @@ class _Run:
             sync_folder(folder)
 
     def _write_tables(self) -> None:
-        """Unless the run can go on, they replace what its parts wrote."""
+        """Write the run's tables; unless the run can be resumed, delete its parts' tables and the checkpoints."""
         folder = self._folder.path
         assert self._outcome is not None
         can_go_on = self._can_go_on(folder)
@@ -215,9 +215,9 @@ class _Run:
 
     @contextmanager
     def _recorder(self) -> Iterator[Sink | None]:
-        """The recorder that the scenario asks for, if any; it goes on where a run that is resumed does.
+        """Yield the recorder if the scenario is recorded, else a sink for the viewer if there is one, else None.
 
-        Without one, what shows the run to a viewer, if there is one.
+        In a resumed run the recorder continues from the checkpoint.
         """
         folder, scenario = self._folder.path, self._scenario
         before = resume.make_ready(folder, self._resumed) if self._resumed else {}
@@ -235,7 +235,7 @@ class _Run:
             yield recorder
 
     def _do_steps(self, recorder: Sink | None) -> None:
-        """All steps that are made, as fast as a second signal wants; any further one comes too late."""
+        """Do the steps until the end or a second signal; further signals come too late."""
         try:
             self._try_steps(recorder)
             self._stop.conclude()
@@ -243,8 +243,8 @@ class _Run:
             self._why.append(AT_ONCE)
 
     def _try_steps(self, recorder: Sink | None) -> None:
-        """By real processes or in one; who wants to look on may come."""
-        if self._options.in_process and recorder is None:  # there would be nothing to see
+        """Do the steps, in real processes or in one, and let onlookers connect."""
+        if self._options.in_process and recorder is None:  # onlookers would see nothing
             self._run_in_process(None)
             return
         with LiveSocket(self._folder.path, self._folder.target.name, self._scenario) as live:
@@ -255,7 +255,7 @@ class _Run:
                 self._try_processes(recorder)
 
     def _run_in_process(self, sink: Sink | None) -> None:
-        from deltaswarm_orchestrator.run.in_process import run_in_process  # with numpy, for which other runs would wait
+        from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow
 
         self._outcome = run_in_process(self._scenario, sink, self._reporter, lambda: self._stop.by)
         self._why += self._outcome.messages
@@ -264,21 +264,22 @@ class _Run:
         try:
             self._run_processes(recorder)
         except (LaunchError, ConnectionError) as error:
-            room.check_spare(self._folder.path)  # a part that finds no room cannot say so
+            room.check_spare(self._folder.path)  # a part cannot log that the disk is full
             self._why.append(str(error))
         except StoppedError:
             pass
 
     def _run_processes(self, recorder: Sink | None) -> None:
-        """Launch, watch, end.
+        """Launch all processes, watch them, and end them.
 
         Raises:
-            LaunchError, ConnectionError: a part did not come up.
-            StoppedError: somebody asked for the end before all were there.
+            LaunchError, ConnectionError: a part did not start.
+            StoppedError: the user asked to stop before all parts were up.
             RoomError: the recording could not be written.
         """
         scenario, folder, boards = self._scenario, self._folder.path, self._options.boards
-        # A board's file holds for the next run too; the router, with its own port, is one run's alone.
+        # With boards the name must not change, because a board's file is used for later runs too.
+        # Without boards it is random; the router and its port serve this run alone.
         name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
         who = boards.agents if boards else ()
         zenoh, wire, every = self._options.zenoh, scenario.record == "wire", self._checkpoint_steps
@@ -323,7 +324,7 @@ class _Run:
                     self._disk_is_full = watch.disk_is_full
 
     def _conclude(self) -> dict[str, Any]:
-        """The summary; the manifest gets what agrees with it."""
+        """Return the summary, and update the manifest to agree with it."""
         if self._outcome is None:
             self._outcome = results.read_outcome(self._folder.path)
         summary = results.summary(self._outcome, self._scenario)

@@ -1,7 +1,7 @@
-"""Imported by the fork server alone, for its effect: a session of its own, and nothing left behind.
+"""Imported by the fork server alone, for its effect: start a session of its own, and clean up at exit.
 
-Signals to the terminal's or the orchestrator's process group then reach the orchestrator only, which
-sees to an orderly end. A fork server that such a signal ended would take its children's exit codes along.
+Signals to the terminal's or the orchestrator's process group then reach the orchestrator only, which shuts down in
+order. If such a signal ended the fork server, its children's exit codes would be lost.
 """
 
 import atexit
@@ -14,5 +14,5 @@ from deltaswarm_orchestrator.run.child import remove_socket_folder
 if os.getpid() != os.getsid(0):
     os.setsid()
 
-signal_at_parents_death(signal.SIGCONT, os.getppid())  # if it is stopped then, it must notice its end
-atexit.register(remove_socket_folder)  # its children leave by `os._exit`, it with the orchestrator
+signal_at_parents_death(signal.SIGCONT, os.getppid())  # a stopped fork server must notice that it should end
+atexit.register(remove_socket_folder)  # not run by its children, which leave by `os._exit`

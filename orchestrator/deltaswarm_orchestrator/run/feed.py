@@ -1,6 +1,6 @@
-"""Feeds for those who look on at a run: datagrams into a socket that never makes the run wait.
+"""Feeds for onlookers of a run: datagrams into a socket that never makes the run wait.
 
-A datagram that finds no room is dropped, and the next one is newer anyway.
+A datagram that does not fit into the socket's buffer is dropped; the next one is newer anyway.
 """
 
 import errno
@@ -18,31 +18,31 @@ from deltaswarm_wire.settings import Scenario
 
 MAX_INTENT_BYTES = 16_384
 HISTORY_ROWS = 600
-"""What a page that comes late is told of the message rate: a row per simulated second at most."""
+"""Length of the message rate history sent to a page that connects late; at most one row per simulated second."""
 
 INTENTS_AT_A_TIME = 20
-"""More wait until the next look."""
+"""Further intents wait until the next look."""
 
 ROOM_BYTES = 1 << 20
-"""Asked for each socket: a picture of 5000 agents takes a fifth. The system may give less."""
+"""Requested send buffer of each socket; a picture of 5000 agents takes a fifth of it. The system may grant less."""
 
 HistoryRow = tuple[float, float, float]
 """Simulated time [s], and the rates over 1 s and 60 s [Hz]."""
 
 ONLY_LOOKS = "the researcher's view only looks on"
 FORMS = ("command", "pace", "isa", "tlx", "sheet", "note", "read", "seek")
-"""Intents that ask for something to be done."""
+"""Intents that ask for an action."""
 
 
 def make_non_blocking(end: socket.socket) -> None:
-    """Prepare one end of a connection for latest wins."""
+    """Make one end of a connection non-blocking, with a large send buffer."""
     end.setblocking(False)
     with suppress(OSError):
         end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM_BYTES)
 
 
 class Pictures:
-    """One reader of a run: `hello` first, then a picture whenever there is room."""
+    """The feed of one reader: `hello` first, then a picture whenever there is room."""
 
     def __init__(self, end: socket.socket, greeting: bytes) -> None:
         make_non_blocking(end)
@@ -70,7 +70,7 @@ class Pictures:
         return True
 
     def received(self) -> bytes | None:
-        """The next datagram from the other end, if there is one."""
+        """Return the next datagram from the other end; None if there is none."""
         try:
             data = self._end.recv(MAX_INTENT_BYTES)
         except BlockingIOError:
@@ -81,7 +81,7 @@ class Pictures:
         return data or None
 
     def close(self) -> None:
-        """Hang up; the other end notices."""
+        """Close the connection; the other end notices."""
         self.is_closed = True
         self._end.close()
 
@@ -90,9 +90,9 @@ class ResearcherFeed:
     """An `Onlooker` that feeds a station's process with the truth, for the researcher's page.
 
     Args:
-        end: one end of a pair of SOCK_SEQPACKET sockets, the other end of which the station holds. Is closed with it.
+        end: one end of a pair of SOCK_SEQPACKET sockets; the station holds the other. `close` closes it.
         run: the run's name.
-        scenario: the run's.
+        scenario: the run's scenario.
         paced: says when it is time to look.
     """
 
@@ -102,7 +102,7 @@ class ResearcherFeed:
         self._history: deque[HistoryRow] = deque(maxlen=HISTORY_ROWS)
 
     def look(self, seen: Seen) -> None:
-        """Send what there is to see, and answer what was asked."""
+        """Send the newest picture, and answer the page's intents."""
         if self._reader.is_closed or not self._paced.is_due():
             return
         if (counted := seen.newest_workload) and (not self._history or counted.time_s - self._history[-1][0] >= 1.0):
@@ -116,12 +116,12 @@ class ResearcherFeed:
             self._reader.show(shown)
 
     def close(self) -> None:
-        """Hang up."""
+        """Close the connection."""
         self._reader.close()
 
 
 def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
-    """What a browser at the researcher's page is told that asked for something; None for what makes no sense."""
+    """Return the answer to an intent from the researcher's page; None for an intent that is not understood."""
     try:
         intent: Any = orjson.loads(asked)
         kind, to = intent["type"], intent["from"]

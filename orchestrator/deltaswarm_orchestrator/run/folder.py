@@ -1,4 +1,4 @@
-"""The folder of a run under way: whose it is, what it may replace, when it gets its name."""
+"""The folder of a run in progress: who holds it, what it may replace, when it gets its final name."""
 
 import errno
 import os
@@ -18,33 +18,33 @@ from deltaswarm_wire.files import sync_folder, write_whole
 from deltaswarm_wire.settings import Scenario
 
 RUN_FILES = {"manifest.json", "scenario.toml"}
-"""What every run folder has, and no sweep's."""
+"""Files that every run folder has; a sweep's folder does not have both."""
 
 BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", room.RESERVE, "manifest.json.part"}
-"""All that is in the folder of a run that was killed before it had these."""
+"""The only files in the folder of a run that was killed before it had all of RUN_FILES."""
 
 DELETE_TRIES = 10
 
 
 class FolderError(CommandError):
-    """The run folder cannot be made, is being written, or is there already and `--force` was not given."""
+    """The run folder cannot be made, is in use by another run, or exists and `--force` was not given."""
 
 
 class FolderTakenError(FolderError):
-    """A whole run cannot get its name, and keeps the one it was written under."""
+    """A complete run cannot get its final name and keeps the name it was written under."""
 
     code = FAILED
 
 
 class RunFolder:
-    """A run's folder: written beside as `<name>.part`, renamed when whole, and this process's own meanwhile.
+    """A run's folder: written as `<name>.part`, renamed to `<name>` when complete, and locked until then.
 
-    A `.part` is locked before it has that name, and until it has another one: so there is none that is written and not
-    locked. What a `.part` replaces is locked, too, and moved away before it is deleted. Leave the context, or call
-    `close`, to let go of it.
+    The folder is locked before it gets the name `.part` and until it gets its final name, so every `.part` that is
+    being written is locked. An old `.part` is locked, too, and moved away before it is deleted. Leave the context, or
+    call `close`, to release the lock.
 
     Raises:
-        FolderError: it cannot be had; says why, and what to do.
+        FolderError: the folder cannot be taken; the text says why, and what to do.
     """
 
     def __init__(self, target: Path, *, force: bool) -> None:
@@ -61,7 +61,7 @@ class RunFolder:
             raise FolderError(f"{self.path} cannot be made: {error.strerror}", _code_of(error)) from None
         try:
             self._move_away_what_was_left()
-            made.rename(self.path)  # fails if somebody else's is there: it is never empty
+            made.rename(self.path)  # fails if another run's folder is there, since that is never empty
         except OSError as error:
             is_late = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT)
             reason = "another run has just made it" if is_late else error.strerror
@@ -78,33 +78,33 @@ class RunFolder:
         self.close()
 
     def close(self) -> None:
-        """Let go of the folder."""
+        """Release the folder's lock."""
         self._lock.release()
 
     def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
-        """Write what is known before the first step, and set room aside for what is known after the last.
+        """Write scenario and manifest, and reserve disk space for the results at the end.
 
-        The scenario is on the disk then: a run that goes on after a loss of power needs it.
+        The scenario is synced to disk: a run that is resumed after a power loss needs it.
         """
         write_whole(self.path / "scenario.toml", to_toml(scenario).encode())
-        with suppress(PermissionError):  # a folder that may be written, but not read
+        with suppress(PermissionError):  # the folder may be writable but not readable
             sync_folder(self.path.parent)
         self.go_on(manifest)
 
     def go_on(self, manifest: dict[str, Any]) -> None:
-        """The same where the scenario is there."""
+        """Reserve disk space and write the manifest; the scenario is already there."""
         room.keep_reserve(self.path)
         self.write_manifest(manifest)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
-        """Write `manifest.json` whole."""
+        """Write `manifest.json` atomically."""
         write_json(self.path / "manifest.json", manifest)
 
     def finish(self) -> Path:
-        """Give the folder its name, and let go of it.
+        """Give the folder its final name, release it, and return its path.
 
         Raises:
-            FolderTakenError: meanwhile something appeared there that must not be replaced; all is kept.
+            FolderTakenError: the name was taken during the run and must not be replaced; nothing is lost.
         """
         kept = f"the whole run is in {self.path}; rename that folder"
         replaced = None
@@ -127,7 +127,11 @@ class RunFolder:
         return self.target
 
     def _move_away_what_was_left(self) -> None:
-        """Delete the folder of an interrupted run, if there is one and `--force` was given."""
+        """Delete the folder of an interrupted run, if there is one.
+
+        Raises:
+            FolderError: `--force` was not given, another run holds the folder, or it is no run folder.
+        """
         if not os.path.lexists(self.path):
             return
         if not _is_replaceable(self.path, BEGINNING):
@@ -151,10 +155,10 @@ class RunFolder:
 
 
 class ResumedFolder(RunFolder):
-    """The folder of a run that was cut off, `X.part` or `X`, taken to go on with.
+    """The folder of an interrupted run, `X.part` or `X`, taken to resume the run in `X.part`.
 
     Raises:
-        FolderError: it is no run folder, it is being written, or the name that it needs is another's.
+        FolderError: it is no run folder, another process writes to it, or both `X` and `X.part` exist.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -180,17 +184,17 @@ class ResumedFolder(RunFolder):
 
 
 def _code_of(error: OSError) -> int | None:
-    """The exit code where this is not the user's mistake."""
+    """Return the exit code if the disk is at fault; None if the user is."""
     return FAILED if room.is_refused(error) else None
 
 
 def _beside(path: Path) -> Path:
-    """A name that nobody else uses, in the same folder."""
+    """Return an unused name in the same folder."""
     return path.with_name(f"{path.name}-{secrets.token_hex(4)}")
 
 
 def _delete(folder: Path) -> None:
-    """Delete what is nobody's any more, though somebody who came too late for its lock may be adding a lock file."""
+    """Delete a folder that nobody uses; retry, since a process that came too late for the lock may add a lock file."""
     for _ in range(DELETE_TRIES):
         shutil.rmtree(folder, ignore_errors=True)
         if not folder.exists():
@@ -198,10 +202,10 @@ def _delete(folder: Path) -> None:
 
 
 def _refuse(target: Path, force: bool) -> None:
-    """Refuse a target that a run could not take in the end.
+    """Refuse a target that the finished run could not be renamed to.
 
     Raises:
-        FolderError: says why.
+        FolderError: the text says why.
     """
     if target.is_symlink():
         raise FolderError(f"{target} is a symbolic link (to {target.readlink()}); name the folder itself")
@@ -216,7 +220,7 @@ def _refuse(target: Path, force: bool) -> None:
 
 
 def _is_replaceable(folder: Path, without_a_run: Collection[str] = LOCK_FILES) -> bool:
-    """Whether nothing is lost with a folder but a run: else `--out .. --force` would be the end of much."""
+    """Whether a folder is a run's or has only files of `without_a_run`, so that `--out .. --force` deletes no other."""
     if folder.name in ("", "..") or folder.is_symlink():
         return False
     try:

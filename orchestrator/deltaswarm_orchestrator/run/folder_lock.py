@@ -1,4 +1,4 @@
-"""A folder that one process at a time writes to, on any file system, however that process ends."""
+"""A lock that lets one process at a time write to a folder, on any file system, however that process ends."""
 
 import fcntl
 import json
@@ -9,33 +9,33 @@ from pathlib import Path
 from typing import NamedTuple
 
 LOCK = ".lock"
-"""Locked by `flock` for as long as the folder is held. It stays, and is empty."""
+"""An empty file that is locked by `flock` while the folder is held, and not removed on release."""
 
 OWNER = ".lock-owner"
-"""Where the file system has no `flock`: names the process that holds the folder, and is gone when it lets go."""
+"""Used where the file system has no `flock`: names the process that holds the folder, and is removed on release."""
 
 CLAIM = ".lock-owner.new"
-"""Made by the one process that puts its own name in place of an owner's that has ended."""
+"""Created by the one process that may replace the name of an owner that has ended."""
 
 LOCK_FILES = frozenset({LOCK, OWNER, CLAIM})
 
 
 class HeldError(Exception):
-    """Another process holds the folder; the text, which may be empty, says in brackets which one."""
+    """Another process holds the folder; the text, which may be empty, names it in parentheses."""
 
 
 class Owner(NamedTuple):
-    """A process, told apart from every other there was on its machine."""
+    """A process, identified uniquely among all that ever ran on its machine."""
 
     host: str
     kernel: str
-    """Changes with each boot and each container, which count processes anew."""
+    """Boot and process namespace: each boot and each container numbers its processes anew."""
     pid: int
     started: str
-    """In the kernel's own ticks since the boot."""
+    """Start time in kernel clock ticks since boot."""
 
     def is_running(self) -> bool | None:
-        """Whether the process runs; None if that cannot be known here."""
+        """Return whether the process runs; None if that cannot be known on this host."""
         if (self.host, self.kernel) != _here():
             return None
         try:
@@ -48,13 +48,14 @@ class Owner(NamedTuple):
 class FolderLock:
     """Holds a folder from its construction until `release` or the end of this process.
 
-    By `flock`. Where there is none, as on Lustre without its mount option, a file names the owner, whose lock is void
-    once it has ended; of an owner on another host that cannot be known, so its file must be deleted by hand. All
-    hosts that share a folder must agree on whether it has `flock`. The folder may be renamed meanwhile.
+    The lock is an `flock`. On a file system without it, such as Lustre without its mount option, a file names the
+    owner, and the lock is void once the owner has ended. Whether an owner on another host has ended cannot be known, so
+    its file must be deleted by hand. All hosts that share a folder must agree on whether it has `flock`. The folder may
+    be renamed while it is held.
 
     Raises:
-        HeldError: another process holds the folder, or may do so.
-        OSError: there is no folder that this process may write to.
+        HeldError: another process holds the folder, or may hold it.
+        OSError: the folder does not exist, or this process may not write to it.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -80,25 +81,25 @@ class FolderLock:
             return False
 
     def release(self) -> None:
-        """Let go of the folder, wherever it is now; again, and nothing happens."""
+        """Release the folder, wherever it is now; a second call does nothing."""
         self._held.close()
 
     def _become_owner(self, folder: Path) -> None:
         while not self._create(OWNER):
             found = _read(folder / OWNER)
             if found is None:
-                continue  # its owner has just let go
+                continue  # its owner has just released it
             if (owner := _parsed(found)) is None or owner.is_running() is not False:
                 raise HeldError(_told(owner, folder / OWNER))
             if not self._create(CLAIM):
                 raise HeldError(f" (if nobody is just beginning, delete {folder / CLAIM})")
-            if _read(folder / OWNER) == found:  # and so it stays, since nobody else may replace it now
+            if _read(folder / OWNER) == found:  # and it stays so, since the claim keeps others from replacing it
                 os.replace(CLAIM, OWNER, src_dir_fd=self._directory, dst_dir_fd=self._directory)
                 return
             self._remove(CLAIM)
 
     def _create(self, name: str) -> bool:
-        """A file that names this process; False if it is there already."""
+        """Create a file that names this process; return False if the file exists."""
         try:
             file = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644, dir_fd=self._directory)
         except FileExistsError:
@@ -113,7 +114,7 @@ class FolderLock:
 
 
 def is_held(folder: Path) -> bool | None:
-    """Whether somebody holds a folder; None where that cannot be known."""
+    """Return whether a process holds a folder; None where that cannot be known."""
     found = _read(folder / OWNER)
     if found is not None:
         owner = _parsed(found)
@@ -151,7 +152,7 @@ def _read(file: Path) -> str | None:
 
 
 def _parsed(text: str) -> Owner | None:
-    """None if it is damaged, or not whole yet."""
+    """Parse an owner file; return None if it is damaged or incomplete."""
     try:
         host, kernel, pid, started = json.loads(text)
         return Owner(str(host), str(kernel), int(pid), str(started))
@@ -160,7 +161,7 @@ def _parsed(text: str) -> Owner | None:
 
 
 def _here() -> tuple[str, str]:
-    """This host, and its count of processes."""
+    """Return the name of this host, and its boot and process namespace."""
     boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
     return platform.node(), f"{boot} {os.readlink('/proc/self/ns/pid')}"
 
@@ -171,7 +172,7 @@ def _state_and_start(pid: int) -> tuple[str, str]:
 
 
 def _is_hidden(pid: int) -> bool:
-    """Whether there is a process of another user, on a system that hides those."""
+    """Return whether this is another user's process, on a system that hides those."""
     try:
         os.kill(pid, 0)
     except PermissionError:

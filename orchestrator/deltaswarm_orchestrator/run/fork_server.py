@@ -1,4 +1,4 @@
-"""The fork server from which all parts are started: clean of this program's own arguments and folder."""
+"""The fork server that starts all parts, kept clean of this program's own arguments and folder."""
 
 import os
 import select
@@ -13,7 +13,7 @@ DEAD_WITHIN_MS = 5000
 
 
 def kill_fork_server() -> None:
-    """Whatever state it is in, and wait until it is dead; the next process that is started gets a new one."""
+    """Kill the fork server in whatever state it is, and wait for its end; the next start creates a new one."""
     if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
@@ -25,10 +25,10 @@ def kill_fork_server() -> None:
 
 @contextmanager
 def bare_main_module() -> Iterator[None]:
-    """Hide the program's own main module and arguments: every process started would get both.
+    """Hide the program's own main module and arguments, which every started process would get.
 
-    With the module, each agent would import the whole command line; with the arguments, it would be told the run's
-    seed and scenario.
+    With the module, each agent would import the whole command line; with the arguments, it would learn the run's seed
+    and scenario.
     """
     main, argv = sys.modules["__main__"], sys.argv
     sys.modules["__main__"], sys.argv = types.ModuleType("__main__"), argv[:1]
@@ -40,7 +40,7 @@ def bare_main_module() -> Iterator[None]:
 
 @contextmanager
 def safe_path() -> Iterator[None]:
-    """Start the fork server without the current folder on its path: a folder `operator` may be in it."""
+    """Start the fork server without the current folder on its path, which may hold a folder named `operator`."""
     before = os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
     try:

@@ -22,10 +22,10 @@ from deltaswarm_orchestrator.recording.thinning import Thinned
 HOST = "127.0.0.1"
 
 BACKLOG_MESSAGES = 256
-"""Kept for each viewer; about two seconds' worth."""
+"""Messages queued for each viewer; about two seconds' worth."""
 
 STOP_WITHIN_S = 1.0
-"""Viewers get so long to take what is on its way."""
+"""Time that viewers have to read what has been sent, before they are disconnected [s]."""
 
 INSTALL_LIVE = "pip install 'deltaswarm[live]'"
 
@@ -45,7 +45,7 @@ def check_installed() -> None:
     """Check that the extra `live` is installed.
 
     Raises:
-        LiveError: it is not.
+        LiveError: it is not installed.
     """
     try:
         import foxglove  # noqa: F401 (an extra)
@@ -54,11 +54,11 @@ def check_installed() -> None:
 
 
 class FoxgloveServer(Thinned):
-    """A `Viewer` that any number of Foxglove windows can look through, and leave.
+    """A `Viewer` to which any number of Foxglove windows can connect and disconnect.
 
     Args:
-        name: shown by the viewer.
-        port: where to listen on loopback; 0 for any free port.
+        name: name shown by the viewer.
+        port: port to listen on, on loopback; 0 for any free port.
         say: takes a line for the user.
 
     Raises:
@@ -72,8 +72,8 @@ class FoxgloveServer(Thinned):
 
         super().__init__(self._show)
         self._told_s = -1.0
-        """The simulated time that viewers were last told [s]."""
-        self._context = context = foxglove.Context()  # kept: without it, its channels lead nowhere
+        """Simulated time last sent to viewers [s]."""
+        self._context = context = foxglove.Context()  # kept alive: its channels need it
         self._channels = {topic: _channel(foxglove, context, topic) for topic in TOPICS}
         self._log_handler = _Refusals(say)
         logging.getLogger(SERVER_LOG).addHandler(self._log_handler)
@@ -96,7 +96,7 @@ class FoxgloveServer(Thinned):
 
     @property
     def url(self) -> str:
-        """What to give a viewer."""
+        """The URL to open in a viewer."""
         return f"ws://{HOST}:{self._port}"
 
     def __enter__(self) -> Self:
@@ -106,7 +106,7 @@ class FoxgloveServer(Thinned):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._stop_logging()
-        # The server would wait without end until each viewer has read what is on its way.
+        # The server would wait forever for viewers that do not read what has been sent.
         stopping = threading.Thread(target=self._server.stop, daemon=True)
         stopping.start()
         stopping.join(STOP_WITHIN_S)
@@ -115,7 +115,7 @@ class FoxgloveServer(Thinned):
             stopping.join(STOP_WITHIN_S)
 
     def look(self, seen: object) -> None:
-        """The run's watch comes by; also while no step is made."""
+        """Send what is due. Called by the run's watch, also while no step is made."""
         self.tick()
 
     def _welcome(self) -> None:
@@ -142,7 +142,7 @@ def _channel(foxglove: Any, context: Any, topic: str) -> Any:
 
 
 def _cut_off(port: int) -> None:
-    """Shut every connection of this process that came in at a port of its own: viewers that do not read."""
+    """Shut down all connections to this process's own port: those of viewers that do not read."""
     for name in os.listdir("/proc/self/fd"):
         with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as found:
             if found.family == socket.AF_INET and found.getsockname()[1] == port:
@@ -154,14 +154,14 @@ def _listener(base: Any, subscribed: Callable[[], None]) -> Any:
         """Called by the server's thread."""
 
         def on_subscribe(self, client: object, channel: object) -> None:
-            """Somebody wants to see the newest of a topic, however long ago it was told."""
+            """Have the newest message of every topic sent again, however old, for a new subscriber."""
             subscribed()
 
     return Listener()
 
 
 class _Refusals(logging.Handler):
-    """Tells once of viewers that the server could not talk to, instead of a line for each."""
+    """Reports refused viewers to the user, once instead of a line for each."""
 
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__(logging.ERROR)
@@ -169,7 +169,7 @@ class _Refusals(logging.Handler):
         self._has_told = False
 
     def emit(self, record: logging.LogRecord) -> None:
-        """One line of the server's log."""
+        """Take one line of the server's log."""
         if "handshake failed" in record.getMessage() and not self._has_told:
             self._has_told = True
             self._say(REFUSED)

@@ -1,7 +1,7 @@
 """All cores of a run in one process, without Zenoh: for debuggers, property tests and sweeps.
 
-The one file that joins the parts. It makes the same bytes in the same order as real processes do, so
-the digest is the same.
+The only file that combines the parts. It makes the same bytes in the same order as real processes do, so the digest is
+the same.
 """
 
 import time
@@ -31,7 +31,7 @@ STATUS_EVERY_STEPS = 500
 
 
 class InProcess:
-    """A whole run as one object; `step` runs one step of world, agents and operator."""
+    """A whole run as one object; `step` runs one step of world and agents, and `close` closes it at the operator."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -40,20 +40,20 @@ class InProcess:
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.desk: Desk | None = None
-        """A scripted or simulated operator, where the scenario has one."""
+        """The scripted or simulated operator, if the scenario has one."""
         if scenario.has_desk:
             self.desk = Desk(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
-        """What ailed each agent whose controller failed."""
+        """The errors of agents whose controller failed, one line each."""
 
     def _agent(self, agent: int) -> Shell:
         settings = self.scenario.for_agent(agent)
         return Shell(agent, settings.step_s, make_controller(agent, settings, self._restarts[agent]))
 
     def _inject(self, step: int, sink: Sink | None) -> None:
-        """What fails or recovers before a step. The dead and the frozen get no frame, which is all it takes."""
+        """Inject the faults due before a step. Dead and frozen agents need no more than to get no frame."""
         for order in self.world.inject(step):
             if order.action == START:
                 self._restarts.update(order.agents)
@@ -63,7 +63,7 @@ class InProcess:
                 sink.log(WARNING, WORLD, order.text, order.time_s)
 
     def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
-        """One step, in agent order."""
+        """Run one step of the world and of all agents, in agent order."""
         world = self.world
         self._inject(step, sink)
         frames = world.begin(step, last)
@@ -73,7 +73,7 @@ class InProcess:
         for agent, frame in frames:
             try:
                 said.append((agent, self.agents[agent].step(frame)))
-            except ControllerError as error:  # as when its process ends
+            except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
                 world.lockstep.gone(agent)
         self.agents_s += clock() - began
@@ -93,17 +93,17 @@ class InProcess:
         return tally
 
     def close(self, clock: Clock) -> Workload:
-        """The operator closes the step, and answers it."""
+        """Close the step at the operator, and give the world the operator's turn."""
         workload = self.operator.close(clock, 0)
         if self.desk is not None:
             reports = self.operator.reports_of_closed_step
             self.world.turns.take(self.desk.close(clock, workload, reports, time.monotonic()))
-            self.desk.deeds.clear()  # nobody writes them down
+            self.desk.deeds.clear()  # not recorded in this engine
         return workload
 
 
 def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
-    """Trace an agent's frames at another, or its reports at the operator (None), from the next step on."""
+    """Trace an agent's frames to another agent, or its reports to the operator (None), from the next step on."""
     if receiver is None:
         tracing.watch_uplink(swarm.world, sender)
     else:
@@ -111,7 +111,7 @@ def watch(swarm: InProcess, sender: int, receiver: int | None) -> None:
 
 
 def explain(swarm: InProcess, receiver: int | None) -> tuple[list[dict[str, Any]], list[str]]:
-    """What each model says of the watched link in the last step, and what became of what was sent."""
+    """Return each model's findings on the watched link in the last step, and the outcomes of what was sent."""
     answer = tracing.explain_uplink if receiver is None else tracing.explain
     findings, outcomes = answer(swarm.world)
     return [finding._asdict() for finding in findings], outcomes
@@ -123,7 +123,7 @@ def run_in_process(
     reporter: Reporter | None = None,
     stopped: Callable[[], object] = lambda: None,
 ) -> Outcome:
-    """A whole run, or what there is of it when `stopped` says so; what its parts say of it."""
+    """Do a run until its end or until `stopped` returns something true; return its outcome."""
     reporter = reporter or Reporter()
     outcome = Outcome()
     try:
@@ -137,7 +137,7 @@ def run_in_process(
         last = step == steps - 1 or bool(stopped())
         try:
             tally = swarm.step(step, last, sink)
-        except ControllerError as error:  # of an agent that a fault starts anew
+        except ControllerError as error:  # of an agent that is restarted after a fault
             outcome.messages.append(str(error))
             break
         workload = swarm.close(Clock(step, tally.time_s, last))

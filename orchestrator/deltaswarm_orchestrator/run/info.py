@@ -1,4 +1,4 @@
-"""What a run folder says of its run, whether it is whole or was interrupted."""
+"""Describe a run from its folder, whether the run is complete or was interrupted."""
 
 import json
 import tomllib
@@ -22,14 +22,14 @@ T = TypeVar("T")
 
 
 class NotARunError(CommandError):
-    """The folder is no run folder, or one that cannot be read."""
+    """The folder is no run folder, or cannot be read."""
 
 
 def describe(folder: Path) -> dict[str, Any]:
-    """Manifest, summary (computed anew if the run did not come to write it) and the files that are there.
+    """Return a run's state, manifest, summary (computed if the run did not write one) and files.
 
     Raises:
-        NotARunError: there is no manifest or scenario, or one of its files cannot be read.
+        NotARunError: the manifest or scenario is missing, or a file cannot be read.
     """
     scenario, outcome = read_run(folder)
     manifest = _read(folder / "manifest.json", json.loads)
@@ -52,7 +52,7 @@ def describe(folder: Path) -> dict[str, Any]:
 
 
 def _checkpoint_step(folder: Path, state: str) -> int | None:
-    """The step after which a run that was cut off can go on, if it can."""
+    """Return the step after which an interrupted run can be resumed; None if it cannot."""
     if state == results.RUNNING:
         return None
     try:
@@ -62,7 +62,7 @@ def _checkpoint_step(folder: Path, state: str) -> int | None:
 
 
 def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> str:
-    """Whether the run is complete, goes on, or ended too early, and why."""
+    """Return whether the run is complete, is running, or ended too early, and why."""
     if summary["complete"]:
         return "complete"
     if manifest["exit_reason"] != results.RUNNING:
@@ -72,7 +72,7 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
-    """The scenario of a run, and what its parts left of it.
+    """Read the scenario and the outcome of a run.
 
     Raises:
         NotARunError: it is no run folder, or one of its files cannot be read.
@@ -97,7 +97,7 @@ def _read(file: Path, parse: Callable[[str], T]) -> T:
 
 
 def text(found: dict[str, Any]) -> str:
-    """The same for people."""
+    """Format the result of `describe` as text."""
     manifest, summary = found["manifest"], found["summary"]
     rows = [
         ("started", manifest["started"]),

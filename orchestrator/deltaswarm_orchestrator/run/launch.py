@@ -1,4 +1,4 @@
-"""The processes of one run: started from a fork server, watched, and ended without a remainder."""
+"""The processes of one run: start them from a fork server, and shut them down with no orphans."""
 
 import json
 import multiprocessing
@@ -32,31 +32,31 @@ from deltaswarm_wire.settings_fault import FREEZE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
-"""The other parts are known by module name alone."""
+"""The main module of each role. Parts are referred to by module name and not imported here."""
 
 PRELOADED = ["deltaswarm_orchestrator.run.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
 
 SECRETS = "secrets"
-"""In the run's folder until the router has read them: an orchestrator that is killed leaves them nowhere else."""
+"""Folder in the run folder for passwords until the router has read them; a kill leaves no secrets elsewhere."""
 
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
-"""A process may take so long to import what it needs, before its time to come up begins."""
+"""Time that a process may take to import its modules, on top of its start timeout [s]."""
 
 FROZEN_LEASE_MS = 24 * 3600 * 1000
 
 
 class LaunchError(Exception):
-    """A part that must be there did not come up, or ended too early."""
+    """A required part did not start, or ended too early."""
 
 
 class StoppedError(Exception):
-    """Somebody asked for the end before the run had begun."""
+    """The user asked to stop before the run had begun."""
 
 
 class Swarm:
-    """World, operator and agents of one run, as a context manager that leaves nothing behind."""
+    """World, operator, station pages and agents of one run, as a context manager that leaves no process behind."""
 
     def __init__(
         self,
@@ -72,9 +72,9 @@ class Swarm:
     ) -> None:
         self.parts: list[Part] = []
         self.endpoint = ""
-        """Where the parts on this machine join."""
+        """Endpoint at which the parts on this machine connect."""
         self.endpoints: list[str] = []
-        """All on which the router listens."""
+        """All endpoints on which the router listens."""
         self._boards = boards
         self._stopped = stopped
         self._scenario = scenario
@@ -109,11 +109,11 @@ class Swarm:
         for_boards: str = "",
         tls: Tls | None = None,
     ) -> None:
-        """Start the world and wait until its router listens: here, and for boards at another endpoint, if given.
+        """Start the world and wait until its router listens at `listen`, and at `for_boards` if given.
 
         Raises:
-            LaunchError: it ended instead, with the last lines of its log; or it does not get that far in time.
-            StoppedError: somebody asked for the end.
+            LaunchError: the world ended (the text has its last log lines) or was not up in time.
+            StoppedError: the user asked to stop.
         """
         credentials = self._secrets_folder / "credentials"
         argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
@@ -129,12 +129,12 @@ class Swarm:
         self.endpoint = self.endpoints[0]
         pairs = (line.partition(":") for line in credentials.read_text().splitlines())
         self._passwords = {user: password for user, _, password in pairs}
-        self._forget_secrets()  # the router has read them, and a killed orchestrator could not
+        self._forget_secrets()  # the router has read them; a killed orchestrator could not remove them later
 
     def _start_and_hear(
         self, role: str, number: int, argv: list[str], *, password: str = "", channel: socket.socket | None = None
     ) -> str:
-        """Start a part that says where it listens; its first line. Raises as `start_world`."""
+        """Start a part that prints where it listens; return that first line. Raises the same as `start_world`."""
         reader, writer = multiprocessing.Pipe(duplex=False)
         part = self._start(role, number, argv, password=password, stdout=writer, channel=channel)
         writer.close()
@@ -146,7 +146,7 @@ class Swarm:
         return line
 
     def _line_of(self, part: Part, reader: Connection) -> str:
-        """The first line that a part prints; what there is of it once the part has ended."""
+        """Return the first line that a part prints, or what it had printed of it when it ended."""
         text = b""
         deadline = time.monotonic() + self._scenario.run.start_timeout_s + PYTHON_S
         while not text.endswith(b"\n"):
@@ -161,7 +161,7 @@ class Swarm:
         return text.decode()
 
     def start_operator(self, *, publish_all: bool, go_on: bool = False) -> None:
-        """Start the operator; `go_on` where one that was killed had come to."""
+        """Start the operator; with `go_on`, continue where a killed operator stopped."""
         scenario = self._scenario
         argv = ["--threshold-hz", str(scenario.operator.threshold_hz), "--step-s", str(scenario.run.step_s)]
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
@@ -179,32 +179,33 @@ class Swarm:
         return self._station is not None
 
     def start_station(self, station: Station | None = None, number: int = 0) -> str:
-        """Start the process of a page, maybe in place of one that died; return the page's URL.
+        """Start or restart the process of a page; return the page's URL.
 
         Args:
-            station: the page; default: that of the person who watches and commands.
-            number: tells one page's process from another's.
+            station: the page; default: the operator's station.
+            number: number of the page's process; 0 is the operator's station.
 
         Raises:
-            LaunchError: it did not come up, with the last lines of its log.
+            LaunchError: the process did not start; the text has its last log lines.
+            StoppedError: the user asked to stop.
         """
         station = station or self._station
         assert station is not None
         self._pages.add(station)
         argv = ["--listen", station.listen]
         url = self._start_and_hear(STATION, number, argv, password=station.token, channel=station.stations_end)
-        station.listen = urlsplit(url).netloc  # one that is started in its place has the same page
+        station.listen = urlsplit(url).netloc  # a restarted station keeps its address
         return url
 
     def give_up_station(self) -> None:
-        """Let the operator notice that there is no station any more, so that no pause lasts for ever."""
+        """Close the station's end of the channel, so that the operator notices and no pause lasts forever."""
         if self._station is not None:
             self._station.stations_end.close()
 
     def start_agents(self, agents: Iterable[int] | None = None) -> None:
-        """Start all agents that are no boards, or those given; each gets its own number, password and log.
+        """Start all agents that do not run on boards, or only `agents`; each gets its own id, password and log.
 
-        In a run that is resumed all are those that were there, as they were.
+        In a resumed run, "all" means the agents of the checkpoint, each in its saved state.
         """
         resumed = self._resumed if agents is None else None
         everyone = resumed.agents if resumed else range(self._scenario.agents.count)
@@ -217,11 +218,11 @@ class Swarm:
             self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
 
     def password(self, user: str) -> str:
-        """The password of one who may join, once the world is there."""
+        """Return a user's password; known once the world is up."""
         return self._passwords[user]
 
     def recorder_link(self) -> RouterLink:
-        """How the orchestrator itself joins."""
+        """Return the link by which the orchestrator itself connects."""
         return RouterLink(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
 
     def _told_of_checkpoints(self) -> list[str]:
@@ -255,7 +256,7 @@ class Swarm:
             self._context.set_forkserver_preload([*PRELOADED, *self._shipped_controller()])
             try:
                 process.start()
-            except (OSError, EOFError, ValueError) as error:  # its fork server was killed
+            except (OSError, EOFError, ValueError) as error:  # the fork server was killed
                 raise LaunchError(f"{role} {number} cannot be started: the fork server ended ({error!r})") from None
         part = Part(role, number, process, log_file)
         self.parts.append(part)
@@ -263,7 +264,7 @@ class Swarm:
 
     @contextmanager
     def _impatience(self) -> Iterator[None]:
-        """A fork server that has been stopped answers to nobody, and is waited for without end."""
+        """Kill the fork server if a start takes too long: a stopped fork server would block the caller forever."""
         timer = threading.Timer(self._scenario.run.start_timeout_s + PYTHON_S, kill_fork_server)
         timer.daemon = True
         timer.start()
@@ -273,18 +274,18 @@ class Swarm:
             timer.cancel()
 
     def _shipped_controller(self) -> list[str]:
-        """The module of the scenario's controller, if it is one of ours: a stranger's is loaded by its agents alone."""
+        """Return the module of the scenario's controller if it is shipped; only agents load a user's controller."""
         target = CONTROLLERS.get(self._scenario.control.mode)
         return [target.partition(":")[0]] if target else []
 
     def write_pids(self) -> None:
-        """`logs/pids.json`: who is who, for those who want to look at a process or to kill it."""
+        """Write `logs/pids.json`, which maps parts to process ids, for users who inspect or kill a process."""
         pids = {part.name: part.pid for part in self.parts}
         (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
 
     def carry_out(self, order: ProcessOrder) -> None:
-        """Do to agents' processes what the world says; it waits for it."""
-        if order.action == START:  # maybe of one that was dead when the run was resumed, and has no process here
+        """Start, kill, stop or continue agents' processes as the world orders; the world waits for it."""
+        if order.action == START:  # an agent that was dead when the run was resumed has no process here
             self._restarts.update(order.agents)
             self.start_agents(order.agents)
             self.write_pids()
@@ -302,39 +303,39 @@ class Swarm:
                 part.send(signal.SIGSTOP if part.is_stopped else signal.SIGCONT)
 
     def ended(self) -> list[Part]:
-        """The parts whose process has ended."""
+        """Return the parts whose process has ended."""
         return [part for part in self.parts if part.exit_code is not None]
 
     def part(self, role: str) -> Part:
-        """The newest part of a role (world, operator)."""
+        """Return the newest part of a role."""
         return next(part for part in reversed(self.parts) if part.role == role)
 
     def stop_world(self) -> None:
-        """Ask the world to end the run with the step that is under way."""
+        """Ask the world to end the run with the current step."""
         self.part(WORLD).send(signal.SIGTERM)
 
     def join(self, within_s: float) -> list[Part]:
-        """Wait until all have ended; those which have not."""
+        """Wait until all parts have ended, at most `within_s` [s]; return those that have not."""
         return wait_for(self.parts, within_s)
 
     def end(self, *, at_once: bool = False) -> None:
-        """End whatever still runs: a request first, then by force; `at_once`, by force alone."""
+        """End all parts that still run: by SIGTERM, then by SIGKILL; with `at_once`, by SIGKILL alone."""
         for part in self.parts:
             if part.is_stopped:
                 part.ends_as_planned = True
-                part.send(signal.SIGKILL)  # it would not hear the request
+                part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
         try:
             if not at_once:
                 for part in self.join(0):
                     part.send(signal.SIGTERM)
-                    part.send(signal.SIGCONT)  # one that somebody has stopped hears the request, too
+                    part.send(signal.SIGCONT)  # wakes a process that the user has stopped
                 self.join(END_WITHIN_S / 2)
         finally:  # a second signal may end the wait
             for part in self.join(0):
                 part.send(signal.SIGKILL)
             self.join(END_WITHIN_S)
             if any(part.exit_code == UNKNOWN for part in self.parts):
-                kill_fork_server()  # it tells nothing any more: else it, or who waits for it, would stay
+                kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
             ours: list[Part | Station | Connection] = [*self.parts, *self._pages, self._kept_end, self._lifeline]
             for each in ours:
                 each.close()
@@ -345,6 +346,6 @@ class Swarm:
 
 
 def _patience(scenario: Scenario) -> list[tuple[str, str]]:
-    """An agent that a fault freezes says nothing for long, in wall time too, and is not to be cut off for it."""
+    """Return Zenoh settings that keep the link of an agent frozen by a fault: it may be silent for a long wall time."""
     frozen = any(fault.kind == FREEZE for fault in scenario.fault)
     return [("transport/link/tx/lease", str(FROZEN_LEASE_MS))] if frozen else []

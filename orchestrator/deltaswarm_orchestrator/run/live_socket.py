@@ -1,6 +1,6 @@
-"""The socket in a run's folder through which others look on, come and go: `deltaswarm top`.
+"""The socket in a run's folder to which `deltaswarm top` connects to watch the run.
 
-Whoever may write to the folder as its owner may connect, and is sent the truth. Nothing is read from them.
+Only the folder's owner may connect. Readers are sent the truth; nothing is read from them.
 """
 
 import os
@@ -19,18 +19,18 @@ from deltaswarm_wire.settings import Scenario
 LIVE_SOCKET = "live.sock"
 
 MAX_READERS = 16
-"""One more has to wait until another leaves."""
+"""Further readers wait until another one leaves."""
 
 
 class LiveSocket:
-    """An `Onlooker` that shows the run to whoever connects.
+    """An `Onlooker` that shows the run to everyone who connects.
 
-    Where the folder cannot hold a socket there is none, and the run goes on.
+    If the folder cannot hold a socket, the run continues without one.
 
     Args:
-        folder: the run's folder; may be renamed meanwhile.
+        folder: the run's folder; it may be renamed during the run.
         run: the run's name.
-        scenario: the run's.
+        scenario: the run's scenario.
         paced: says when it is time to look.
     """
 
@@ -41,8 +41,8 @@ class LiveSocket:
         self._file = folder / LIVE_SOCKET
         self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
-            self._file.unlink(missing_ok=True)  # of a run that was killed
-            os.fchmod(self._socket.fileno(), 0o600)  # before it has a name: nobody else can be quicker
+            self._file.unlink(missing_ok=True)  # left by a killed run
+            os.fchmod(self._socket.fileno(), 0o600)  # before it has a name, so that nobody else can connect first
             with short_path(self._file) as name:
                 self._socket.bind(name)
             self._socket.listen(MAX_READERS)
@@ -65,7 +65,7 @@ class LiveSocket:
                 self._file.unlink()
 
     def look(self, seen: Seen) -> None:
-        """Welcome those who came, and show the run to all who are there."""
+        """Accept a new reader, send the newest picture to all readers, and drop those that left."""
         if self._socket is None or not self._paced.is_due():
             return
         if len(self._readers) < MAX_READERS:
@@ -86,7 +86,7 @@ class LiveSocket:
 
 @contextmanager
 def short_path(file: Path) -> Iterator[str]:
-    """A name for a file in a folder whose own name may be longer than a socket's address can be."""
+    """Yield a short path of a file, whose full path may be too long for a socket's address."""
     folder = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
     try:
         yield f"/proc/self/fd/{folder}/{file.name}"
@@ -95,10 +95,10 @@ def short_path(file: Path) -> Iterator[str]:
 
 
 def connected(folder: Path, within_s: float) -> socket.socket:
-    """A connection to the run in a folder, which has some time [s] to take it.
+    """Connect to the run in progress in a folder, within `within_s` [s].
 
     Raises:
-        OSError: there is none under way, or it may not be looked at.
+        OSError: no run is under way there, or this user may not watch it.
     """
     end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     end.settimeout(within_s)

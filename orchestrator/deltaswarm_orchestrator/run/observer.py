@@ -1,6 +1,6 @@
-"""The orchestrator's own ear on the fabric: progress for people, and all that the recorder writes.
+"""The orchestrator's subscriptions: progress for the user, and everything that the recorder writes.
 
-The one file of the orchestrator that touches Zenoh.
+The only file of the orchestrator that uses Zenoh.
 """
 
 import queue
@@ -32,19 +32,19 @@ use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
 
 BATCH_S = 0.1
-"""Samples are taken for at most this long at a time, so that signals, orders and dying parts are noticed."""
+"""Maximum time spent on samples at a time [s], so that signals, orders and dying parts are noticed."""
 
 CONFIRM_STEPS = 100
-"""So often the world is told what has been taken; it does not go far ahead of that, so the queue stays short."""
+"""Steps between acknowledgements to the world, which does not run far ahead of them, so the queue stays short."""
 
 
 class Observer:
-    """Hears status and workload; with a sink also truth, reports, clock and, for `wire`, what agents said.
+    """Receives status, workload and orders; with a sink also truth, reports, clock and, for `wire`, raw samples.
 
-    The sink has the steps before `first_step`, and saves after each `checkpoint_steps`.
+    The sink already has the steps before `first_step`, and saves every `checkpoint_steps` steps.
 
     Raises:
-        ConnectionError: there is no way to the world.
+        ConnectionError: the world cannot be reached.
     """
 
     def __init__(
@@ -59,14 +59,14 @@ class Observer:
     ) -> None:
         self.status: Status | None = None
         self.heard_at = time.monotonic()
-        """When the world last said how it is (monotonic wall time [s])."""
+        """When the world's last status arrived (monotonic wall time [s])."""
         self.newest_workload: Workload | None = None
         self.newest_truth: Truth | None = None
-        """Of the newest closed step; None without a sink."""
+        """The truth of the newest closed step; None without a sink."""
         self.messages: int | None = None if sink is None else 0
-        """Reports that the operator has counted since this observer came; None without a sink."""
+        """Reports that the operator has counted since this observer connected; None without a sink."""
         self.orders: deque[ProcessOrder] = deque()
-        """What the world wants done to processes, and waits for; `confirm` each."""
+        """Orders of the world for agents' processes. The world waits for each: `confirm` it when done."""
         self._last_step: int | None = None
         self._keys = keys = Keys(run)
         self._sink = sink
@@ -74,7 +74,7 @@ class Observer:
         self._truths: dict[int, Truth] = {}
         self._reports: dict[int, list[Report]] = defaultdict(list)
         self.newest_step = first_step - 1
-        """The newest step of which the operator has told its workload, as far as that was heard; -1 before."""
+        """The newest step whose workload has arrived; `first_step` - 1 before the first one."""
         self._open_step, self._confirmed = first_step, first_step - 1
         self._checkpoint_steps = checkpoint_steps
         try:
@@ -91,7 +91,7 @@ class Observer:
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.forwarded]
             wanted += [keys.wire] if wire else []
-        # In the thread that reads the link: else each subscriber has its own, and the clock overtakes.
+        # Called in the thread that reads the link: with a thread per subscriber the clock could overtake the rest.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
         self._taken = self._session.declare_publisher(
@@ -103,7 +103,7 @@ class Observer:
 
     def _put(self, sample: zenoh.Sample) -> None:
         key = str(sample.key_expr)
-        if key == self._keys.status:  # when it comes: it may be long before it is taken
+        if key == self._keys.status:  # note it on arrival: it may wait in the queue for long
             self.heard_at = time.monotonic()
         self._queue.put((key, sample.payload.to_bytes()))
 
@@ -116,7 +116,7 @@ class Observer:
         self._session.close()
 
     def work(self, timeout_s: float) -> bool:
-        """Wait at most `timeout_s` for a sample, then take what is there for at most BATCH_S; False if none came."""
+        """Wait up to `timeout_s` for a sample, then take queued ones for up to BATCH_S; return False if none came."""
         try:
             self._take(*self._queue.get(timeout=timeout_s))
         except queue.Empty:
@@ -128,22 +128,22 @@ class Observer:
 
     @property
     def records(self) -> bool:
-        """Whether all that happens is taken, for a recording."""
+        """Whether there is a sink that takes everything that happens."""
         return self._sink is not None
 
     @property
     def has_all(self) -> bool:
-        """Whether the run has ended, as far as can be heard, and nothing more is to come."""
+        """Whether the run has ended and everything this observer takes has arrived."""
         if self._sink is None:
             return self.status is not None and self.status.phase == "ended"
         return self._last_step is not None and self.newest_step >= self._last_step
 
     def confirm(self, order: ProcessOrder) -> None:
-        """Tell the world that an order is carried out."""
+        """Tell the world that an order has been carried out."""
         self._done.put(encode_done(order.number))
 
     def leave_when_done(self) -> None:
-        """Once nothing more is to come, tell the world that all has been taken."""
+        """Tell the world that everything has been taken, once that is so, by withdrawing the liveliness token."""
         if self.has_all and self._token is not None:
             self._token.undeclare()
             self._token = None
@@ -157,7 +157,7 @@ class Observer:
             self._close(decode_clock(data).step, decode_clock(data).last)
         elif key == keys.forwarded:
             forwarded = decode_forwarded(data)
-            if forwarded.step >= self._open_step:  # else for an operator that has begun anew
+            if forwarded.step >= self._open_step:  # older ones are sent again for a restarted operator
                 self._reports[forwarded.step].append(decode_report(forwarded.report))
         elif key == keys.wire:
             self._take_wire(data)
@@ -174,7 +174,7 @@ class Observer:
 
     def _take_workload(self, workload: Workload) -> None:
         if workload.step <= self.newest_step:
-            return  # of an operator that has begun anew
+            return  # sent again by a restarted operator
         self.newest_workload, self.newest_step = workload, workload.step
         if self._sink is not None:
             self.messages = (self.messages or 0) + workload.messages
@@ -189,7 +189,7 @@ class Observer:
 
     def _close(self, step: int, last: bool) -> None:
         if step < self._open_step:
-            return  # for an operator that has begun anew
+            return  # sent again for a restarted operator
         truth = self._truths.pop(step, None)
         reports = sorted(self._reports.pop(step, []), key=lambda report: (report.agent, report.sequence))
         if self._sink is not None and truth is not None:
@@ -201,7 +201,7 @@ class Observer:
         self._confirm()
 
     def _confirm(self) -> None:
-        """Tell the world now and then what has been taken, and of a checkpoint that it is on disk."""
+        """Acknowledge the taken steps from time to time, and each checkpoint once the sink has saved it to disk."""
         step = self._open_step - 1
         if step <= self._confirmed:
             return

@@ -1,4 +1,4 @@
-"""Who looks on at a run under way: viewers and terminals, which take what they see and leave no trace in it."""
+"""Onlookers of a run in progress: viewers and terminals, which only read and do not affect the run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -9,45 +9,45 @@ from deltaswarm_wire.operator_messages import Report, Status, Workload
 from deltaswarm_wire.truth import Truth
 
 LOOK_EVERY_S = 0.1
-"""Wall time."""
+"""Wall time between two looks [s]."""
 
 
 class Seen(Protocol):
-    """What there is to see of a run; None is what has not been heard yet, or is not told."""
+    """What there is to see of a run; None for what has not arrived yet, or is not sent."""
 
     @property
     def status(self) -> Status | None:
-        """How the world is."""
+        """The world's newest status."""
 
     @property
     def newest_truth(self) -> Truth | None:
-        """Where everything is; None throughout a run that is neither recorded nor shown."""
+        """The true state of the newest step; always None in a run that is neither recorded nor shown."""
 
     @property
     def newest_workload(self) -> Workload | None:
-        """What the operator counted last."""
+        """The operator's newest workload."""
 
     @property
     def messages(self) -> int | None:
-        """Reports that the operator has counted since this process watches; None where not all are told."""
+        """Reports that the operator has counted since this process began to watch; None if not all were seen."""
 
 
 class Onlooker(Protocol):
-    """Called often. Takes what it wants at its own pace, and never waits."""
+    """Looks at a run. It is called often, takes what it wants at its own pace, and never blocks."""
 
     def look(self, seen: Seen) -> None:
         """Look at the run."""
 
 
 class Paced:
-    """Says ten times per second of wall time that it is time to look."""
+    """Says when it is time to look: ten times per second of wall time."""
 
     def __init__(self, wall: Callable[[], float] = time.monotonic) -> None:
         self._wall = wall
         self._due_s = wall()
 
     def is_due(self) -> bool:
-        """Whether enough time has passed since it last said so."""
+        """Return whether it is time to look; if so, the next look is due after LOOK_EVERY_S."""
         now_s = self._wall()
         if now_s < self._due_s:
             return False
@@ -56,7 +56,7 @@ class Paced:
 
 
 class Tap:
-    """The `Sink` of a run in one process that shows onlookers what passes, and hands it on."""
+    """The `Sink` of a run in one process that shows everything to onlookers and passes it on to another sink."""
 
     def __init__(self, sink: Sink, onlookers: Sequence[Onlooker]) -> None:
         self.status: Status | None = None
@@ -69,12 +69,12 @@ class Tap:
         self.log, self.radio, self.report_bytes, self.save = sink.log, sink.radio, sink.report_bytes, sink.save
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
-        """One closed step."""
+        """Take a closed step."""
         self.newest_truth = truth
         self._sink.step(truth, reports)
 
     def workload(self, workload: Workload) -> None:
-        """What the operator counted in it."""
+        """Take the operator's workload of the step, and let the onlookers look."""
         self.newest_workload = workload
         self.messages = (self.messages or 0) + workload.messages
         self._sink.workload(workload)

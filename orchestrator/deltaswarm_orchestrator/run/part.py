@@ -1,4 +1,4 @@
-"""One started process, watched by itself and not only through the fork server, which may be stopped or killed."""
+"""One started process, watched through its own pidfd, because the fork server may be stopped or killed."""
 
 import os
 import select
@@ -14,17 +14,17 @@ from deltaswarm_wire.keys import AGENT, WORLD
 
 LOG_TAIL_LINES = 12
 UNKNOWN = 255
-"""The exit code of a process whose fork server is gone; also what nobody can know of it."""
+"""Exit code of a process whose fork server cannot tell how it ended."""
 
 HOW = {UNKNOWN: "ended, nobody knows how", WORLD_LOST: "lost its world"}
-"""What some exit codes mean, in a sentence that begins with the part's name."""
+"""Meaning of some exit codes, to follow the part's name in a sentence."""
 
 ERROR = " ERROR "
-"""In a log's line of this level; what it says follows the first colon and blank."""
+"""Marks log lines of this level; the message follows the first colon and space."""
 
 POLL_S, SHORT_POLL_S = 0.2, 0.01
 EXIT_CODE_WITHIN_S = 1.0
-"""The fork server tells how a process ended within so long, or not at all."""
+"""Maximum wait for the fork server to tell a process's exit code [s]."""
 
 
 class Part:
@@ -36,9 +36,9 @@ class Part:
         self.log_file = log_file
         self.name = f"{role} {number}" if role == AGENT else role
         self.is_stopped = False
-        """By SIGSTOP, as a fault of the scenario."""
+        """Whether a fault of the scenario has stopped the process (SIGSTOP)."""
         self.ends_as_planned = False
-        """By kill -9, as a fault of the scenario."""
+        """Whether the process was killed on purpose: by a fault of the scenario, or at the end while stopped."""
         self.pid = process.pid or 0
         self._process = process
         self._pidfd = _open(self.pid)
@@ -46,7 +46,10 @@ class Part:
 
     @property
     def exit_code(self) -> int | None:
-        """None while the process is there; below 0 the signal that ended it."""
+        """The exit code: None while the process runs, negative the signal that killed it, UNKNOWN if not known.
+
+        It may stay None for EXIT_CODE_WITHIN_S after the end, until the fork server tells it.
+        """
         if self._pidfd is not None and not _is_over(self._pidfd):
             return None
         self._ended_at = self._ended_at or time.monotonic()
@@ -56,19 +59,19 @@ class Part:
         return UNKNOWN if code is None else code
 
     def send(self, number: signal.Signals) -> None:
-        """A signal, unless the process has ended."""
+        """Send a signal, unless the process has ended."""
         if self._pidfd is not None:
             with suppress(ProcessLookupError):
                 signal.pidfd_send_signal(self._pidfd, number)
 
     def close(self) -> None:
-        """It has ended, and nobody will ask for it any more."""
+        """Close the pidfd of a process that has ended."""
         if self._pidfd is not None:
             os.close(self._pidfd)
             self._pidfd = None
 
     def obituary(self, step: int | None) -> str:
-        """How it ended, in one line."""
+        """Describe in one line how the process ended."""
         code = self.exit_code or 0
         when = "" if step is None else f" at step {step}"
         if code == NO_ROOM:
@@ -76,11 +79,11 @@ class Part:
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         how = HOW.get(code, f"ended with exit code {code}")
-        whom = self._last_error() if self.role == WORLD else ""  # the world may have waited for somebody in vain
+        whom = self._last_error() if self.role == WORLD else ""  # the world may have timed out waiting for a part
         return f"{self.name} {how}{when}{whom}"
 
     def log_tail(self) -> str:
-        """The last lines of its log, for an error message."""
+        """Return the last lines of the log, for an error message."""
         return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
 
     def _last_error(self) -> str:
@@ -95,7 +98,7 @@ class Part:
 
 
 def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
-    """Wait until all have ended; those which have not."""
+    """Wait until all parts have ended, at most `within_s` [s]; return those that have not."""
     deadline = time.monotonic() + within_s
     while running := [part for part in parts if part.exit_code is None]:
         left_s = deadline - time.monotonic()

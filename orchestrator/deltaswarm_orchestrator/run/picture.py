@@ -1,6 +1,6 @@
-"""The truth of a run as the datagrams `hello` and `picture`, for those who look on: the researcher's tools.
+"""The truth of a run as the datagrams `hello` and `picture`, for the researcher's tools.
 
-They are in the form of the operator's station, with what it knows left empty and `truth` added.
+They have the format of the operator's station, with the operator's knowledge left empty and `truth` added.
 """
 
 from typing import Any
@@ -13,17 +13,17 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState, Truth
 
 PLACE_DIGITS = 3
-"""Places are rounded to a millimetre."""
+"""Positions are rounded to a millimetre."""
 
 RESEARCHER = "researcher"
 """The kind of a feed that shows what no operator knows."""
 
 ENDED = "ended"
-"""The phase of a world that has made its last step."""
+"""The phase of a world that has done its last step."""
 
 
 def hello(run: str, scenario: Scenario) -> bytes:
-    """What does not change during a run: its name, its arena, its length."""
+    """Encode what does not change during a run: its name, arena and length."""
     arena, uplink = scenario.arena, scenario.uplink
     return orjson.dumps(
         {
@@ -47,7 +47,7 @@ def hello(run: str, scenario: Scenario) -> bytes:
 
 
 def picture(seen: Seen) -> bytes | None:
-    """What there is to see of a run now; None before anything is."""
+    """Encode what there is to see of a run now; None before there is anything."""
     truth, status, workload = seen.newest_truth, seen.status, seen.newest_workload
     newest = truth or workload or status
     if newest is None:

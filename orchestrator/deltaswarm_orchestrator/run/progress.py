@@ -1,4 +1,4 @@
-"""How a run goes, for people: a bar on a terminal, a line now and then on a pipe. On standard error."""
+"""Progress of a run on standard error: a bar on a terminal, a line every few seconds on a pipe."""
 
 import sys
 import time
@@ -15,14 +15,14 @@ from deltaswarm_wire.operator_messages import Status
 
 LINE_EVERY_S = 10.0
 SPEED_OVER_S = 0.5
-"""Wall time over which a speed is measured at the least; what is shorter says nothing."""
+"""Minimum wall time over which a speed is measured [s]; over less it would be meaningless."""
 
 BAR_AND_TIME = 24
-"""Columns that the bar and the time left need at least."""
+"""Minimum number of columns for the bar and the time left."""
 
 
 class Bar:
-    """A bar on a terminal, which goes away at its end, or a line now and then on a pipe; as a context manager."""
+    """A progress bar on a terminal, or a line every LINE_EVERY_S on a pipe; a context manager."""
 
     def __init__(self, text: str, *columns: ProgressColumn, **options: Any) -> None:
         self._console = Console(stderr=True)
@@ -42,7 +42,7 @@ class Bar:
             self._bar.stop()
 
     def _show(self, line: str, *, is_last: bool, brief: str, **task: Any) -> None:
-        """Show a state: `brief` beside the bar, or `line` if it is time for one."""
+        """Show a state: `brief` beside the bar, or print `line` if one is due."""
         now = time.monotonic()
         if self._bar is not None:
             self._bar.update(self._task, description=brief, **task)
@@ -52,7 +52,7 @@ class Bar:
 
 
 class Display(Bar, Reporter):
-    """Shows a run."""
+    """Shows the progress of a run."""
 
     def __init__(self, step_s: float, agents: int) -> None:
         columns = BarColumn(bar_width=None), TimeRemainingColumn()
@@ -60,11 +60,11 @@ class Display(Bar, Reporter):
         self._agents = agents
         self._step_s = step_s
         self._first: tuple[float, float] | None = None
-        """Wall time and simulated time [s] of the first state that was shown."""
+        """Wall time and simulated time [s] of the first state shown."""
         self._shown: Status | None = None
 
     def say(self, text: str) -> None:
-        """Print it at once."""
+        """Print a text at once."""
         self._console.print(text, markup=False, highlight=False, soft_wrap=True)
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
@@ -88,7 +88,7 @@ class Display(Bar, Reporter):
 
 
 def described(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> list[str]:
-    """Simulated time, speed against real time, workload, trees, waiting; what matters most first."""
+    """Describe a status: simulated time, speed against real time, workload, trees, waiting; most important first."""
     return [
         f"{status.time_s:.0f}/{status.steps * step_s:.0f} s",
         *([f"{speed:.0f}x real time"] if speed is not None else []),
@@ -99,7 +99,7 @@ def described(status: Status, messages_per_s: float | None, speed: float | None,
 
 
 def fitting(parts: Sequence[str], room: int) -> str:
-    """As many parts as there is room for, at least the first."""
+    """Join as many parts as fit into `room` columns, at least the first."""
     texts = [", ".join(parts[:count]) for count in range(len(parts), 0, -1)]
     return next((text for text in texts if len(text) <= room), texts[-1])
 
@@ -126,7 +126,7 @@ ROWS = (
 
 
 def result_table(summary: dict[str, Any]) -> Table:
-    """The summary's main metrics as a table."""
+    """Make a table of the summary's main metrics."""
     table = Table(title=f"{summary['name']}, {summary['mode']}, seed {summary['seed']}", show_header=False)
     table.add_column(style="dim")
     table.add_column(justify="right")

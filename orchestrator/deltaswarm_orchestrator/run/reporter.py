@@ -1,13 +1,13 @@
-"""Who is told how a run goes. Apart from `progress.py`, which takes rich: a sweep's worker shows nothing."""
+"""The interface for a run's progress. Separate from `progress.py`, which imports rich: sweep workers show nothing."""
 
 from deltaswarm_wire.operator_messages import Status
 
 
 class Reporter:
-    """Takes what there is to tell of a run. This one tells nobody."""
+    """Takes the progress of a run. This base class discards it."""
 
     def update(self, status: Status, messages_per_s: float | None) -> None:
-        """The newest state."""
+        """Take the newest state."""
 
     def say(self, text: str) -> None:
-        """Something that the user has to do."""
+        """Take a message for the user."""

@@ -1,4 +1,4 @@
-"""The run folder: what a run's parts left, merged into tables and one summary."""
+"""Results of a run: the files of its parts, merged into tables and one summary."""
 
 import csv
 import json
@@ -23,30 +23,30 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
 
 EVENTS_SO_FAR = "world-events.csv"
-"""A row for each change of an event, where the world has not come to write `events.csv`."""
+"""One row per change of an event; read if the world did not get to write `events.csv`."""
 
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
-"""What world and operator leave for the tables of a run."""
+"""Files of world and operator that are merged into the run's tables."""
 
 OPERATOR_TABLE, PROBES = "operator.csv", "probes.csv"
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
-"""The operator's columns of `series.csv`, by the name that they have in `Workload`."""
+"""The operator's columns of `series.csv`, keyed by their names in `Workload`."""
 
 RUNNING = "running"
-"""The exit reason of a run that has not ended, and for ever of one that was killed: see `folder_lock.is_held`."""
+"""The exit reason of a run that has not ended. A killed run keeps it: see `folder_lock.is_held`."""
 
 MAX_NAMED = 5
-"""Agents that a reason names at most."""
+"""Maximum number of agents named in a reason."""
 
 OFTEN = 5
-"""Resets of a sequence number that cannot be chance: an agent that restarts behind a dead link resets it once."""
+"""Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
 
 Row = TypeVar("Row", Tally, Workload, EventState)
 
 
 @dataclass
 class Outcome:
-    """What the parts of one run say of it."""
+    """What the parts of one run recorded."""
 
     tallies: list[Tally] = field(default_factory=list)
     events: list[EventState] = field(default_factory=list)
@@ -54,22 +54,22 @@ class Outcome:
     world: dict[str, Any] = field(default_factory=dict)
     operator: dict[str, Any] = field(default_factory=dict)
     messages: list[str] = field(default_factory=list)
-    """What the user should know: agents that failed, and why."""
+    """Messages for the user: agents that failed, and why."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether world and operator both came to the last step."""
+        """Whether world and operator both reached the last step."""
         return bool(self.world.get("complete") and self.operator.get("complete"))
 
     @property
     def digest(self) -> str | None:
-        """The run's digest; None while a part of it is missing."""
+        """The run's digest; None if the world's or the operator's is missing."""
         world, operator = self.world.get("digest"), self.operator.get("digest")
         return digest.combine(world, operator) if world and operator else None
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
-    """Where a run's results come from, before it has any."""
+    """Return the manifest of a run that begins: where its results come from."""
     return {
         "name": scenario.name,
         "seed": scenario.seed,
@@ -87,12 +87,12 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
 
 
 def write_json(file: Path, value: Any) -> None:
-    """Write a JSON file, whole or not at all."""
+    """Write a JSON file atomically."""
     write_whole(file, json.dumps(value, indent=2, allow_nan=False).encode() + b"\n")
 
 
 def read_outcome(folder: Path) -> Outcome:
-    """What is in a run folder, merged or not, whole or interrupted."""
+    """Read a run folder, merged or not, of a complete or an interrupted run."""
     if (folder / "series.csv").exists():
         rows = _table(folder / "series.csv")
         tallies = [_row(Tally, row) for row in rows]
@@ -118,7 +118,7 @@ def _json(file: Path) -> dict[str, Any]:
 
 
 def _table(file: Path) -> list[dict[str, str]]:
-    """The whole rows of a CSV file; a last line that was cut off is left out."""
+    """Return the rows of a CSV file without a last line that was cut off; empty if there is no file."""
     if not file.exists():
         return []
     text = file.read_text()
@@ -137,9 +137,9 @@ def _cell(text: str, hint: Any) -> Any:
 
 
 def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False) -> None:
-    """`series.csv` (one row per step, the world's columns and the operator's) and `events.csv`.
+    """Write `series.csv` (one row per step, with the world's and the operator's columns) and `events.csv`.
 
-    They replace the tables of the parts, unless `keep_unmerged`, for a run that may go on.
+    Delete the tables of the parts, unless `keep_unmerged` is set because the run may be resumed.
     """
     by_step = {workload.step: workload for workload in outcome.workloads}
 
@@ -161,13 +161,13 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
 
 
 def person_tables(folder: Path) -> list[tuple[str, bytes]]:
-    """What the person at the station did and answered, as tables with their names in the end; none without a person."""
+    """Return the tables of the person's actions and answers, with their final names; empty without a person."""
     names = {DEEDS: OPERATOR_TABLE, PROBES: PROBES}
     return [(final, (folder / name).read_bytes()) for name, final in names.items() if (folder / name).exists()]
 
 
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a CSV file, whole or not at all."""
+    """Write a CSV file atomically."""
     part = file.with_name(f"{file.name}.part")
     with part.open("w", newline="") as stream:
         table = csv.writer(stream)
@@ -179,7 +179,7 @@ def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
 
 
 def metrics(outcome: Outcome, step_s: float) -> dict[str, Any]:
-    """The metrics that follow from what happened, whoever kept the record; the same from a recording."""
+    """Compute the metrics of an outcome. They do not depend on who recorded it; a recording gives the same."""
     tallies, workloads = outcome.tallies, outcome.workloads
     waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
     end_s = len(tallies) * step_s
@@ -235,7 +235,7 @@ def _rate(counts: Sequence[int], step_s: float) -> float | None:
 
 
 def _lost_by_agent(outcome: Outcome) -> str:
-    """By agent, most first; empty where it is not known."""
+    """Name the agents that lost most messages, most first; empty if that is not known."""
     lost = Counter({agent: own["lost"] for agent, own in (outcome.operator.get("per_sender") or {}).items()})
     lost.update(outcome.world.get("transport_lost", {}))
     named = [f"{count} of agent {agent}" for agent, count in (+lost).most_common(MAX_NAMED) if agent != WORLD]
@@ -243,7 +243,7 @@ def _lost_by_agent(outcome: Outcome) -> str:
 
 
 def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
-    """`summary.json`: the metrics, and how the run went."""
+    """Return the content of `summary.json`: the metrics, and how the run went."""
     found = metrics(outcome, scenario.run.step_s)
     wall_s = outcome.world.get("wall_s")
     simulated_s = found["steps"] * scenario.run.step_s

@@ -1,4 +1,4 @@
-"""A run that was cut off goes on from its newest checkpoint: what its folder must hold, and how it is made ready."""
+"""Resume an interrupted run from its newest checkpoint: check its folder and make it ready."""
 
 import json
 import time
@@ -13,33 +13,33 @@ from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
 
 BEFORE = ".before"
-"""What a recording is called that another one is copied from."""
+"""Suffix of an earlier recording that the new recording is copied from."""
 
 LEFTOVERS_S = 10.0
 
 OPERATOR_STATE = "operator-state.json"
 
 OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json")
-"""What a run leaves when it ends, too early or not."""
+"""Files that a run writes when it ends, complete or not."""
 
 
 @dataclass(frozen=True)
 class Resumed:
-    """Where a run goes on."""
+    """The point at which a run is resumed."""
 
     step: int
-    """After this one."""
+    """The last step before it."""
     agents: tuple[int, ...]
-    """Those that were there."""
+    """The agents that were in the run at that step."""
     restarts: dict[int, int]
-    """How often each agent had been started anew."""
+    """How often each agent had been restarted."""
 
 
 def newest(folder: Path) -> Resumed:
-    """The newest checkpoint in a run's folder.
+    """Return the newest checkpoint in a run's folder.
 
     Raises:
-        FolderError: there is none that can be read.
+        FolderError: there is no checkpoint, or it cannot be read.
     """
     file = folder / checkpoint.FOLDER / checkpoint.NEWEST
     try:
@@ -53,10 +53,10 @@ def newest(folder: Path) -> Resumed:
 
 
 def check_code(folder: Path, scenario: Scenario) -> None:
-    """Refuse a run that other code began, whose checkpoint means nothing to this.
+    """Refuse a run that another version of the code began, whose checkpoint this one cannot use.
 
     Raises:
-        FolderError: says so.
+        FolderError: the code differs.
     """
     manifest = json.loads((folder / "manifest.json").read_text())
     begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
@@ -65,10 +65,10 @@ def check_code(folder: Path, scenario: Scenario) -> None:
 
 
 def wait_for_leftovers(folder: Path) -> None:
-    """Wait for processes of the run before, which end by themselves once they miss their orchestrator.
+    """Wait for processes of the interrupted run, which end by themselves once their orchestrator is gone.
 
     Raises:
-        FolderError: one of them does not.
+        FolderError: a process has not ended after LEFTOVERS_S.
     """
     deadline = time.monotonic() + LEFTOVERS_S
     while left := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
@@ -80,12 +80,12 @@ def wait_for_leftovers(folder: Path) -> None:
 def _is_log_of(folder: Path, standard_error: Path) -> bool:
     try:
         return standard_error.readlink().parent == folder / "logs"
-    except OSError:  # it has ended, or is another user's
+    except OSError:  # the process has ended, or is another user's
         return False
 
 
 def make_ready(folder: Path, resumed: Resumed) -> dict[str, Path]:
-    """Take back what came after the checkpoint; the recordings that the new ones begin with, by name."""
+    """Remove what was written after the checkpoint; return the recordings that the new ones start from, by name."""
     for name in OF_AN_END:
         (folder / name).unlink(missing_ok=True)
     operator = folder / checkpoint.FOLDER / str(resumed.step) / checkpoint.OPERATOR_FILE
@@ -94,7 +94,7 @@ def make_ready(folder: Path, resumed: Resumed) -> dict[str, Path]:
     for name in (RECORDING, WIRE):
         kept = folder / f"{name}{BEFORE}"
         for file in (folder / name, folder / f"{name}{PART}"):
-            if file.exists() and not kept.exists():  # else it was being copied when that was cut off, too
+            if file.exists() and not kept.exists():  # else an earlier attempt to resume was interrupted while copying
                 file.rename(kept)
             file.unlink(missing_ok=True)
         if kept.exists():

@@ -1,4 +1,4 @@
-"""Scenarios: TOML files and built-in ones, with `--set` on top, checked as a whole."""
+"""Load scenarios from TOML files or built-in ones, apply `--set`, and check the result as a whole."""
 
 import dataclasses
 import json
@@ -22,7 +22,7 @@ from deltaswarm_wire.settings_radio import RadioSettings
 
 
 def files_in(*folders: str) -> dict[str, Traversable]:
-    """The TOML files of folders of this package, by name."""
+    """Return the TOML files in folders of this package, by name without suffix."""
     files = [
         file for folder in folders for file in resources.files("deltaswarm_orchestrator").joinpath(folder).iterdir()
     ]
@@ -36,10 +36,12 @@ BUILT_IN = files_in("scenarios")
 def load_scenario(
     name: str, overrides: Sequence[str] = (), seed: int | None = None, commands: Path | None = None
 ) -> Scenario:
-    """The scenario of a file or a built-in name, with `key=value` overrides; `commands` is a file of `[[command]]`.
+    """Load a scenario from a file or by its built-in name, with `key=value` overrides.
+
+    `commands` is a file of `[[command]]` tables.
 
     Raises:
-        SettingsError: every mistake in file and overrides at once.
+        SettingsError: it lists every mistake in file and overrides.
     """
     table = read_table(name)
     problems = [problem for override in overrides for problem in apply(table, override)]
@@ -54,7 +56,7 @@ def load_scenario(
 
 
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
-    """The scenario that a table describes, and all mistakes in it."""
+    """Return the scenario that a table describes, and all mistakes in the table."""
     scenario, problems = checked.check(Scenario, table)
     options, found = _control_options(table)
     problems += found
@@ -75,7 +77,7 @@ def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
 
 
 def _command_problems(scenario: Scenario) -> list[Problem]:
-    """Whether the controller accepts the scripted commands."""
+    """Return a problem for each scripted or simulated command that the controller does not accept."""
     if not scenario.has_commander:
         return []
     forms = forms_of(find_controller(scenario.control.mode))
@@ -96,11 +98,11 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
 
 
 def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
-    """All options of the controller that a table asks for, written out, and all mistakes in them."""
+    """Return all options of the table's controller, defaults included, and all mistakes in them."""
     control, _ = checked.check(ControlSettings, table.get("control", {}))
     radio, _ = checked.check(RadioSettings, table.get("radio", {}))
     if control is None:
-        return {}, []  # told with the other keys
+        return {}, []  # reported with the other keys
     shared = AgentSettings(range_m=(radio or RadioSettings()).range_m)
     try:
         return checked.plain(controller_settings(control.mode, control.options, shared)), []
@@ -109,14 +111,14 @@ def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Proble
 
 
 def to_toml(settings: Scenario | AgentSettings) -> str:
-    """The effective settings, every key written out."""
+    """Return the effective settings as TOML, with every key."""
     return tomli_w.dumps(checked.plain(settings))
 
 
 def commented_toml(scenario: Scenario) -> str:
-    """The effective scenario, with the meaning of every key beside it."""
+    """Return the effective scenario as TOML, with each key's meaning as a comment."""
     own = find_controller(scenario.control.mode).Settings()
-    keys = [*_keys(own, "control."), *_keys(Scenario(), "")]  # the scenario's last: they count
+    keys = [*_keys(own, "control."), *_keys(Scenario(), "")]  # the scenario's last, so that they win
     about = {key.replace("[]", ""): spec.metadata["doc"] for key, spec, _ in keys}
     lines, table = [], ""
     for line in to_toml(scenario).splitlines():
@@ -129,10 +131,10 @@ def commented_toml(scenario: Scenario) -> str:
 
 
 def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[str, Any]:
-    """The table of a built-in scenario or of a file, unchecked; a relative path starts at `beside`.
+    """Read the unchecked table of a built-in scenario or of a file; a relative path starts at `beside`.
 
     Raises:
-        SettingsError: there is no such scenario, or it is no TOML; `key` says where it was named.
+        SettingsError: there is no such scenario, it is not TOML, or it has no schema; `key` says where it was named.
     """
     table, path = read_toml(key, name, BUILT_IN, beside)
     if path is not None:
@@ -143,10 +145,10 @@ def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[
 def read_toml(
     key: str, name: str, built_in: Mapping[str, Traversable], beside: Path = Path()
 ) -> tuple[dict[str, Any], Path | None]:
-    """The table of a built-in file, or of another with its path.
+    """Read the table of a built-in file (path None) or of another file, and return it with the file's path.
 
     Raises:
-        SettingsError: there is no such file, it is no TOML, or it has no schema.
+        SettingsError: there is no such file, it is not TOML, or it has no schema.
     """
     if name in built_in:
         return tomllib.loads(built_in[name].read_text()), None
@@ -164,15 +166,15 @@ def read_toml(
 
 
 def _instead_of_file(path: Path) -> str:
-    """What is there where a file must be; empty if it is one."""
+    """Say what is at a path that must be a file; empty if it is a file."""
     try:
         return "" if path.is_file() else "is a folder" if path.is_dir() else "is not there"
-    except (OSError, ValueError):  # a name that is too long, a folder that may not be read
+    except (OSError, ValueError):  # a name that is too long, or a folder that may not be read
         return "is not there"
 
 
 def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
-    """A grid's file is relative to the scenario that names it."""
+    """Make a grid's path absolute; it is relative to the scenario that names it."""
     events = table.get("events", {})
     density = events.get("density", {}) if isinstance(events, dict) else {}
     if isinstance(density, dict) and isinstance(density.get("file"), str) and density["file"]:
@@ -180,15 +182,15 @@ def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
 
 
 def _grid_problems(scenario: Scenario) -> list[Problem]:
-    """Whether a grid can be read, before anything is started."""
+    """Check, before anything is started, that a grid can be read."""
     density = scenario.events.density
     if density.kind != "grid":
         return []
-    import numpy as np  # few scenarios need it, and every command would wait for it
+    import numpy as np  # slow to import, and few scenarios need it
 
     try:
         file = density.file
-        is_array = file.endswith(".npy")  # read as such only: np.load would take zips for arrays too
+        is_array = file.endswith(".npy")  # not np.load, which also reads zip files
         grid = np.lib.format.open_memmap(file, mode="r") if is_array else np.loadtxt(file, delimiter=",", ndmin=2)
         fits = grid.ndim == 2 and bool(np.all(np.isfinite(grid)) and np.all(grid >= 0) and 0 < grid.sum() < np.inf)
     except (OSError, ValueError, TypeError) as error:
@@ -225,7 +227,7 @@ def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
 
 
 def reference() -> str:
-    """Every scenario key with its default, its meaning and its source, as Markdown (docs/SCENARIO.md)."""
+    """Return every scenario key with its default, meaning and source, as Markdown (docs/SCENARIO.md)."""
     lines = [
         "# Scenario keys",
         "",
@@ -252,7 +254,7 @@ def _reference_rows(settings: Any, prefix: str, whose: str = "") -> Iterator[str
 
 
 def _keys(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Field[Any]", Any]]:
-    """Every key of some settings, dotted, with its field and its value; those of items of a list after the list's."""
+    """Yield every dotted key of some settings with its field and value; a list's key comes before its items' keys."""
     hints = typing.get_type_hints(type(settings))
     for spec in dataclasses.fields(settings):
         value = getattr(settings, spec.name)
@@ -266,7 +268,7 @@ def _keys(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Field[
 
 
 def _controller_rows(prefix: str) -> Iterator[str]:
-    """The options of each shipped controller, with the modes that have them."""
+    """Yield the options of each shipped controller, with the modes that have them."""
     for target in dict.fromkeys(CONTROLLERS.values()):
         modes = [mode for mode, own in CONTROLLERS.items() if own == target]
         whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "

@@ -1,7 +1,7 @@
-"""Sessions: which runs one participant does, in which order. Pure but for reading the session's file.
+"""Sessions: which runs one participant does, in which order. No I/O except reading files.
 
-The order is a row of a Williams design, a Latin square balanced for what a condition leaves behind: over the rows each
-condition comes equally often at each place, and equally often right after each other one (Williams 1949).
+The order is a row of a Williams design, a Latin square balanced for carry-over effects: over the rows, each condition
+occurs equally often at each place, and equally often directly after each other condition (Williams 1949).
 """
 
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class ConditionSettings:
     set: tuple[str, ...] = key((), "scenario keys as key=value, as with `deltaswarm run --set`")
 
     def problems(self) -> list[Problem]:
-        """A label becomes a folder's name."""
+        """Check the label, which becomes a folder's name."""
         if self.label and self.label.isprintable() and "/" not in self.label and self.label.strip(" .") == self.label:
             return []
         return [Problem("label", repr(self.label), "must be a name that a folder can have")]
@@ -36,7 +36,7 @@ class ConditionSettings:
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """The table `[session]` of a session's file, or of a study's."""
+    """The table `[session]` of a session's file or of a study's file."""
 
     seed: int = key(1, "the seeds of all runs are derived from it", low=0, high=2**63 - 1)
     speed: float = key(1.0, "simulated per wall second; 0: as fast as possible", low=0, high=1000)
@@ -47,7 +47,7 @@ class SessionSettings:
     condition: tuple[ConditionSettings, ...] = key((), "the runs, whose order is balanced over participants")
 
     def problems(self) -> list[Problem]:
-        """Conditions must be there and be told apart."""
+        """Check the number of conditions, and that their labels differ."""
         labels = [condition.label for condition in (self.training, *self.condition)]
         found = []
         if not 1 <= len(self.condition) <= MAX_CONDITIONS:
@@ -60,7 +60,7 @@ class SessionSettings:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run of a participant: its condition, its folder's name, the arguments of `deltaswarm run`."""
+    """One run of a participant: the condition's label, the folder's name, and the arguments of `deltaswarm run`."""
 
     label: str
     folder: str
@@ -68,23 +68,23 @@ class PlannedRun:
 
 
 def square(count: int) -> list[list[int]]:
-    """The rows of a Williams design of so many conditions: `count` rows if it is even, else twice as many."""
+    """Return the rows of a Williams design of `count` conditions: `count` rows if that is even, else twice as many."""
     first = [0, *(place // 2 + 1 if place % 2 == 0 else count - place // 2 - 1 for place in range(count - 1))]
     rows = [[(condition + shift) % count for condition in first] for shift in range(count)]
     return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
 
 
 def order_of(participant: int, count: int) -> list[int]:
-    """In which order a participant (1, 2, ...) does so many conditions."""
+    """Return the order in which a participant (1, 2, ...) does `count` conditions."""
     rows = square(count)
     return rows[(participant - 1) % len(rows)]
 
 
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
-    """All runs of a participant, the training first; files are looked for `beside`.
+    """Plan all runs of a participant, the training first; relative paths start at `beside`.
 
     Raises:
-        SettingsError: a scenario cannot be run so, or the text of consent cannot be read.
+        SettingsError: a scenario is invalid, or the consent text cannot be read.
     """
     order = order_of(participant, len(settings.condition))
     conditions = [settings.training, *(settings.condition[index] for index in order)]
@@ -111,7 +111,7 @@ def _planned(
 
 
 def _seed(seed: int, participant: int, place: int) -> int:
-    """All train with the same arrivals; from there on no two runs have the same."""
+    """Derive a run's seed: all participants train with the same arrivals; every other run has its own."""
     return agent_seed(seed, 0 if place == 0 else participant * (MAX_CONDITIONS + 1) + place)
 
 
@@ -125,10 +125,10 @@ def _text(name: str, beside: Path) -> str:
 
 
 def load_session(file: str) -> tuple[SessionSettings, Path]:
-    """The session of a file, and the folder that its paths start from.
+    """Load a session from a file; return it with the folder that its paths start from.
 
     Raises:
-        SettingsError: every mistake in it.
+        SettingsError: it lists every mistake in the file.
     """
     table, path = scenarios.read_toml("session", file, {})
     assert path is not None
@@ -139,6 +139,6 @@ def load_session(file: str) -> tuple[SessionSettings, Path]:
 
 
 def free_folder(name: str, taken: Sequence[str]) -> str:
-    """A name that no folder has: an interrupted run keeps its own."""
+    """Return a folder name that is not taken; an interrupted run keeps its folder."""
     names = (name, *(f"{name}-{number}" for number in range(2, 10_000)))
     return next(one for one in names if one not in taken and f"{one}.part" not in taken)

@@ -1,4 +1,4 @@
-"""The station of a run: what the operator is told for it, the socket pair between the two, where its page is."""
+"""The station of a run: the operator's briefing, the socket pair between operator and station, the page's address."""
 
 import json
 import os
@@ -24,10 +24,10 @@ LOOPBACK = "127.0.0.1:0"
 
 @dataclass(eq=False)
 class Station:
-    """What the user wants of the station, and the two ends of its channel.
+    """The station's settings, and the two ends of its channel to the operator.
 
-    The operator's stays open here, so that it can be started again. `speed`: simulated per wall second, 0 as fast as
-    the machine goes. `listen`: HOST:PORT of the page.
+    The operator's end stays open here, so that the operator can be restarted. `speed`: simulated per wall second; 0: as
+    fast as possible. `listen`: HOST:PORT of the page.
     """
 
     speed: float = 1.0
@@ -47,7 +47,7 @@ class Station:
 
 
 def write_briefing(folder: Path, scenario: Scenario, station: Station | None) -> Path:
-    """What the operator is told of a scenario, as a file in the run folder."""
+    """Write what the operator may know of a scenario into the run folder; return the file."""
     forms = forms_of(find_controller(scenario.control.mode))
     briefing = scenario.for_operator(forms, station.speed if station else 0.0)
     file = folder / BRIEFING
@@ -56,7 +56,7 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
 
 
 def announce(folder: Path, url: str) -> None:
-    """Leave the page's address in the run folder, for this user alone, and open it where there is a browser."""
+    """Write the page's address into the run folder, readable by this user alone, and open the page in a browser."""
     file = folder / ADDRESS
     file.touch(mode=0o600)
     file.write_text(json.dumps({"url": url}) + "\n")
@@ -64,12 +64,12 @@ def announce(folder: Path, url: str) -> None:
 
 
 def open_browser(url: str) -> None:
-    """Open a page where there is a browser with a window; one in the terminal would take it over."""
+    """Open a page in a graphical browser, if there is a display; a text browser would take over the terminal."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         webbrowser.open(url)
 
 
 def address(folder: Path) -> str | None:
-    """The page of a run's station; None where the run has none."""
+    """Return the URL of a run's station page; None if the run has none."""
     file = folder / ADDRESS
     return str(json.loads(file.read_text())["url"]) if file.exists() else None

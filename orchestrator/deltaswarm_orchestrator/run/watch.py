@@ -1,4 +1,4 @@
-"""A run under way: take what is heard, do what the world asks for, notice who ends, hangs or says nothing."""
+"""Watch a running swarm: take messages, carry out the world's orders, notice parts that end or hang."""
 
 import time
 from collections.abc import Sequence
@@ -15,20 +15,20 @@ from deltaswarm_wire.keys import OPERATOR, WORLD
 
 POLL_S = 0.1
 SILENCE_S = 8.0
-"""The world says twice a second that it is there; after so long without a word, and `step_timeout_s`, it hangs."""
+"""The world sends its status twice a second; it counts as hung after `step_timeout_s` plus this time without one."""
 
 STOOD_STILL_S = 2.0
-"""If this long passes between two looks, the orchestrator itself stood still, and the silence counts against nobody."""
+"""If two checks are further apart than this [s], the orchestrator itself was stopped; earlier silence is ignored."""
 
 STATION_RESTARTS = 5
 ANSWER_WITHIN_S = 920.0
-"""An operator that still asks its person something after the last step ends before this."""
+"""Maximum wait for the operator and its person's answers after the last step [s]."""
 
 WORLD_ENDS_WITHIN_S = 5.0
-"""If an operator has lost its world, the world's own end may take so long to be known."""
+"""Maximum wait for the world's exit once a part has reported that it lost the world [s]."""
 
 RESTARTS_WITHOUT_A_STEP = 3
-"""So often an operator may die before it has taken a single step more; then it cannot be helped."""
+"""After this many restarts in a row without a new step, the operator is not restarted again."""
 
 
 class Watch:
@@ -44,9 +44,9 @@ class Watch:
         onlookers: Sequence[Onlooker] = (),
     ) -> None:
         self.why: list[str] = []
-        """Who ended too early, and how; each a line."""
+        """Reasons why a part or the run ended too early, one line each."""
         self.logs: dict[str, str] = {}
-        """The last lines of the logs of those who were not started again."""
+        """The last log lines of failed parts that were not restarted, by part name."""
         self.operator_restarts = 0
         self.disk_is_full = False
         """Whether `why` has the line of a part that found the disk full. More lines would say the same."""
@@ -58,14 +58,14 @@ class Watch:
         self._patience_s = patience_s + SILENCE_S
         self._noted: set[Part] = set()
         self._deadline = float("inf")
-        """When the orchestrator waits no longer for the world to end."""
+        """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
         self._silent_since = self._looked_at = time.monotonic()
         self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
 
     def to_the_end(self) -> None:
-        """Until the world has ended, or is given up."""
+        """Watch until the world has ended or is given up."""
         swarm, observer = self._swarm, self._observer
         is_stopping = False
         while True:
@@ -86,14 +86,14 @@ class Watch:
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
         while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
-            pass  # of a world that does not end there may be no end
+            pass  # take what is left; a world that still runs could go on sending forever
         if swarm.has_station and swarm.part(WORLD).exit_code == 0:
             self._let_person_answer()
         if not is_stopping:
             self._mourn(self._failed())
 
     def _is_silent(self) -> bool:
-        """Whether the world has said nothing for too long, during which the orchestrator itself looked all the time."""
+        """Whether the world has been silent for too long while the orchestrator itself kept watching."""
         now = time.monotonic()
         if now - self._looked_at > STOOD_STILL_S:
             self._silent_since = now
@@ -101,7 +101,7 @@ class Watch:
         return now - self._silent_since > self._patience_s
 
     def _let_person_answer(self) -> None:
-        """At a station the operator may have something to ask after the last step; it ends by itself."""
+        """Wait for the operator, which may still ask its person questions after the last step, to end by itself."""
         station = self._swarm.part(STATION)
         deadline = time.monotonic() + ANSWER_WITHIN_S
         while station.exit_code is None and not self._stop.by and time.monotonic() < deadline:
@@ -124,7 +124,7 @@ class Watch:
         failed = self._failed()
         if not failed:
             return
-        if not self._has_begun:  # the world would wait for them in vain
+        if not self._has_begun:  # the world would wait for the failed parts in vain
             self._swarm.stop_world()
         if is_stopping:
             return
@@ -139,7 +139,7 @@ class Watch:
                 self._start_station_again(part)
 
     def _start_station_again(self, station: Part) -> None:
-        """Start a station in place of one that died; without one the run goes on."""
+        """Restart the operator's station after it died; if that fails, the run continues without a station."""
         if station.number:
             return
         self._station_restarts += 1
@@ -155,7 +155,7 @@ class Watch:
             self._swarm.write_pids()
 
     def _start_again(self, operator: Part) -> bool:
-        """Start an operator in place of one that died; False if that does not help."""
+        """Restart the operator after it died; return False if a restart is impossible or would not help."""
         taken = self._observer.newest_step
         self._vain_restarts = self._vain_restarts + 1 if taken <= self._taken_before else 0
         self._taken_before = taken
@@ -179,7 +179,10 @@ class Watch:
         return status is not None and status.phase != "waiting"
 
     def _failed(self) -> list[Part]:
-        """Who has ended since, and not as planned; the world before those that lost it."""
+        """Return the parts that have newly ended with an error and not as planned.
+
+        If a part lost its world, wait for the world's own end, so that the world is listed before that part.
+        """
         ended = self._newly_ended()
         if any(part.exit_code == WORLD_LOST for part in ended):
             wait_for([self._swarm.part(WORLD)], WORLD_ENDS_WITHIN_S)
@@ -202,5 +205,5 @@ class Watch:
 
     @property
     def _step(self) -> int:
-        """The newest step that has been heard of."""
+        """The newest step known from the operator's workload or the world's status."""
         return max(self._observer.newest_step, self._observer.status.step if self._observer.status else -1)

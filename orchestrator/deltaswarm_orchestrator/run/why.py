@@ -1,7 +1,7 @@
-"""Whether one agent, or the operator, could hear another at a time in a run, and if not, why not.
+"""Explain whether an agent, or the operator, could hear another agent at some time of a run, and if not, why not.
 
-The run is done again in one process, up to that time: by the digest that is the same run, to the bit, and
-its rows so far are compared with those in the folder.
+The run is repeated in one process up to that time. By its digest it is the same run, to the bit; its rows are compared
+with those in the folder.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from deltaswarm_wire.truth import Tally
 
 @dataclass(frozen=True)
 class Answer:
-    """What the world says of one directed link in one step."""
+    """The world's findings on one directed link in one step."""
 
     sender: int
     receiver: int | str
@@ -28,22 +28,22 @@ class Answer:
     step: int
     time_s: float
     reason: str | None
-    """What cuts the link; None if nothing but chance, queues and delay is in the way."""
+    """What cuts the link; None if only chance, queues and delay are in the way."""
     findings: tuple[dict[str, Any], ...]
-    """What each model says, in the order in which a frame meets them; the first that cuts is the reason."""
+    """Each model's finding, in the order in which a frame passes the models; the first that cuts gives the reason."""
     outcomes: tuple[str, ...]
-    """What became in this step of the sender's frames, or reports, for this receiver, those under way included."""
+    """Outcomes in this step of the sender's frames or reports for this receiver, including those in flight."""
     differs_from_step: int | None
-    """The first step in which the run in the folder was another; None if it is the same all the way."""
+    """The first step in which the run in the folder differs; None if none does."""
     steps_in_folder: int
-    """So many steps that run has."""
+    """Number of steps of the run in the folder."""
 
 
 def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
-    """Do the run again up to a time, and ask.
+    """Repeat a run up to a time [s], and examine the link there.
 
     Raises:
-        NotARunError: the folder holds no run that can be read.
+        NotARunError: the folder holds no readable run.
         SettingsError: there is no such agent, or no such time in the run.
     """
     scenario, outcome = read_run(folder)
@@ -67,7 +67,7 @@ def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) ->
 
 
 def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[Tally]) -> Answer:
-    """The same of a scenario; `rows` are compared with what happens now, as far as they go."""
+    """Do a scenario's run up to a step, examine the link there, and compare the run with `rows`, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
     is_traced = at is not None or swarm.world.uplink is not None
@@ -94,19 +94,19 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
 
 
 def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
-    """Without an uplink model: whatever an agent reports is there at once."""
+    """Return the outcomes of reports without an uplink model, where each report arrives at once."""
     swarm.close(Clock(step, 0.0, False))
     came = [report for report in swarm.operator.reports_of_closed_step if (report.agent, report.step) == (sender, step)]
     return ["arrived"] * len(came)
 
 
 def _air_of(tally: Tally) -> tuple[Any, ...]:
-    """What shows that a step was the same; all but measured areas, which are not in every row."""
+    """Return a row's values for comparison: all except the covered area, which is not measured in every row."""
     return tuple(value for name, value in tally._asdict().items() if name != "covered_area_m2")
 
 
 def text(answer: Answer) -> str:
-    """The same for people."""
+    """Format an answer as text."""
     receiver = "the operator" if answer.receiver == OPERATOR else f"agent {answer.receiver}"
     verdict = "could hear" if answer.reason is None else "could not hear"
     because = "" if answer.reason is None else f": {answer.reason}"

@@ -1,1 +1,1 @@
-"""`deltaswarm top`: a run under way, on a terminal."""
+"""`deltaswarm top`: watch a run in progress on a terminal."""

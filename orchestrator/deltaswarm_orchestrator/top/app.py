@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.top.link import Link
 
 DRAW_EVERY_S = 0.25
 RATES_KEPT = 120
-"""Half a minute of them."""
+"""Number of message rates kept for the chart: half a minute."""
 
 BANNER = "Researcher's view: shows what no operator knows"
 NO_TRUTH = (
@@ -22,7 +22,7 @@ NO_TRUTH = (
 
 
 class Top(App[None]):
-    """Shows one run until it is closed; a run that has ended stays as it was last seen."""
+    """The application that shows one run; after the run's end it keeps the last picture until the user quits."""
 
     CSS = """
     #banner { background: $warning; color: $text; width: 100%; height: 1; text-align: center; }
@@ -47,7 +47,7 @@ class Top(App[None]):
         self._rates_hz: deque[float] = deque(maxlen=RATES_KEPT)
 
     def compose(self) -> ComposeResult:
-        """The widgets."""
+        """Yield the widgets."""
         yield Static(BANNER, id="banner", markup=False)
         with Horizontal():
             yield Static("waiting for the run", id="map", markup=False)
@@ -63,20 +63,20 @@ class Top(App[None]):
         yield Footer()
 
     def on_mount(self) -> None:
-        """Begin to draw."""
+        """Start drawing."""
         self.set_interval(DRAW_EVERY_S, self.draw)
         self.draw()
 
     def on_resize(self) -> None:
-        """Draw for the new size at once."""
+        """Redraw for the new size at once."""
         self.call_after_refresh(self._draw_picture)
 
     def action_show(self, tab: str) -> None:
-        """Change to a tab."""
+        """Switch to a tab."""
         self.query_one(TabbedContent).active = tab
 
     def draw(self) -> None:
-        """Take what has come, and show it."""
+        """Receive what has arrived, and show the newest picture."""
         if self._link.is_over:
             return
         if self._link.take():

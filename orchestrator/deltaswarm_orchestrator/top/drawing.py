@@ -1,6 +1,6 @@
-"""What `deltaswarm top` draws of a picture: the map in letters, and tables. Pure; no terminal is needed.
+"""Draw a picture of a run for `deltaswarm top`: the map in characters, and tables. Pure; needs no terminal.
 
-Letters and filled shapes: single dots of Braille are next to invisible on most terminals.
+The map uses letters and filled shapes, because single Braille dots are hardly visible on most terminals.
 """
 
 import string
@@ -18,7 +18,7 @@ ATTENDING = "attending"
 EVENT_STYLE = "bold #d2956b"
 LEGEND = "A root  a its tree  ◆ attending  ● others  × dead  ▲ event  ⌂ base  ▒ obstacle"
 MORE_TREES = "*"
-"""For trees that no letter is left for."""
+"""Letter of the trees for which no letter is left."""
 
 WALL, BASE, EVENT = ("▒", "#888888"), ("⌂", "bold"), ("▲", EVENT_STYLE)
 
@@ -29,13 +29,13 @@ Place = Sequence[float]
 
 
 class Letters:
-    """A letter for each tree, which it keeps for as long as there is one of its agents."""
+    """Assigns a letter to each tree, which keeps it for as long as it has an agent."""
 
     def __init__(self) -> None:
         self._of: dict[int, str] = {}
 
     def of(self, roots: Iterable[int]) -> Mapping[int, str]:
-        """The letters of the trees that are there now, by their roots."""
+        """Return the letters of the current trees, by root."""
         there = {root for root in roots if root != NOBODY}
         self._of = {root: letter for root, letter in self._of.items() if root in there}
         free = [letter for letter in string.ascii_uppercase if letter not in self._of.values()]
@@ -47,7 +47,7 @@ class Letters:
 def draw_map(
     hello: Mapping[str, Any], truth: Mapping[str, Any], letters: Mapping[int, str], columns: int, rows: int
 ) -> Text:
-    """The arena from above, as large as fits; a cell of a terminal is taken to be twice as high as wide."""
+    """Draw the arena from above, as large as fits; a terminal cell is assumed to be twice as high as wide."""
     width_m, height_m = hello["arena_m"]
     cell_m = max(width_m / max(1, columns - 2), height_m / (2 * max(1, rows - 2)), 1e-6)
     across, down = max(1, round(width_m / cell_m)), max(1, round(height_m / (2 * cell_m)))
@@ -73,7 +73,7 @@ def draw_map(
 
 
 def glyph(role: str, root: int, letters: Mapping[int, str]) -> Glyph:
-    """How an agent looks."""
+    """Return an agent's character and style."""
     colour = role_colour(role)
     letter = letters.get(root)
     if role == DEAD:
@@ -86,7 +86,7 @@ def glyph(role: str, root: int, letters: Mapping[int, str]) -> Glyph:
 
 
 def agents_table(truth: Mapping[str, Any], letters: Mapping[int, str]) -> Text:
-    """A line for each agent."""
+    """Make a table with a line for each agent."""
     text = Text("agent role       tree parent      x      y", style="bold", no_wrap=True)
     for agent, x_m, y_m, role, parent, root in truth["agents"]:
         tree = letters.get(root, "-") if role != DEAD else "-"
@@ -98,7 +98,7 @@ def agents_table(truth: Mapping[str, Any], letters: Mapping[int, str]) -> Text:
 
 
 def events_table(truth: Mapping[str, Any], time_s: float) -> Text:
-    """A line for each event that is not complete, oldest first."""
+    """Make a table with a line for each event that is not complete, oldest first."""
     text = Text("     event    age      x      y", style="bold", no_wrap=True)
     for event, x_m, y_m, arrived_s in sorted(truth["events"], key=lambda row: (row[3], row[0])):
         text.append(f"\n{event:10} {time_s - arrived_s:4.0f} s {x_m:6.1f} {y_m:6.1f}", "not bold")
@@ -106,7 +106,7 @@ def events_table(truth: Mapping[str, Any], time_s: float) -> Text:
 
 
 def summary(hello: Mapping[str, Any], picture: Mapping[str, Any]) -> str:
-    """The run in a few lines."""
+    """Summarize the run in a few lines."""
     workload, truth, status = picture["workload"], picture["truth"], picture.get("status")
     lines = [f"time       {picture['time_s']:.0f} of {hello['duration_s']:.0f} s, step {picture['step']}"]
     if truth:
@@ -125,14 +125,14 @@ def summary(hello: Mapping[str, Any], picture: Mapping[str, Any]) -> str:
 
 
 def _rank(row: Sequence[Any]) -> int:
-    """What is drawn last is seen: roots above their trees, those above who does nothing."""
+    """Return an agent's rank in drawing order: roots cover other busy agents, which cover free ones, then dead ones."""
     return {DEAD: 0, FREE: 1, ROOT: 3}.get(row[3], 2)
 
 
 def _walls(
     obstacles: Sequence[Sequence[Place]], across: int, down: int, size_m: tuple[float, float]
 ) -> dict[tuple[int, int], Glyph]:
-    """The cells whose middle is in an obstacle."""
+    """Return the cells whose centre is inside an obstacle."""
     cells = [(column, row) for column in range(across) for row in range(down)] if obstacles else []
     width_m, height_m = size_m
     return {
@@ -146,7 +146,7 @@ def _walls(
 
 
 def _is_inside(x: float, y: float, corners: Sequence[Place]) -> bool:
-    """Whether a line from a place to the right crosses the edge an odd number of times."""
+    """Return whether a point is inside a polygon: a ray to the right crosses its edges an odd number of times."""
     edges = zip(corners, [*corners[1:], corners[0]], strict=True)
     beside = [(a, b) for a, b in edges if (a[1] > y) != (b[1] > y)]
     return sum(x < a[0] + (b[0] - a[0]) * (y - a[1]) / (b[1] - a[1]) for a, b in beside) % 2 == 1

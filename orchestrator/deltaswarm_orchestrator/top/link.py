@@ -1,4 +1,4 @@
-"""The way to a run under way: which one, and its newest picture."""
+"""The connection to a run in progress: find the run, and receive its newest picture."""
 
 import select
 import socket
@@ -14,35 +14,35 @@ from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
 
 DATAGRAM_BYTES = 4 << 20
 DEPTHS = ("", "*/", "*/*/", "*/*/*/")
-"""Where runs are looked for below a folder: `runs/x.part` and the runs of a sweep."""
+"""Folder depths at which runs are looked for: `runs/x.part` and the runs of a sweep."""
 
 CONNECT_WITHIN_S = 5.0
 PICTURE_WITHIN_S = 60.0
-"""A run shows nothing before its processes have been started, which takes long on a busy machine."""
+"""Maximum wait for a picture [s]; a run shows none until its processes are up, which takes long on a busy machine."""
 
 Message = dict[str, Any]
 
 
 class NoRunError(Exception):
-    """There is no run to look at; the text says why, and what to do."""
+    """There is no run to watch; the text says why, and what to do."""
 
 
 @dataclass
 class Link:
-    """A connection to a run. Holds the newest of what came; nothing here waits."""
+    """A connection to a run, which holds the newest picture received."""
 
     end: socket.socket
     folder: Path
     hello: Message = field(default_factory=dict)
     picture: Message = field(default_factory=dict)
     is_over: bool = False
-    """Whether the run has hung up: no picture comes any more."""
+    """Whether the run has closed the connection, so that no more pictures come."""
 
     def __post_init__(self) -> None:
         self.end.setblocking(False)
 
     def take(self) -> bool:
-        """Take all that has come; whether there was a picture."""
+        """Receive all that has arrived, without waiting; return whether there was a picture."""
         newest: bytes | None = None
         while not self.is_over:
             try:
@@ -62,22 +62,22 @@ class Link:
         return newest is not None
 
     def wait(self) -> bool:
-        """Wait for a picture; False if none comes in time, or ever."""
+        """Wait for a picture; return False if there is still none when the time is over or the run has ended."""
         while not self.take() and not self.is_over:
             if not select.select([self.end], [], [], PICTURE_WITHIN_S)[0]:
                 break
         return bool(self.picture)
 
     def as_json(self) -> str:
-        """What does not change of the run, and its newest picture."""
+        """Return the run's constants and its newest picture as JSON."""
         return orjson.dumps({"hello": self.hello, "picture": self.picture}).decode()
 
 
 def linked(run: Path | None, base: Path) -> Link:
-    """The connection to a run, by its folder; without one to the newest run under way below `base`.
+    """Connect to the run in a folder, or if None, to the newest run in progress below `base`.
 
     Raises:
-        NoRunError: there is none.
+        NoRunError: there is no such run, or this user may not watch it.
     """
     if run is not None:
         return _linked_to(run)
