@@ -109,7 +109,7 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
     authority = certificates.Authority.create(0)
     certificates._write(ended / "ca", authority.key, authority.certificate)
     assert main(["certificates", "--out", str(ended), "--agents", "1"]) == 2
-    assert "its authority has ended" in capsys.readouterr().err
+    assert "its authority has expired" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -175,8 +175,8 @@ def test_a_whole_run_is_valid_and_has_a_digest() -> None:
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"world": {}}, "did not come to its last step"),
-        ({"operator": {"complete": False, "digest": "bb"}}, "did not come to its last step"),
+        ({"world": {}}, "did not reach its last step"),
+        ({"operator": {"complete": False, "digest": "bb"}}, "did not reach its last step"),
         ({"tallies": [tally(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
         ({"workloads": [workload(0, lost=3)]}, "3 messages were lost on the fabric"),
     ],

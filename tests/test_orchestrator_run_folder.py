@@ -91,7 +91,7 @@ def test_a_symbolic_link_is_refused_at_the_start(tmp_path: Path, name: str, forc
     """Whether it leads somewhere or not: it could not be replaced at the end."""
     RunFolder(tmp_path / "run", force=False).finish()
     (tmp_path / name).symlink_to(tmp_path / ("run" if name == "linked" else "nowhere"))
-    with pytest.raises(FolderError, match=r"symbolic link|no run folder"):
+    with pytest.raises(FolderError, match=r"symbolic link|not a run folder"):
         RunFolder(tmp_path / name.removesuffix(".part"), force=force)
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(["run", name])
 

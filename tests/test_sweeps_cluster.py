@@ -156,7 +156,7 @@ def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -
     with on(cluster, written(tmp_path, repeats=1), tmp_path / "out") as running:
         code, _, errors = running.finish()
     assert code == 1
-    assert errors.count("another deltaswarm") == 3
+    assert errors.count("another version of deltaswarm") == 3
     assert provenance.code_digest() in errors
     assert running.finished() == 0
 

@@ -291,7 +291,9 @@ def test_a_report_of_another_table_is_said_to_be_one(tmp_path: Path, capsys: Pri
     """After the sweep was extended, until the report is made anew."""
     out = str(tmp_path / "out")
     command = ["sweep", "smoke", "--set", "run.duration_s=40", "--prove", "0", "--out", out, "--repeats"]
-    told = f"deltaswarm: {tmp_path / 'out' / 'page.md'} is of another table; made anew by: deltaswarm report {out}\n"
+    told = (
+        f"deltaswarm: {tmp_path / 'out' / 'page.md'} does not match table.csv; to update it: deltaswarm report {out}\n"
+    )
     assert main([*command, "1"]) == main(["report", out]) == main([*command, "1"]) == 0
     assert "report" not in capsys.readouterr().err
     for _ in range(2):

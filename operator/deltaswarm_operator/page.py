@@ -41,7 +41,7 @@ class Page:
             left_s = deadline - time.monotonic()
             more = os.read(said, 4096) if left_s > 0 and select.select([said], [], [], left_s)[0] else b""
             if not more:
-                raise OSError("the station did not come up; see its message above")
+                raise OSError("the station did not start; see its message above")
             line += more
         return line.decode().strip()
 

@@ -48,7 +48,7 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
         except (TypeError, msgpack.UnpackException) as error:
             raise ValueError(f"{file}: {error}") from None
     if not steps:
-        raise ValueError(f"{file}: there is no step in it")
+        raise ValueError(f"{file} must hold at least one step (got none)")
     return briefing, steps
 
 

@@ -166,7 +166,7 @@ class Station:
             message = orjson.loads(datagram)
             kind, to = message["type"], message.get("to")
         except (orjson.JSONDecodeError, TypeError, KeyError, AttributeError):
-            log.warning("the feed sent what is no message: %r", datagram[:80])
+            log.warning("the feed sent an invalid message: %r", datagram[:80])
             return
         text = datagram.decode()
         if kind == "hello":

@@ -153,7 +153,7 @@ def _source(folder: Path) -> Path:
         shutil.copytree(origin, folder / origin.name, ignore=shutil.ignore_patterns("__pycache__"))
     for name in DATA:
         if not (data / name).exists():
-            raise BundleError(f"{data / name} is missing: this installation of deltaswarm {__version__} is not whole")
+            raise BundleError(f"{data / name} is missing: this installation of deltaswarm {__version__} is incomplete")
         (shutil.copytree if (data / name).is_dir() else shutil.copy)(data / name, folder / name)
     return folder
 

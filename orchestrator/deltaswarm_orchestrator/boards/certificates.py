@@ -101,7 +101,7 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
     if (folder / "ca.pem").exists():
         authority = Authority.load(folder)
         if _has_ended(folder / "ca.pem"):
-            raise ValueError(f"{folder}: its authority has ended; make certificates in a new folder")
+            raise ValueError(f"{folder}: its authority has expired; make certificates in a new folder")
     else:
         authority = Authority.create(days)
         _write(folder / CA, authority.key, authority.certificate)

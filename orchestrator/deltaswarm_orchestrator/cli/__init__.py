@@ -21,7 +21,7 @@ COMMANDS = {
     "list": "list scenarios, sweeps, studies, controllers and bodies",
     "station": "open the page of a run that is under way, for the person who watches and commands",
     "session": "all runs of one participant, in a balanced order",
-    "replay": "show a run once more on the station's page, from its recording",
+    "replay": "replay a recorded run on the station's page",
     "info": "show a finished or interrupted run, from its folder",
     "top": "watch a run under way on a terminal",
     "why": "explain whether one agent could hear another at some time of a run",

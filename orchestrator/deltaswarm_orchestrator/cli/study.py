@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
 examples:
-  deltaswarm study paper --plan        what would be run, and what it could show
+  deltaswarm study paper --plan        the planned runs, and the smallest p-value they could reach
   deltaswarm study paper               every number and claim of the paper, from 440 runs
   deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
   deltaswarm study my-study.toml       your own question
@@ -30,7 +30,9 @@ def add(command: argparse.ArgumentParser) -> None:
     command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
-    command.add_argument("--plan", action="store_true", help="print what would be run and what it could show")
+    command.add_argument(
+        "--plan", action="store_true", help="print the planned runs and the smallest p-value they could reach"
+    )
     command.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")

@@ -92,7 +92,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     if (versions := len(result.manifest["code"])) > 1:
         told.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
     if _is_outdated(folder / "page.md", result.manifest["digest"]):
-        told.append(f"{folder / 'page.md'} is of another table; made anew by: deltaswarm report {folder}")
+        told.append(f"{folder / 'page.md'} does not match table.csv; to update it: deltaswarm report {folder}")
     if result.interrupted:
         told.append(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
     for line in told:

@@ -34,6 +34,6 @@ def why(arguments: argparse.Namespace) -> int:
     answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
     print(json.dumps(asdict(answer)) if arguments.json else why.text(answer))
     if answer.differs_from_step is not None:
-        complain(f"the run was disturbed: from step {answer.differs_from_step} on this is another one than it was")
+        complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
         return FAILED
     return OK

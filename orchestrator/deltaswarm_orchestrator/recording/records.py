@@ -31,7 +31,7 @@ def records(path: Path) -> Iterator[McapRecord | None]:
     size_bytes = path.stat().st_size
     with path.open("rb") as stream:
         if not _MAGIC.startswith(stream.read(len(_MAGIC))):
-            raise RecordingError(f"{path} is no MCAP file")
+            raise RecordingError(f"{path} is not an MCAP file")
         stream.seek(0)
         found = StreamReader(stream, validate_crcs=True, record_size_limit=size_bytes).records
         while True:
@@ -68,7 +68,7 @@ class Messages:
         elif isinstance(record, Channel) and record.topic in self._topics:
             decode = self._factory.decoder_for(record.message_encoding, self._schemas.get(record.schema_id))
             if decode is None:
-                raise RecordingError(f"{record.topic} is in {record.message_encoding}; protobuf is expected")
+                raise RecordingError(f"{record.topic} must be in protobuf (got {record.message_encoding})")
             self._channels[record.id] = record.topic, decode
         return None
 

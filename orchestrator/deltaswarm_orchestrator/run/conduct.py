@@ -35,7 +35,7 @@ from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.settings import Scenario
 
-AT_ONCE = "a second signal came: nothing was waited for"
+AT_ONCE = "a second signal ended the run at once"
 
 
 @dataclass(frozen=True)

@@ -110,7 +110,7 @@ class RunFolder:
         replaced = None
         if os.path.lexists(self.target):
             if not (self._force and _is_replaceable(self.target)):
-                reason = "is no run folder" if self._force else "--force was not given"
+                reason = "it is not a run folder" if self._force else "--force was not given"
                 raise FolderTakenError(f"{self.target} appeared during the run and is not replaced ({reason}): {kept}")
             replaced = _beside(self.path)
         try:
@@ -135,7 +135,7 @@ class RunFolder:
         if not os.path.lexists(self.path):
             return
         if not _is_replaceable(self.path, BEGINNING):
-            raise FolderError(f"{self.path} exists and is no run folder; a run needs this name until it is whole")
+            raise FolderError(f"{self.path} exists and is not a run folder; a run needs this name until it is complete")
         try:
             left = FolderLock(self.path)
         except HeldError as error:
@@ -167,10 +167,12 @@ class ResumedFolder(RunFolder):
         self.path = self.target.with_name(f"{self.target.name}.part")
         self._force = False
         if not (folder.is_dir() and {path.name for path in folder.iterdir()} >= RUN_FILES):
-            raise FolderError(f"{folder} is no folder of a run that was begun")
+            raise FolderError(f"{folder} is not the folder of a run that was started")
         for other in {self.target, self.path} - {folder}:
             if os.path.lexists(other):
-                raise FolderError(f"{other} exists beside {folder}: which of them is to go on?")
+                raise FolderError(
+                    f"{other} exists beside {folder}; rename or remove the one that should not be resumed"
+                )
         try:
             self._lock = FolderLock(folder)
         except HeldError as error:
@@ -216,7 +218,7 @@ def _refuse(target: Path, force: bool) -> None:
     if not force:
         raise FolderError(f"{target} exists; --force replaces it")
     if not _is_replaceable(target):
-        raise FolderError(f"{target} exists and is no run folder; --force does not replace it")
+        raise FolderError(f"{target} exists and is not a run folder; --force does not replace it")
 
 
 def _is_replaceable(folder: Path, without_a_run: Collection[str] = LOCK_FILES) -> bool:

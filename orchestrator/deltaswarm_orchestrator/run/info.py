@@ -80,7 +80,7 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
     if not (folder / "scenario.toml").is_file():
         is_sweep = (folder / "sweep.toml").is_file()
         found = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
-        raise NotARunError(f"{folder} is no run folder ({found}); one that `deltaswarm run` wrote is expected")
+        raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({found})")
     scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
     try:
         return scenario, results.read_outcome(folder)

@@ -142,7 +142,7 @@ class Swarm:
             line = self._line_of(part, reader).strip()
         if not line:
             wait_for([part], END_WITHIN_S)
-            raise LaunchError(f"the {role} did not come up:\n{part.log_tail()}")
+            raise LaunchError(f"the {role} did not start:\n{part.log_tail()}")
         return line
 
     def _line_of(self, part: Part, reader: Connection) -> str:
@@ -153,7 +153,7 @@ class Swarm:
             if self._stopped():
                 raise StoppedError
             if time.monotonic() > deadline:
-                raise LaunchError(f"{part.name}: not there after {self._scenario.run.start_timeout_s:g} s")
+                raise LaunchError(f"{part.name} was not ready within {self._scenario.run.start_timeout_s:g} s")
             if wait([reader], 0.1):
                 if not (more := os.read(reader.fileno(), 4096)):
                     break

@@ -16,7 +16,7 @@ LOG_TAIL_LINES = 12
 UNKNOWN = 255
 """Exit code of a process whose fork server cannot tell how it ended."""
 
-HOW = {UNKNOWN: "ended, nobody knows how", WORLD_LOST: "lost its world"}
+HOW = {UNKNOWN: "ended for an unknown reason", WORLD_LOST: "lost its world"}
 """Meaning of some exit codes, to follow the part's name in a sentence."""
 
 ERROR = " ERROR "

@@ -247,7 +247,7 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     found = metrics(outcome, scenario.run.step_s)
     wall_s = outcome.world.get("wall_s")
     simulated_s = found["steps"] * scenario.run.step_s
-    reasons = [] if outcome.is_complete else ["the run did not come to its last step"]
+    reasons = [] if outcome.is_complete else ["the run did not reach its last step"]
     if found["transport_lost"]:
         reasons.append(f"{found['transport_lost']} messages were lost on the fabric{_lost_by_agent(outcome)}")
     reasons += [

@@ -61,7 +61,7 @@ def check_code(folder: Path, scenario: Scenario) -> None:
     manifest = json.loads((folder / "manifest.json").read_text())
     begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
-        raise FolderError(f"{folder} was begun by other code of deltaswarm: resume it with that version")
+        raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
 
 
 def wait_for_leftovers(folder: Path) -> None:
@@ -73,7 +73,7 @@ def wait_for_leftovers(folder: Path) -> None:
     deadline = time.monotonic() + LEFTOVERS_S
     while left := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
         if time.monotonic() >= deadline:
-            raise FolderError(f"{folder} is still written by processes of the run before: {', '.join(left)}")
+            raise FolderError(f"{folder} is still being written by processes of the earlier run: {', '.join(left)}")
         time.sleep(0.1)
 
 

@@ -89,7 +89,10 @@ def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:
     """Do a run if this worker's code has the digest `code`; return its result, or None and the reason."""
     own = _own_code()
     if own != code:
-        return None, f"the Dask worker has another deltaswarm (code {own}, here {code}); install the same on both"
+        return (
+            None,
+            f"the Dask worker runs another version of deltaswarm (code {own}, here {code}); install the same on both",
+        )
     return attempt(task)
 
 

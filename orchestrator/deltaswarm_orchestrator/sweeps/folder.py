@@ -117,7 +117,7 @@ class SweepFolder:
         except (OSError, ValueError) as error:
             raise SweepFolderError(f"{self.path / 'manifest.json'} cannot be read: {error}") from None
         if not isinstance(found, dict):
-            raise SweepFolderError(f"{self.path / 'manifest.json'} is no sweep's manifest")
+            raise SweepFolderError(f"{self.path / 'manifest.json'} is not a sweep's manifest")
         return found
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:

@@ -95,7 +95,7 @@ def _linked_to(run: Path) -> Link:
     part = run.with_name(f"{run.name}.part")
     folder = part if part.is_dir() and not (run / LIVE_SOCKET).exists() else run
     if not folder.is_dir():
-        raise NoRunError(f"{run} is not a folder; the folder of a run under way is expected")
+        raise NoRunError(f"{run} must be the folder of a run under way")
     try:
         return _link(folder)
     except PermissionError:
