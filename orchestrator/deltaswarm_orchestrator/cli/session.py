@@ -7,7 +7,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import whole
-from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.exits import OK, complain
 from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
 from deltaswarm_orchestrator.stopping import begin_anew
 
@@ -18,7 +18,9 @@ def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm session`."""
     command.description = "Do all runs of one participant, one after the other, each with a station: training first."
     command.add_argument("session", metavar="FILE", help="a TOML file with a table [session]")
-    command.add_argument("--participant", type=whole(1), required=True, metavar="N", help="number, from 1 on")
+    command.add_argument(
+        "--participant", type=whole(1, MAX_PARTICIPANT), required=True, metavar="N", help="number, from 1 on"
+    )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
     command.add_argument("--plan", action="store_true", help="print the order of the runs, and run nothing")
     command.set_defaults(func=session)
@@ -27,9 +29,6 @@ def add(command: argparse.ArgumentParser) -> None:
 def session(arguments: argparse.Namespace) -> int:
     """Do the remaining runs of a participant's session; complete runs are not repeated."""
     participant: int = arguments.participant
-    if participant > MAX_PARTICIPANT:
-        complain(f"--participant must be at most {MAX_PARTICIPANT} (got {participant})")
-        return FAILED
     settings, beside = load_session(arguments.session)
     planned = plan(settings, participant, beside)
     if arguments.plan:

@@ -156,7 +156,7 @@ function take(message) {
 function refused(id, why) {
   if (commands.refused(id, why)) return;
   app.say(`Not accepted: ${why}.`);
-  isa.reopen();
+  if (id === null || id === "isa") isa.reopen();
   tlx.reopen(why);
   session.reopen(why);
 }
