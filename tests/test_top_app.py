@@ -132,7 +132,7 @@ def test_without_a_run_it_says_so(tmp_path: Path, exists: bool) -> None:
         (tmp_path / "runs" / "first").mkdir(parents=True)
     with pytest.raises(NoRunError, match="start one with `deltaswarm run`"):
         linked(None, tmp_path)
-    with pytest.raises(NoRunError, match="deltaswarm info" if exists else "is not a folder"):
+    with pytest.raises(NoRunError, match="deltaswarm info" if exists else "must be the folder"):
         linked(tmp_path / "runs" / "first", tmp_path)
 
 
