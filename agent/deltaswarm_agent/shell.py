@@ -66,7 +66,8 @@ class Receiver:
                 known[sender] = (counter, now)
                 if payload is not None and sender != BASE:
                     newest[sender] = payload
-                relayed += commands
+                if commands:
+                    relayed += commands
         return [(sender, newest[sender]) for sender in sorted(newest)], relayed
 
 
@@ -166,5 +167,7 @@ class Shell:
     def _rows(self, rows: Any, most: int, name: str) -> tuple[Any, ...]:
         if not isinstance(rows, tuple | list):
             raise TypeError(f"report.{name} must be a tuple of {name} (got {type(rows).__name__})")
-        self.rows_cut += max(0, len(rows) - most)
-        return tuple(rows[:most])
+        if len(rows) > most:
+            self.rows_cut += len(rows) - most
+            rows = rows[:most]
+        return tuple(rows)

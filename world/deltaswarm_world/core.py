@@ -136,8 +136,10 @@ class WorldCore:
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
         here, poses = self._sleep.ask(agent, self._step)
         sensed = self._sensed[agent]
-        self.events_cut += max(0, len(sensed) - MAX_SENSED)
-        return Frame(self._step, self._time_s, last, *here, poses, tuple(sensed[:MAX_SENSED]), tuple(heard))
+        if len(sensed) > MAX_SENSED:
+            self.events_cut += len(sensed) - MAX_SENSED
+            sensed = sensed[:MAX_SENSED]
+        return Frame(self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
 
     def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
         """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""
