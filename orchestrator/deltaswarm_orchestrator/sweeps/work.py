@@ -29,7 +29,7 @@ from deltaswarm_wire.truth import Tally
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
 WAKE_EVERY_S = 2.0
-"""While a sweep waits for a run, it wakes the run's process this often [s], in case a signal has stopped the process."""
+"""While a sweep waits for a run, it wakes the run's process this often [s], in case a signal stopped it."""
 
 WALL_CLOCK = ("wall_s", "steps_per_s", "real_time_factor")
 """Summary keys that depend on the machine, not on the swarm; they differ each time."""
