@@ -15,7 +15,7 @@ from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.process import AgentConfig
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
 from deltaswarm_wire.messages import Act, Standing, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.session import client_pairs, configured
@@ -24,13 +24,16 @@ WHO, AT_STEP = 3, 60
 SILENCE = "silence"
 """The attack that is none: the agent merely stops, and all others are compared with it."""
 
+DENIED = "denied declarations"
+"""The agent declares subscribers and tokens that the router refuses, again and again."""
+
 LATENESS = "lateness"
 """The agent answers each frame, but `late_by_s` too late."""
 
 
 @dataclass(frozen=True)
 class Settings:
-    """The attack, of `FLOODS`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once."""
+    """The attack, of `FLOODS`, `DENIED`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once."""
 
     attack: str = SILENCE
     sessions: int = 1
@@ -126,9 +129,21 @@ def attack(name: str, sessions: int, step: int) -> None:
     if name != SILENCE:
         config = own_config()
         for _ in range(sessions):
-            threading.Thread(target=flood, args=(config, *FLOODS[name], step), daemon=True).start()
+            target, told = (declare, ()) if name == DENIED else (flood, (*FLOODS[name], step))
+            threading.Thread(target=target, args=(config, *told), daemon=True).start()
     while True:
         time.sleep(60)
+
+
+def declare(config: AgentConfig) -> None:
+    """Declare what only another agent may, and take it back, as fast as it goes."""
+    import zenoh
+
+    keys = Keys(config.run)
+    with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
+        while True:
+            session.declare_subscriber(keys.agent(WHO + 1, FRAME), lambda _: None).undeclare()
+            session.liveliness().declare_token(keys.token(AGENT, WHO + 1)).undeclare()
 
 
 def flood(config: AgentConfig, leaf: str, samples: Callable[[int], Iterator[bytes]], step: int) -> None:

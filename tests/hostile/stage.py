@@ -20,6 +20,8 @@ class Ended(NamedTuple):
     outcome: Outcome
     wall_s: float
     peak_mb: dict[str, float]
+    log_kb: float
+    """Length of the world's log."""
 
     @property
     def world(self) -> dict[str, Any]:
@@ -32,7 +34,7 @@ class Ended(NamedTuple):
         return dict(self.world["rejected"])
 
 
-MOST_MB = 150.0
+MOST_MB, MOST_LOG_KB = 150.0, 20.0
 
 
 def harm(ended: Ended, silence: Ended) -> list[str]:
@@ -43,6 +45,8 @@ def harm(ended: Ended, silence: Ended) -> list[str]:
     if others := sorted(ended.refused.keys() - {str(WHO)}):
         found.append(f"samples of agents {', '.join(others)} were refused")
     found += [f"{role} grew to {mb:.0f} MB" for role, mb in ended.peak_mb.items() if mb >= MOST_MB]
+    if ended.log_kb >= MOST_LOG_KB:
+        found.append(f"the world's log grew to {ended.log_kb:.0f} kB")
     reports = now["operator"]["per_sender"].get(str(WHO), {"messages": 0})["messages"]
     if reports > now["steps"]:
         found.append(f"{reports} reports of agent {WHO} were counted, more than one per step")
@@ -84,7 +88,8 @@ def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
             for role in (WORLD, OPERATOR):
                 peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
     outcome = results.read_outcome(folder)
-    return Ended(results.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb)
+    log_kb = (folder / "logs" / "world-0.log").stat().st_size / 1000
+    return Ended(results.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb, log_kb)
 
 
 def _memory_mb(pid: int) -> float:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.hostile.attacker import FLOODS, LATENESS, SILENCE, WHO
+from tests.hostile.attacker import DENIED, FLOODS, LATENESS, SILENCE, WHO
 from tests.hostile.stage import MOST_MB, Ended, harm, play
 
 pytestmark = pytest.mark.processes
@@ -39,6 +39,11 @@ def test_malformed_samples_are_counted_for_their_agent(silence: Ended, tmp_path:
     assert flooded.summary["samples_rejected"] == flooded.refused[str(WHO)]
     log = (tmp_path / "run" / "logs" / "world-0.log").read_text()
     assert log.count(f"dropped a sample on a key of agent {WHO}") == 1
+
+
+def test_refused_declarations_do_not_fill_the_disk(silence: Ended, tmp_path: Path) -> None:
+    """Zenoh has an error for each of them, thousands per second."""
+    assert harm(play(tmp_path / "run", "smoke", STEPS, DENIED), silence) == []
 
 
 def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:

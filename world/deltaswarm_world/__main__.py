@@ -2,6 +2,7 @@
 
 import argparse
 import logging
+import os
 import secrets
 import sys
 import tomllib
@@ -124,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"deltaswarm world: {error}", file=sys.stderr)
         return 2
     try:
-        return run_world(config, lambda endpoint: print(endpoint, flush=True), saved)
+        return run_world(config, _announce, saved)
     except ConnectionError as error:
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
         return 1
@@ -132,6 +133,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = exit_code_of(error)
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error, exc_info=code == FAILED)
         return code
+
+
+def _announce(endpoints: str) -> None:
+    """Print where the router listens. Later output, such as Zenoh's log, goes to standard error."""
+    print(endpoints, flush=True)
+    os.dup2(2, 1)  # an orchestrator reads that one line and closes the pipe
 
 
 def write_agent_settings(folder: Path, scenario: Scenario) -> None:
