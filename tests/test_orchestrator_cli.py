@@ -71,6 +71,17 @@ def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch)
         main(["run", "paper-25"])
 
 
+def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    """In a line, also where the command itself has nothing to say of it; exit code 1."""
+
+    def interrupted(arguments: object) -> int:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", interrupted)
+    assert main(["run", "paper-25"]) == 1
+    assert capsys.readouterr().err == "deltaswarm: interrupted\n"
+
+
 def test_the_version_is_the_packages(capsys: Printed) -> None:
     """On standard output, with exit code 0."""
     assert refused("--version") == 0

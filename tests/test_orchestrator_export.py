@@ -181,6 +181,14 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureF
         assert str(path) in capsys.readouterr().err
 
 
+def test_a_recording_with_a_damaged_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Attachments are not compressed, so a bit may flip in the text itself."""
+    file = run / "recording.mcap"
+    file.write_bytes(file.read_bytes().replace(b"[arena]", b"[are=a]", 1))
+    assert export(run, "csv") != 0
+    assert str(file) in capsys.readouterr().err
+
+
 def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """It was cut off after its first bytes."""
     file = run / "recording.mcap"

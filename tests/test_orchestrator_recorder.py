@@ -9,11 +9,12 @@ import pytest
 from mcap.reader import make_reader
 
 from deltaswarm_orchestrator.recording.layout import layout
+from deltaswarm_orchestrator.recording.names import RECORDING
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
-from deltaswarm_wire.checked import load
+from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState
@@ -202,3 +203,14 @@ def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
     ((topic, log_time, message),) = messages(tmp_path / "recording.mcap")
     assert (topic, log_time) == ("/operator/workload", (EPOCH_S + 7) * 10**9)
     assert Workload(*(getattr(message, name) for name in Workload._fields)) == workload
+
+
+@pytest.mark.parametrize(("kept", "lost"), [(20, []), (8, ["steps 8 to 19"])])
+def test_what_a_damaged_recording_has_lost_is_told(kept: int, lost: list[str], tmp_path: Path) -> None:
+    """A run is resumed after step 19; its recording may have been cut off before that."""
+    before = recorded(tmp_path, scenario(), kept).rename(tmp_path / "before")
+    made = scenario()
+    with Recorder(tmp_path, plain(made), made) as recorder:
+        told = recorder.take_over({RECORDING: before}, 19)
+    assert len(told) == len(lost)
+    assert all(part in line for part, line in zip(lost, told, strict=True))

@@ -107,6 +107,16 @@ def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path)
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
 
+def test_a_part_that_starts_when_its_run_has_ended_says_nothing(tmp_path: Path) -> None:
+    """Its folder has another name by then: it ends, without a traceback on the terminal."""
+    source = (
+        "from multiprocessing import Pipe; from pathlib import Path; from deltaswarm_orchestrator.run import child;"
+        f"child.main('json', [], {{}}, Path({str(tmp_path / 'gone' / 'log')!r}), Pipe()[0], None, False)"
+    )
+    ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (1, "", "")
+
+
 def test_no_stopped_process_outlives_a_killed_orchestrator(tmp_path: Path) -> None:
     """All others are stopped, the fork server too, and none of ours is left to wake them."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:

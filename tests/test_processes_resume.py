@@ -3,15 +3,21 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from deltaswarm_agent import saving
+from deltaswarm_agent.controller import ControllerContext
+from deltaswarm_agent.controllers.paper.controller import PaperController
+from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.in_process import run_in_process
@@ -230,3 +236,55 @@ def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(
     assert "another version" in line
     assert str(run) in line
     assert sorted(path.name for path in run.iterdir()) == sorted([*names, "checkpoint"])
+
+
+@pytest.fixture(scope="module")
+def cut_off(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run that was killed after a checkpoint."""
+    out = tmp_path_factory.mktemp("cut off") / "run"
+    with running(out, "--checkpoint", "50", "--set", "run.duration_s=1000000") as swarm:
+        kill_after_a_checkpoint(swarm, -1, 10)
+        wait_until(lambda: not any(map(is_running, swarm.pids.values())), "the end of all")
+    return swarm.part
+
+
+@pytest.mark.parametrize(
+    "name", ["manifest.json", "checkpoint/newest.json", "operator.json", "agent-3.pickle", "world.pickle", "world.csv"]
+)
+@pytest.mark.parametrize("is_cut", [True, False])
+def test_a_damaged_checkpoint_is_refused_in_a_line(
+    name: str, is_cut: bool, cut_off: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It names the file that is empty or missing, and leaves all others as they are, so that the file may come back."""
+    run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
+    file = run / name
+    if not file.exists():
+        file = run / "checkpoint" / str(newest_in(run)) / name
+    whole = file.read_bytes()
+    os.truncate(file, 0) if is_cut else file.unlink()
+    before = sorted(path.name for path in run.rglob("*"))
+    capsys.readouterr()
+    assert main(["run", "--resume", str(run)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    if is_cut or name != "checkpoint/newest.json":
+        assert str(file) in line
+    assert sorted(path.name for path in run.rglob("*")) == before
+    file.write_bytes(whole)
+
+
+def test_an_agent_that_only_says_that_it_is_saved_completes_no_checkpoint(tmp_path: Path) -> None:
+    """What is not on the disk is not there: the run goes on without the checkpoint, and the log names the agent."""
+    control = ("--set", "control.mode=tests.test_processes_resume:Liar")
+    with running(tmp_path / "run", "--checkpoint", "50", "--set", "run.duration_s=120", *control) as swarm:
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    assert "agent 3 did not save itself" in swarm.log("world")
+
+
+class Liar(PaperController):
+    """Agent 3 confirms each checkpoint and never writes one."""
+
+    def __init__(self, context: ControllerContext) -> None:
+        super().__init__(replace(context, mode="hybrid", settings=PaperSettings()))
+        if context.agent == 3:
+            saving.save = lambda *_: None  # in this agent's own process

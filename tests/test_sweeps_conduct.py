@@ -183,6 +183,21 @@ def test_a_damaged_file_is_no_finished_run(tmp_path: Path, means: str, spoil: Ca
     assert result.manifest["digest"] == first.manifest["digest"]
 
 
+def test_a_full_disk_ends_a_sweep_as_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not as a mistake of usage; the file and the cause are named."""
+
+    def full(file: Path, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    sweep, folder = planned(repeats=1), SweepFolder(tmp_path / "out")
+    (job, *_) = sweep.jobs()
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.folder.write_whole", full)
+    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)) as caught:
+        folder.save(job, IN_PROCESS, {})
+    assert str(folder.file(job, IN_PROCESS)) in str(caught.value)
+    assert caught.value.code == 1
+
+
 def test_a_damaged_file_of_a_run_is_named(tmp_path: Path, capsys: Printed) -> None:
     """And its run is done again."""
     sweep = load_sweep("smoke", ["run.duration_s=60"], {"repeats": 1, "prove": 0})

@@ -75,10 +75,14 @@ class Output:
         file = self._folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE
         checkpoint.write(file, (self._folder / STATE).read_bytes())
 
-    def finish(self, totals: Mapping[str, Any]) -> None:
-        """Write the totals atomically and remove the state to resume from."""
+    def totals(self, totals: Mapping[str, Any]) -> None:
+        """Write all rows so far, and the totals atomically."""
         self.flush()
         self._write(TOTALS, totals)
+
+    def finish(self, totals: Mapping[str, Any]) -> None:
+        """Write the totals, and remove the state to resume from."""
+        self.totals(totals)
         (self._folder / STATE).unlink(missing_ok=True)
 
     def _write(self, name: str, value: Mapping[str, Any]) -> None:

@@ -261,10 +261,10 @@ class OperatorProcess:
             elif arrival is Arrival.STOP:
                 break
 
-    @property
-    def totals(self) -> dict[str, Any]:
-        """The metrics of the whole run."""
-        return self.meter.totals | ({} if self._desk is None else self._desk.totals)
+    def totals_at(self, end: "End") -> dict[str, Any]:
+        """Return the metrics of the whole run, and how it ended."""
+        ending = {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": self.meter.digest_hex}
+        return ending | self.meter.totals | ({} if self._desk is None else self._desk.totals)
 
     def finish_desk(self) -> None:
         """Complete the tables of the person's acts."""
@@ -310,12 +310,13 @@ def run_operator(config: OperatorConfig) -> int:
             if end is End.WORLD_GONE and meter.is_over:  # the world went while this operator replaced a killed one
                 end = End.LAST_CLOCK
             if end is End.LAST_CLOCK:
+                output.totals(
+                    process.totals_at(end)
+                )  # complete, even if this process is killed while its person answers
                 process.answer_to_the_end()
         finally:
             process.finish_desk()
-            output.finish(
-                {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": meter.digest_hex, **process.totals}
-            )
+            output.finish(process.totals_at(end))
     totals = meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR
     log.log(level, "%s: %d steps, %d messages", end.value, totals["steps"], totals["messages"])

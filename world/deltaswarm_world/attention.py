@@ -50,6 +50,8 @@ class Attention:
         self._taken: dict[str, int] = {}
         """By role, the newest step that operator and recorder have, since they came."""
         self._is_over = False
+        self._phase = "waiting"
+        """Phase of the newest status."""
         """The last clock has gone out."""
         self._operator_left = False
         """The operator went, and has not been given what it missed."""
@@ -79,9 +81,8 @@ class Attention:
     def _look_up(self) -> None:
         """What the world does each time that it is woken."""
         self._take_news()
-        if time.monotonic() >= self._status_due and not self._is_over:  # also where a step takes long
-            step = self._core.lockstep.step
-            self._send_status(step, "running" if self._has_begun else "waiting")
+        if time.monotonic() >= self._status_due:  # also where a step, or the end, takes long
+            self._send_status(self._core.lockstep.step, self._phase)
 
     def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample of an agent."""
@@ -143,6 +144,7 @@ class Attention:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
 
     def _send_status(self, step: int, phase: str) -> None:
+        self._phase = phase
         self._status_due = time.monotonic() + STATUS_EVERY_S
         core = self._core
         self._wires.status(

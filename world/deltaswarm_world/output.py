@@ -83,15 +83,15 @@ class WorldOutput:
             os.fsync(file.fileno())
         return [file.tell() for file in self._files]
 
-    def finish(self, core: WorldCore, complete: bool, overruns: int) -> None:
-        """Write events and totals; `world.json` last and atomically."""
+    def finish(self, core: WorldCore, complete: bool, overruns: int, *, may_resume: bool = False) -> None:
+        """Write events and totals; `world.json` last and atomically. A run that `may_resume` keeps all its tables."""
         self._flush()
         wall_s = self.wall_s
         with (self._folder / "events.csv").open("w", newline="") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
             rows.writerows(core.environment.states())
-        if complete:  # else the run may resume from a checkpoint
+        if complete and not may_resume:
             (self._folder / EVENTS_SO_FAR).unlink()
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"

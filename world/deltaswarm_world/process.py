@@ -89,7 +89,10 @@ class WorldProcess(Attention):
             if is_due(step, self._config.checkpoint_steps):
                 self._save(step, output)
         complete = step == settings.steps - 1
-        output.finish(self._core, complete, self._overruns)
+        may_resume = (
+            self._config.checkpoint_steps > 0
+        )  # also a complete one, should the disk have no room for its results
+        output.finish(self._core, complete, self._overruns, may_resume=may_resume)
         self._send_status(step, "ended")
         return complete
 
@@ -145,6 +148,7 @@ class WorldProcess(Attention):
             self._wires.save(agents, step)
             self._wait_until(lambda: not can_be_saved() or is_enough(), patience.most_s)
             self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
+        inbox.unsaved |= saving.missing(self._config.out, step, agents)
         if not can_be_saved() or inbox.unsaved or not others_have():
             log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
             for agent in sorted(inbox.unsaved):

@@ -4,7 +4,7 @@ import json
 import pickle
 import shutil
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
@@ -13,6 +13,7 @@ from deltaswarm_wire import checkpoint
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.lockstep import Patience
+from deltaswarm_world.output import TABLES
 
 
 @dataclass
@@ -36,11 +37,22 @@ class SavedWorld:
         return cls(WorldCore(scenario, config.boards), Patience(scenario.run.step_timeout_s))
 
 
+def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
+    """Return the agents without a file in a checkpoint, whatever they said."""
+    folder = run_folder / checkpoint.FOLDER / str(step)
+    return {agent for agent in agents if not (folder / checkpoint.agent_file(agent)).is_file()}
+
+
 def save(run_folder: Path, saved: SavedWorld) -> None:
     """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
     lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
     checkpoint.write(folder / str(lockstep.step) / checkpoint.WORLD_FILE, pickle.dumps(saved))
-    told = {"step": lockstep.step, "agents": sorted(lockstep.alive), "restarts": list(saved.restarts.items())}
+    told = {
+        "step": lockstep.step,
+        "agents": sorted(lockstep.alive),
+        "restarts": list(saved.restarts.items()),
+        "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
+    }
     checkpoint.write(folder / checkpoint.NEWEST, json.dumps(told).encode())
     for other in folder.iterdir():
         if other.name.isdecimal() and int(other.name) < lockstep.step:

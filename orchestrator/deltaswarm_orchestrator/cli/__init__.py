@@ -92,6 +92,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         return FAILED
     except KeyboardInterrupt:
+        complain("interrupted")
         return FAILED
 
 

@@ -62,7 +62,10 @@ def read_film(path: Path) -> Film:
     recording = read_recording(path)
     if not recording.scenario:
         raise RecordingError(f"{path} must hold a scenario; it was cut off before that")
-    arena = tomllib.loads(recording.scenario)["arena"]
+    try:
+        arena = tomllib.loads(recording.scenario)["arena"]
+    except (tomllib.TOMLDecodeError, KeyError) as error:
+        raise RecordingError(f"{path} must hold a valid scenario: {error}") from None
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
     return Film(path, recording, arena["width_m"], arena["height_m"], obstacles)
 

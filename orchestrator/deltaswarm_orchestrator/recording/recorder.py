@@ -95,8 +95,8 @@ class Recorder:
     ) -> None:
         self._end(None)
 
-    def take_over(self, before: Mapping[str, Path], step: int) -> None:
-        """Begin with the messages of earlier recordings up to a step.
+    def take_over(self, before: Mapping[str, Path], step: int) -> list[str]:
+        """Begin with the messages of earlier recordings up to a step; return what is lost of them, one line each.
 
         `before` maps the name of each new file to the earlier file that it continues.
 
@@ -104,12 +104,20 @@ class Recorder:
             RecordingError: an earlier file is not an MCAP file.
         """
         self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
+        lost = []
         for file in (self._file, self._wire):
             if file is not None and file.name in before:
-                for topic, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
+                newest = -1
+                for topic, taken, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
+                    newest = max(newest, taken)
                     if topic == "/swarm/event":
                         self._transcriber.note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
+                if file is self._file and newest < step:
+                    lost.append(
+                        f"{file.name} has lost steps {newest + 1} to {step}: it was damaged before the run was resumed"
+                    )
         self.save()
+        return lost
 
     def save(self) -> None:
         """Write everything so far to disk, so that it survives a crash of the machine."""
@@ -237,8 +245,8 @@ class _File:
         except OSError as error:
             raise no_room(error, self._part) from None
 
-    def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, bytes]]:
-        """Add the messages of another file up to a time; yield topic and data of each."""
+    def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, int, bytes]]:
+        """Add the messages of another file up to a time; yield topic, step and data of each."""
         topics: dict[int, str] = {}
         for record in records(before):
             if isinstance(record, Channel):
@@ -246,7 +254,7 @@ class _File:
             elif isinstance(record, Message) and record.log_time <= until_ns:
                 topic = topics[record.channel_id]
                 self._add(topic, record.log_time, record.sequence, record.data)
-                yield topic, record.data
+                yield topic, record.sequence, record.data
 
     def flush(self) -> None:
         with room_for(self._part):

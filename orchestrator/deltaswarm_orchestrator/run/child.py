@@ -16,6 +16,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from deltaswarm_orchestrator.parent import signal_at_parents_death
+from deltaswarm_wire.exits import exit_code_of
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
@@ -48,7 +49,10 @@ def main(
     gc.set_threshold(GC_THRESHOLD)
     _wake_at_the_end()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
-    _redirect(log_file, stdout)
+    try:
+        _redirect(log_file, stdout)
+    except OSError as error:  # the run has just ended, or the disk is full
+        sys.exit(exit_code_of(error))
     logging.raiseExceptions = False  # logging fails on a full disk, which the exit code reports
     os.environ.update(environment)
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()

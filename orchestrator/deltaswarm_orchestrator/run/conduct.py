@@ -97,8 +97,8 @@ def _run(
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:
-        resume.newest(options.out)  # before the folder is touched
-        resume.check_code(options.out, scenario)
+        resume.check_code(options.out, scenario)  # before the folder is touched
+        resume.newest(options.out)
         with ResumedFolder(options.out) as folder:
             resume.wait_for_leftovers(folder.path)
             return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).do()
@@ -229,7 +229,7 @@ class _Run:
         wire, table = scenario.record == "wire", checked.plain(scenario)
         with Recorder(folder, table, scenario, wire=wire, viewer=self._viewer) as recorder:
             if self._resumed:
-                recorder.take_over(before, self._resumed.step)
+                self._why += recorder.take_over(before, self._resumed.step)
                 for file in before.values():
                     file.unlink()
             yield recorder

@@ -310,6 +310,11 @@ class Swarm:
         """Return the newest part of a role."""
         return next(part for part in reversed(self.parts) if part.role == role)
 
+    @property
+    def station_part(self) -> Part:
+        """The newest process of the page for the person who watches and commands."""
+        return next(part for part in reversed(self.parts) if (part.role, part.number) == (STATION, 0))
+
     def stop_world(self) -> None:
         """Ask the world to end the run with the current step."""
         self.part(WORLD).send(signal.SIGTERM)

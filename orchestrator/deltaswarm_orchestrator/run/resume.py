@@ -17,7 +17,8 @@ BEFORE = ".before"
 
 LEFTOVERS_S = 10.0
 
-OPERATOR_STATE = "operator-state.json"
+OPERATOR_STATE, OPERATOR_ROWS = "operator-state.json", "operator.csv"
+"""The operator's files during a run."""
 
 OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json")
 """Files that a run writes when it ends, complete or not."""
@@ -39,27 +40,43 @@ def newest(folder: Path) -> Resumed:
     """Return the newest checkpoint in a run's folder.
 
     Raises:
-        FolderError: there is no checkpoint, or it cannot be read.
+        FolderError: there is no checkpoint, it cannot be read, or a file that belongs to it is missing or cut off.
     """
     file = folder / checkpoint.FOLDER / checkpoint.NEWEST
+    if not file.exists():
+        reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
+        raise FolderError(reason)
     try:
         told = json.loads(file.read_text())
-        return Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
-    except FileNotFoundError:
-        reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
-        raise FolderError(reason) from None
-    except (OSError, ValueError, TypeError, KeyError) as error:
-        raise FolderError(f"{file} cannot be read: {error!r}") from None
+        resumed = Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
+        saved = file.with_name(str(resumed.step))
+        file = saved / checkpoint.OPERATOR_FILE
+        least_bytes = {folder / name: int(size) for name, size in told["tables"].items()}
+        least_bytes |= {folder / OPERATOR_ROWS: int(json.loads(file.read_text())["table_bytes"])}
+        least_bytes |= {
+            saved / name: 1 for name in (checkpoint.WORLD_FILE, *map(checkpoint.agent_file, resumed.agents))
+        }
+        for file, least in least_bytes.items():
+            if (size := file.stat().st_size) < least:
+                raise ValueError(f"it must have at least {least} bytes (got {size})")
+    except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
+        reason = str(error) if isinstance(error, OSError | ValueError) else repr(error)
+        raise FolderError(f"{file}, which is part of the checkpoint, cannot be used: {reason}") from None
+    return resumed
 
 
 def check_code(folder: Path, scenario: Scenario) -> None:
     """Refuse a run that another version of the code began, whose checkpoint this one cannot use.
 
     Raises:
-        FolderError: the code differs.
+        FolderError: the code differs, or the manifest cannot be read.
     """
-    manifest = json.loads((folder / "manifest.json").read_text())
-    begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
+    file = folder / "manifest.json"
+    try:
+        manifest = json.loads(file.read_text())
+        begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
+    except (OSError, ValueError, AttributeError) as error:
+        raise FolderError(f"{file} cannot be read: {error}") from None
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
         raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
 

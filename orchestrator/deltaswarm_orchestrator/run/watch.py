@@ -102,11 +102,11 @@ class Watch:
 
     def _let_person_answer(self) -> None:
         """Wait for the operator, which may still ask its person questions after the last step, to end by itself."""
-        station = self._swarm.part(STATION)
-        deadline = time.monotonic() + ANSWER_WITHIN_S
-        while station.exit_code is None and not self._stop.by and time.monotonic() < deadline:
-            if not wait_for([self._swarm.part(OPERATOR)], POLL_S):
-                break
+        operator, deadline = self._swarm.part(OPERATOR), time.monotonic() + ANSWER_WITHIN_S
+        while wait_for([operator], POLL_S) and not self._stop.by and time.monotonic() < deadline:
+            self._look_after_parts(is_stopping=False)
+            if self._swarm.station_part.exit_code is not None:
+                break  # it ended as asked, or cannot be started again
 
     def _show(self) -> None:
         observer = self._observer

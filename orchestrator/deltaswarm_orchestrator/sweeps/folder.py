@@ -10,7 +10,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.exits import CommandError
+from deltaswarm_orchestrator.exits import FAILED, CommandError
 from deltaswarm_orchestrator.run.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Result
@@ -93,7 +93,7 @@ class SweepFolder:
         try:
             write_whole(self.file(job, means), orjson.dumps({CHECKSUM: _checksum(result), **result}))
         except OSError as error:
-            raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}") from None
+            raise SweepFolderError(f"{self.file(job, means)} cannot be written: {error.strerror}", FAILED) from None
 
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
         """Read a finished run; return None if it is not finished or its file is damaged."""
