@@ -310,9 +310,8 @@ def run_operator(config: OperatorConfig) -> int:
             if end is End.WORLD_GONE and meter.is_over:  # the world went while this operator replaced a killed one
                 end = End.LAST_CLOCK
             if end is End.LAST_CLOCK:
-                output.totals(
-                    process.totals_at(end)
-                )  # complete, even if this process is killed while its person answers
+                # The run is complete, even if this process is killed while its person answers.
+                output.totals(process.totals_at(end))
                 process.answer_to_the_end()
         finally:
             process.finish_desk()

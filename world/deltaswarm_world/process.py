@@ -89,9 +89,8 @@ class WorldProcess(Attention):
             if is_due(step, self._config.checkpoint_steps):
                 self._save(step, output)
         complete = step == settings.steps - 1
-        may_resume = (
-            self._config.checkpoint_steps > 0
-        )  # also a complete one, should the disk have no room for its results
+        # A complete run may have to resume, too, if the disk has no room for its results.
+        may_resume = self._config.checkpoint_steps > 0
         output.finish(self._core, complete, self._overruns, may_resume=may_resume)
         self._send_status(step, "ended")
         return complete
