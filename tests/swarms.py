@@ -75,11 +75,11 @@ class RunningSwarm:
     @property
     def pids(self) -> dict[str, int]:
         """Processes by name ("agent 3", "world", "operator")."""
-        file = self.part / "logs" / "pids.json"
         try:
-            return dict(json.loads(file.read_text()))
-        except (OSError, ValueError):
+            text = (self.part / "logs" / "pids.json").read_text()
+        except OSError:
             return {}
+        return dict(json.loads(text))  # it is whole whenever it is there
 
     def steps(self) -> int:
         """Steps that have reached the world's table."""

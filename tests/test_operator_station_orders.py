@@ -35,13 +35,15 @@ def test_a_command_by_mouse(page: Page) -> None:
 def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
     """Where it went, with its number."""
 
-    def drawn(expires_s: float) -> str:
+    def show(expires_s: float) -> None:
         order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent"]
         page.player.show(100.0, commands=[order])
-        page.until(lambda: page.text("fates").startswith("0 · hold"))
-        return page.drawn()
 
-    assert drawn(200.0) != drawn(95.0)
+    show(200.0)
+    page.until(lambda: page.text("fates").startswith("0 · hold"))
+    with_order = page.drawn()
+    show(95.0)
+    page.until(lambda: page.drawn() != with_order)
 
 
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:

@@ -134,7 +134,7 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
     deeds = table(swarm.out / "operator.csv")
     assert [json.loads(deed["detail"])[0] for deed in deeds if deed["kind"] == "command"] == numbers
     script = [*given, "--commands", str(swarm.out / "commands.toml")]
-    for name, more in (("once", []), ("twice", []), ("in-process", ["--in-process"])):
+    for name, more in (("processes", []), ("in-process", ["--in-process"])):
         assert swarms.run(tmp_path / name, *script, *more)["digest"] == summary["digest"], name
 
 

@@ -23,6 +23,7 @@ from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.plugins import CONTROLLERS
@@ -281,7 +282,7 @@ class Swarm:
     def write_pids(self) -> None:
         """Write `logs/pids.json`, which maps parts to process ids, for users who inspect or kill a process."""
         pids = {part.name: part.pid for part in self.parts}
-        (self._folder / "logs" / "pids.json").write_text(json.dumps(pids, indent=2) + "\n")
+        write_whole(self._folder / "logs" / "pids.json", json.dumps(pids, indent=2).encode() + b"\n")
 
     def carry_out(self, order: ProcessOrder) -> None:
         """Start, kill, stop or continue agents' processes as the world orders; the world waits for it."""
