@@ -1,6 +1,5 @@
 """The processes of one run: start them from a fork server, and shut them down with no orphans."""
 
-import json
 import multiprocessing
 import os
 import shutil
@@ -19,11 +18,11 @@ from urllib.parse import urlsplit
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.run.results import write_json
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
-from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.plugins import CONTROLLERS
@@ -282,7 +281,7 @@ class Swarm:
     def write_pids(self) -> None:
         """Write `logs/pids.json`, which maps parts to process ids, for users who inspect or kill a process."""
         pids = {part.name: part.pid for part in self.parts}
-        write_whole(self._folder / "logs" / "pids.json", json.dumps(pids, indent=2).encode() + b"\n")
+        write_json(self._folder / "logs" / "pids.json", pids)
 
     def carry_out(self, order: ProcessOrder) -> None:
         """Start, kill, stop or continue agents' processes as the world orders; the world waits for it."""
