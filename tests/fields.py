@@ -8,8 +8,9 @@ import sys
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+from random import SystemRandom
 from typing import Any
 
 import tomli_w
@@ -37,10 +38,12 @@ TASK: dict[str, Any] = {
 
 
 def free_port() -> int:
-    """A port that nobody listens on now."""
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return int(found.getsockname()[1])
+    """A port that nobody listens on now, and that no other test gets from the kernel before it is used."""
+    while True:
+        port = SystemRandom().randrange(10_000, 32_768)  # below those that the kernel gives away
+        with socket.socket() as found, suppress(OSError):
+            found.bind(("127.0.0.1", port))
+            return port
 
 
 def endpoint(port: int) -> str:

@@ -22,6 +22,9 @@ POLL_S = 0.02
 SMOKE_PROCESSES = 8
 """World, operator and six agents of the scenario `smoke`."""
 
+UNHURRIED = ("--set", "control.mode=tests.unhurried:Unhurried")
+"""Options of a run that decides as `smoke` does and lasts long enough, without many steps, to be watched or struck."""
+
 PATIENCE_S = 240.0
 """Guards against waiting for ever. No test needs the machine to be quick: it waits for facts, and this long."""
 

@@ -18,8 +18,8 @@ from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
 from deltaswarm_wire.session import CERTIFIED, Pairs, RouterLink, client_pairs, configured, router_pairs
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
-from deltaswarm_world.wires import _free_port
 from tests.boards import run_with_board, tls_arguments, tls_files, usual_digest
+from tests.fields import free_port
 from tests.swarms import wait_until
 
 KEYS = Keys("boards")
@@ -53,7 +53,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Router]:
     certificates.make(folder, AGENTS, [], 1)
     credentials = folder / "credentials"
     credentials.write_text("".join(f"{user_name(AGENT, agent)}:secret {agent}\n" for agent in AGENTS))
-    endpoints = [f"tls/127.0.0.1:{_free_port()}", f"tcp/127.0.0.1:{_free_port()}"]
+    endpoints = [f"tls/127.0.0.1:{free_port()}", f"tcp/127.0.0.1:{free_port()}"]
     admit_certified(endpoints, credentials)
     link = RouterLink(endpoints[0], tls=tls_files(folder, "world"))
     pairs = router_pairs(link, str(credentials), KEYS, AGENTS, endpoints)
@@ -130,7 +130,7 @@ def test_the_client_refuses_a_world_of_another_authority(router: Router, tmp_pat
 
 def test_the_client_refuses_another_agent_as_world(router: Router) -> None:
     """A board that listens with its own certificate is not taken for the world: its name does not fit."""
-    endpoint = f"tls/127.0.0.1:{_free_port()}"
+    endpoint = f"tls/127.0.0.1:{free_port()}"
     link = RouterLink(endpoint, tls=tls_files(router.folder, "agent-4"))
     pairs = router_pairs(link, str(router.folder / "credentials"), KEYS, ())
     with zenoh.open(configured(zenoh.Config, pairs, link)), pytest.raises(zenoh.ZError):

@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 import re
 import shlex
 import subprocess
@@ -14,7 +15,7 @@ from deltaswarm_orchestrator.cli import COMMANDS, parser
 from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET
 from deltaswarm_orchestrator.run.scenario import reference
 from tests.pages import ROOT, commands, files, shell
-from tests.swarms import COMMAND, wait_until
+from tests.swarms import COMMAND, UNHURRIED, wait_until
 
 RUN_ELSEWHERE = {
     "README.md": "test_docs_readme",
@@ -114,9 +115,15 @@ def test_a_recording_is_exported(tmp_path: Path) -> None:
 def test_a_run_is_watched(tmp_path: Path) -> None:
     """The commands of LIVE.md, with a smaller run on any port; `top` prints what it would draw."""
     look, begin = commands(page("docs/LIVE.md"))
-    small = begin.replace("paper-25", "smoke --set run.duration_s=1500") + " --live-port 0"
-    arguments = shlex.split(small.removeprefix("deltaswarm "))
-    run = subprocess.Popen([*COMMAND, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+    small = begin.replace("paper-25", "smoke") + " --live-port 0"
+    arguments = [*shlex.split(small.removeprefix("deltaswarm ")), *UNHURRIED]
+    run = subprocess.Popen(
+        [*COMMAND, *arguments],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
     try:
         there = tmp_path / "runs" / "first.part" / LIVE_SOCKET
         wait_until(lambda: there.exists() or run.poll() is not None, "a run to look at")

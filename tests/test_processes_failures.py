@@ -23,11 +23,11 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.results import read_outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
-from tests.swarms import COMMAND, PATIENCE_S, is_running, parent_of, running, wait_until
+from tests.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, parent_of, running, wait_until
 
 pytestmark = pytest.mark.processes
 
-LONG = ("--set", "run.duration_s=1000000")
+LONG = ("--set", "run.duration_s=1000000", *UNHURRIED)
 """A run that ends only when something makes it."""
 
 TWELVE = ("--set", "agents.count=12")
@@ -40,7 +40,7 @@ def all_gone(pids: dict[str, int]) -> None:
 
 def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     """SIGKILL of agents: the world goes on without them, and the summary says who was lost."""
-    with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=1000", "--record", "off") as swarm:
+    with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=300", *UNHURRIED, "--record", "off") as swarm:
         wait_until(lambda: len(swarm.pids) == 14, "all processes")
         swarm.wait_for_steps(1)
         for agent in (1, 3, 5, 7, 9):
@@ -49,7 +49,7 @@ def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: 
         assert code == 0, errors
         summary = swarm.summary()
         assert sorted(summary["agents_lost"]) == [1, 3, 5, 7, 9]
-        assert summary["steps"] == 1000
+        assert summary["steps"] == 300
         assert summary["valid"]
         assert re.search("agent 3 .*SIGKILL", errors)
 
@@ -138,8 +138,8 @@ def test_without_its_world_everything_ends(tmp_path: Path) -> None:
 @pytest.mark.parametrize("uplink", [[], ["--set", "uplink.loss=0.2", "--set", "uplink.latency_s=3"]])
 def test_an_operator_that_is_killed_is_started_again(uplink: list[str], tmp_path: Path) -> None:
     """Again and again: no report is lost or counted twice, no row is missing, and the run is the same."""
-    settings = ["--set", "run.duration_s=1000", *uplink]
-    with running(tmp_path / "run", *settings) as swarm:
+    settings = ["--set", "run.duration_s=400", *uplink]
+    with running(tmp_path / "run", *settings, *UNHURRIED) as swarm:
         killed: set[int] = set()
         for _ in range(4):
             operator = wait_until(lambda: {swarm.pids.get("operator", 0)} - killed - {0}, "a new operator").pop()

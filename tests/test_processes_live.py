@@ -4,6 +4,7 @@ import json
 import socket
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -12,25 +13,29 @@ from websockets.sync.client import connect
 
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS
+from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.foxglove import CHANNELS, stuck_at, url_of, viewing
-from tests.swarms import COMMAND, run, running, wait_until
+from tests.swarms import COMMAND, UNHURRIED, run, running, wait_until
 
 pytestmark = pytest.mark.processes
 
-LONG = ("--set", "run.duration_s=1500")
+DURATION_S = 300
+LENGTH = ("--set", f"run.duration_s={DURATION_S}")
+WATCHED = (*LENGTH, *UNHURRIED)
 LIVE = ("--live", "foxglove", "--live-port", "0")
 
 
 @pytest.fixture(scope="module")
 def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
     """Of the same run when nobody looks on."""
-    return str(run(tmp_path_factory.mktemp("alone") / "run", *LONG, "--in-process", "--record", "off")["digest"])
+    return str(run(tmp_path_factory.mktemp("alone") / "run", *LENGTH, "--in-process", "--record", "off")["digest"])
 
 
 def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path, digest: str) -> None:
     """Without a recording, too: every topic with its schema, simulated times, agents; a viewer may leave."""
-    with running(tmp_path / "run", *LONG, *LIVE, "--record", "off") as swarm:
+    with running(tmp_path / "run", *WATCHED, *LIVE, "--record", "off") as swarm:
         url = url_of(swarm)
         assert url.startswith("ws://127.0.0.1:")
         with pytest.raises(InvalidStatus), connect(url):
@@ -48,7 +53,7 @@ def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path, digest: str) -> Non
                         assert len(message.transforms) == 1 + 6
                     if seen.keys() >= TOPICS.keys() - {"/log", "/swarm/event"}:
                         break
-        assert all(EPOCH_S <= time_ns / 1e9 <= EPOCH_S + 1500 for time_ns in seen.values())
+        assert all(EPOCH_S <= time_ns / 1e9 <= EPOCH_S + DURATION_S for time_ns in seen.values())
         code, _, errors = swarm.finish()
         assert code == 0, errors
         assert "foxglove.sdk.v1" in errors, "who was refused is told why"
@@ -59,7 +64,7 @@ def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path, digest: str) -> Non
 
 def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path, digest: str) -> None:
     """They subscribe, or connect, and never read: the run ends with the same digest, and is recorded whole."""
-    with running(tmp_path / "run", *LONG, *LIVE) as swarm:
+    with running(tmp_path / "run", *WATCHED, *LIVE) as swarm:
         url = url_of(swarm)
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
         # Plain sockets: a WebSocket library would read on in a thread of its own.
@@ -71,11 +76,12 @@ def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path, digest: str) -> N
         assert (swarm.out / "recording.mcap").exists()
 
 
-@pytest.mark.parametrize("engine", ["processes", "in-process"])
-def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, digest: str, engine: str) -> None:
+@pytest.mark.parametrize(
+    "options", [WATCHED, ("--set", "run.duration_s=1500", "--in-process")], ids=["processes", "in-process"]
+)
+def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, options: Sequence[str]) -> None:
     """It finds the run, shows the truth and what the operator counted; the folder is as if nobody had come."""
-    options = ["--in-process"] if engine == "in-process" else []
-    with running(tmp_path / "runs" / "first", *LONG, *options) as swarm:
+    with running(tmp_path / "runs" / "first", *options) as swarm:
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
         command = [*COMMAND, "top", "--json"]
         found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -85,7 +91,8 @@ def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, digest: str, engine
         assert said["picture"]["type"] == "picture"
         code, _, errors = swarm.finish()
         assert code == 0, errors
-        assert swarm.summary()["digest"] == digest
+        alone = load_scenario("smoke", [text for text in options if "duration_s" in text])
+        assert swarm.summary()["digest"] == run_in_process(alone).digest
         assert not (swarm.out / LIVE_SOCKET).exists()
 
 

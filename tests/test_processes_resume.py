@@ -23,19 +23,19 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import read_outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
-from tests.swarms import BOUND_S, COMMAND, RunningSwarm, is_running, running, wait_until
+from tests.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 SETTINGS = (
-    "run.duration_s=900",
+    "run.duration_s=300",
     "radio.loss=0.1",
     "uplink.latency_s=2",
     "downlink.latency_s=3",
-    'command=[{at_s=100, name="set delta", arguments={delta=1}}, {at_s=400, name="hold", arguments={for_s=40}}]',
+    'command=[{at_s=60, name="set delta", arguments={delta=1}}, {at_s=140, name="hold", arguments={for_s=40}}]',
     "operator.person.policy=threshold",
     'fault=[{kind="kill", at_s=130, agents=[1]}, {kind="restart", at_s=110, duration_s=30, agents=[2]},'
-    '{kind="sensor-noisy", at_s=300, duration_s=400, noise_m=1.0, miss=0.3, agents=[4]}]',
+    '{kind="sensor-noisy", at_s=150, duration_s=100, noise_m=1.0, miss=0.3, agents=[4]}]',
 )
 SETS = [part for text in SETTINGS for part in ("--set", text)]
 
@@ -104,7 +104,7 @@ def same_as_undisturbed(swarm: RunningSwarm) -> None:
 
 def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
     """World, operator, agents, recorder and orchestrator, at any moment after another checkpoint."""
-    with running(tmp_path / "run", "--checkpoint", "60", *SETS) as swarm:
+    with running(tmp_path / "run", "--checkpoint", "30", *SETS, *UNHURRIED) as swarm:
         kill_after_a_checkpoint(swarm, -1)
     for life in range(4):
         with resuming(swarm.out) as swarm:
@@ -135,7 +135,7 @@ def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
 @pytest.mark.parametrize("how", ["Ctrl-C", "the world is killed"])
 def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -> None:
     """It has its name and its tables, and says how to go on."""
-    with running(tmp_path / "run", "--checkpoint", "60", *SETS) as swarm:
+    with running(tmp_path / "run", "--checkpoint", "30", *SETS, *UNHURRIED) as swarm:
         wait_until(lambda: newest(swarm) >= 0, "a checkpoint")
         if how == "Ctrl-C":
             swarm.interrupt()

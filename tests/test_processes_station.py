@@ -90,27 +90,25 @@ def a_command(rng: Random) -> dict[str, Any]:
 
 
 def test_scripted_commands_give_one_digest(tmp_path: Path) -> None:
-    """By processes twice and in one process, with everything that a downlink does."""
-    arguments = sets(SCRIPT, *DOWNLINK)
-    found = [swarms.run(tmp_path / name, *arguments) for name in ("one", "two")]
-    found.append(swarms.run(tmp_path / "three", *arguments, "--in-process"))
-    assert len({summary["digest"] for summary in found}) == 1
+    """By processes, in one process, and again from what was given, with everything that a downlink does."""
+    air = sets("run.duration_s=200", *DOWNLINK)
+    digest = swarms.run(tmp_path / "one", *sets(SCRIPT), *air)["digest"]
     assert [command["at_s"] for command in commands_of(tmp_path / "one")] == [2, 40, 40, 90, 95, 120]
-    plain = swarms.run(tmp_path / "plain", *sets("radio.loss=0.2"), "--in-process")
-    assert plain["digest"] != found[0]["digest"]
-    again = swarms.run(tmp_path / "again", *sets(*DOWNLINK), "--commands", str(tmp_path / "one" / "commands.toml"))
-    assert again["digest"] == found[0]["digest"]
+    assert swarms.run(tmp_path / "two", *sets(SCRIPT), *air, "--in-process")["digest"] == digest
+    given = str(tmp_path / "one" / "commands.toml")
+    assert swarms.run(tmp_path / "again", *air, "--commands", given)["digest"] == digest
+    assert swarms.run(tmp_path / "plain", *air, "--in-process")["digest"] != digest
 
 
 def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
     """40 commands at random, more than a turn has room for in one pause, while agents freeze and die."""
     given = sets(
-        FAULTS, "run.duration_s=600", CONSENT, "downlink.range_m=15", "downlink.base_m=[5, 5]", "downlink.loss=0.2"
+        FAULTS, "run.duration_s=300", CONSENT, "downlink.range_m=15", "downlink.base_m=[5, 5]", "downlink.loss=0.2"
     )
     rng = Random(13)
     numbers = []
     with at_the_station(tmp_path / "person", *given) as (swarm, person):
-        person.begin()
+        person.begin(speed=50.0)
         for count in (*[1] * 6, 20, *[2] * 7):
             steps = rng.randint(1, 25)
             if count != 1:
@@ -123,13 +121,14 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
             person.say("pace", steps=steps)
             person.see(lambda picture, until=until: bool(picture["step"] >= until or picture["over"]))  # type: ignore[misc]
         assert not person.picture["over"]
+        person.say("pace", speed=0)
         person.say("pace", paused=False)
         code, _, errors = swarm.finish()
         assert code == 0, errors
     assert numbers == list(range(40))
     summary = swarm.summary()
     assert summary["valid"]
-    assert summary["steps"] == 600
+    assert summary["steps"] == 300
     assert len(commands_of(swarm.out)) == 40
     deeds = table(swarm.out / "operator.csv")
     assert [json.loads(deed["detail"])[0] for deed in deeds if deed["kind"] == "command"] == numbers
@@ -141,7 +140,7 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
 def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path) -> None:
     """Also of 40 at once, of which some wait for a later turn: the digest is that of a run in one process."""
     burst = ",".join(f'{{at_s=60, name="set delta", arguments={{delta={1 + n % 4}}}}}' for n in range(40))
-    given = sets(f"{SCRIPT[:-1]},{burst}]", "run.duration_s=400")
+    given = sets(f"{SCRIPT[:-1]},{burst}]", "run.duration_s=200")
     with running(tmp_path / "run", *given) as swarm:
         swarm.wait_until_under_way()
         swarm.wait_for_steps(30)
@@ -157,7 +156,7 @@ def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path)
 
 def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> None:
     """The pause holds, consent is not asked for again, what was known is known, and the next command is the next."""
-    with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=400")) as (swarm, person):
+    with at_the_station(tmp_path / "run", *sets(CONSENT, "run.duration_s=200")) as (swarm, person):
         person.begin(speed=20.0)
         swarm.wait_until_under_way(ALL)
         assert person.command("hold", arguments={"for_s": 10})["number"] == 0
@@ -177,7 +176,7 @@ def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> N
         assert code == 0, errors
     assert swarm.summary()["valid"]
     again = swarms.run(
-        tmp_path / "again", *sets("run.duration_s=400"), "--commands", str(swarm.out / "commands.toml"), "--in-process"
+        tmp_path / "again", *sets("run.duration_s=200"), "--commands", str(swarm.out / "commands.toml"), "--in-process"
     )
     assert again["digest"] == swarm.summary()["digest"]
 

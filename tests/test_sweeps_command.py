@@ -76,7 +76,7 @@ def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
 def test_a_sweep_that_is_killed_again_and_again_has_the_same_table_in_the_end(tmp_path: Path) -> None:
     """Killed with -9 at random moments, at first while it starts, and resumed: bit for bit; no process is left."""
     moments = random.Random(4711)
-    file = written(tmp_path, duration_s=300.0, repeats=REPEATS, prove=1)
+    file = written(tmp_path, duration_s=150.0, repeats=REPEATS, prove=1)
     results = len(LOSSES) * REPEATS + 1
     undisturbed = sweep(file, tmp_path / "undisturbed", "--series")
     finished = []

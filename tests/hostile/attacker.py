@@ -5,7 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from itertools import count
+from itertools import count, repeat
 from random import Random
 from typing import ClassVar
 
@@ -21,6 +21,7 @@ from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.session import client_pairs, configured
 
 WHO, AT_STEP = 3, 60
+BURST = 100
 SILENCE = "silence"
 """The attack that is none: the agent merely stops, and all others are compared with it."""
 
@@ -33,11 +34,15 @@ LATENESS = "lateness"
 
 @dataclass(frozen=True)
 class Settings:
-    """The attack, of `FLOODS`, `DENIED`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once."""
+    """The attack, of `FLOODS`, `DENIED`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once.
+
+    Each session rests for `rest_s` after every `BURST` samples or declarations.
+    """
 
     attack: str = SILENCE
     sessions: int = 1
     late_by_s: float = 8.0
+    rest_s: float = 0.0
 
 
 class Attacker:
@@ -55,7 +60,7 @@ class Attacker:
         if self._agent == WHO and percept.step >= AT_STEP and self._attack.attack == LATENESS:
             time.sleep(self._attack.late_by_s)
         elif self._agent == WHO and percept.step >= AT_STEP:
-            attack(self._attack.attack, self._attack.sessions, percept.step)
+            attack(self._attack, percept.step)
         return self._paper.step(percept)
 
 
@@ -124,30 +129,37 @@ FLOODS: dict[str, tuple[str, Callable[[int], Iterator[bytes]]]] = {
 }
 
 
-def attack(name: str, sessions: int, step: int) -> None:
+def attack(settings: Settings, step: int) -> None:
     """Never returns."""
-    if name != SILENCE:
+    if settings.attack != SILENCE:
         config = own_config()
-        for _ in range(sessions):
-            target, told = (declare, ()) if name == DENIED else (flood, (*FLOODS[name], step))
-            threading.Thread(target=target, args=(config, *told), daemon=True).start()
+        for _ in range(settings.sessions):
+            target, told = (declare, ()) if settings.attack == DENIED else (flood, (*FLOODS[settings.attack], step))
+            threading.Thread(target=target, args=(config, settings.rest_s, *told), daemon=True).start()
     while True:
         time.sleep(60)
 
 
-def declare(config: AgentConfig) -> None:
+def in_bursts(rest_s: float) -> Iterator[None]:
+    """Yield without end, with a rest after each burst."""
+    while True:
+        yield from repeat(None, BURST)
+        time.sleep(rest_s)
+
+
+def declare(config: AgentConfig, rest_s: float) -> None:
     """Declare what only another agent may, and take it back, as fast as it goes."""
     import zenoh
 
     keys = Keys(config.run)
     with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
-        while True:
+        for _ in in_bursts(rest_s):
             session.declare_subscriber(keys.agent(WHO + 1, FRAME), lambda _: None).undeclare()
             session.liveliness().declare_token(keys.token(AGENT, WHO + 1)).undeclare()
 
 
-def flood(config: AgentConfig, leaf: str, samples: Callable[[int], Iterator[bytes]], step: int) -> None:
-    """Put on the agent's own key as fast as it goes, in a session of its own."""
+def flood(config: AgentConfig, rest_s: float, leaf: str, samples: Callable[[int], Iterator[bytes]], step: int) -> None:
+    """Put on the agent's own key as fast as it goes between rests, in a session of its own."""
     import zenoh
 
     session = zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link))
@@ -155,5 +167,5 @@ def flood(config: AgentConfig, leaf: str, samples: Callable[[int], Iterator[byte
     publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
     while not publisher.matching_status.matching:
         time.sleep(0.001)
-    for data in samples(step):
+    for data, _ in zip(samples(step), in_bursts(rest_s), strict=True):
         publisher.put(data)

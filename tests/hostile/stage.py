@@ -60,6 +60,7 @@ def play(
     attack: str = SILENCE,
     sessions: int = 1,
     step_timeout_s: float = 6.0,
+    rest_s: float = 0.0,
     others: Sequence[str] = (),
 ) -> Ended:
     """A whole run with this attack, and `others` among its settings."""
@@ -67,6 +68,7 @@ def play(
         "control.mode=tests.hostile.attacker:Attacker",
         f"control.attack={attack}",
         f"control.sessions={sessions}",
+        f"control.rest_s={rest_s}",
         f"run.duration_s={steps}",
         f"run.step_timeout_s={step_timeout_s}",
         "record=off",

@@ -10,6 +10,9 @@ from tests.hostile.stage import MOST_MB, Ended, harm, play
 pytestmark = pytest.mark.processes
 
 STEPS = 250
+REST_S = 0.02
+"""With it a session sends up to five thousand samples per second. `python -m tests.hostile` does without it."""
+
 MALFORMED = ("malformed reports", "malformed frames", "malformed acts")
 
 
@@ -20,8 +23,12 @@ def silence(tmp_path_factory: pytest.TempPathFactory) -> Ended:
 
 @pytest.mark.parametrize("flood", [name for name in FLOODS if name not in MALFORMED])
 def test_a_flood_costs_the_flooder_alone(flood: str, silence: Ended, tmp_path: Path) -> None:
-    """No other agent loses a step, no process grows, and the agent is named. Reports come from four sessions."""
-    flooded = play(tmp_path / "run", "smoke", STEPS, flood, sessions=4 if flood == "reports" else 1)
+    """No other agent loses a step, no process grows, and the agent is named.
+
+    Reports come from four sessions, and as fast as they can.
+    """
+    sessions, rest_s = (4, 0.0) if flood == "reports" else (1, REST_S)
+    flooded = play(tmp_path / "run", "smoke", STEPS, flood, sessions, rest_s=rest_s)
     assert harm(flooded, silence) == []
     assert flooded.world["excess"].keys() == {str(WHO)}
     assert (flooded.summary["steps"], flooded.summary["agents_late"]) == (STEPS, 1)
@@ -31,7 +38,7 @@ def test_a_flood_costs_the_flooder_alone(flood: str, silence: Ended, tmp_path: P
 
 def test_malformed_samples_are_counted_for_their_agent(silence: Ended, tmp_path: Path) -> None:
     """They harm nobody else, and the world's log says so once."""
-    flooded = play(tmp_path / "run", "smoke", STEPS, "malformed reports")
+    flooded = play(tmp_path / "run", "smoke", STEPS, "malformed reports", rest_s=REST_S)
     assert harm(flooded, silence) == []
     assert flooded.refused.keys() == {str(WHO)}
     assert flooded.summary["samples_rejected"] == flooded.refused[str(WHO)]
@@ -41,14 +48,14 @@ def test_malformed_samples_are_counted_for_their_agent(silence: Ended, tmp_path:
 
 def test_refused_declarations_do_not_fill_the_disk(silence: Ended, tmp_path: Path) -> None:
     """Zenoh has an error for each of them, thousands per second."""
-    assert harm(play(tmp_path / "run", "smoke", STEPS, DENIED), silence) == []
+    assert harm(play(tmp_path / "run", "smoke", STEPS, DENIED, rest_s=REST_S), silence) == []
 
 
 def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
     """A narrow one, with loss and delay: what the others do, hear and sense is as beside an agent that fell silent."""
     uplink = ["uplink.loss=0.2", "uplink.latency_s=2", "uplink.bandwidth.receiver_bytes_per_s=400"]
     silence = play(tmp_path / "silence", "smoke", STEPS, SILENCE, others=uplink)
-    flooded = play(tmp_path / "run", "smoke", STEPS, "reports", others=uplink)
+    flooded = play(tmp_path / "run", "smoke", STEPS, "reports", rest_s=REST_S, others=uplink)
     assert flooded.outcome.events == silence.outcome.events
     columns = ("agents_in_trees", "trees", "frames_sent", "bytes_sent", "frames_received", "events_active")
     for one, other in zip(flooded.outcome.tallies, silence.outcome.tallies, strict=True):
