@@ -71,7 +71,7 @@ def test_the_gate_runs_the_readmes_own_test_command() -> None:
     found = re.search(r"<!-- tests -->\n```sh\n(.*)\n```", README)
     assert found is not None
     assert found[1].startswith("python3 -m venv .venv && ")
-    assert found[1].endswith("-m pytest -q -n 4")
+    assert found[1].endswith("-m pytest -q -n 6")
     main = re.search(r"<!-- run -->\n```sh\n(.*)\n```", README)
     assert main is not None
     assert main[1].endswith("deltaswarm run paper-25")

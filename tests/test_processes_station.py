@@ -202,6 +202,24 @@ def test_a_station_that_is_killed_in_a_pause_comes_back_at_its_address(tmp_path:
     assert swarm.summary()["digest"] == plain["digest"]
 
 
+def test_a_station_that_is_killed_before_the_first_step_comes_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The agents are still to come, and the run does not end for it."""
+    monkeypatch.setenv("MAY_BEGIN", str(tmp_path / "go"))
+    late = sets("control.mode=tests.unhurried:Late", "run.duration_s=5")
+    with running(tmp_path / "run", "--station", *late) as swarm:
+        before = wait_until(lambda: swarm.pids.get("station"), "the station")
+        swarm.signal("station", signal.SIGKILL)
+        wait_until(lambda: swarm.pids["station"] != before, "another station")
+        (tmp_path / "go").touch()
+        with Person(swarm) as person:
+            person.say("pace", paused=False)
+            code, _, errors = swarm.finish()
+        assert code == 0, errors
+    assert (swarm.summary()["valid"], swarm.summary()["steps"]) == (True, 5)
+
+
 def test_a_stopped_station_costs_the_run_nothing(tmp_path: Path) -> None:
     """It ends in time, with all steps and nothing lost."""
     with at_the_station(tmp_path / "run", *sets(CONSENT)) as (swarm, person):

@@ -101,7 +101,7 @@ def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
 @pytest.mark.processes
 def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_path: Path) -> None:
     """Killed with -9 in mid-sweep: the other does its runs, and the table is the local one's, bit for bit."""
-    file = written(tmp_path, duration_s=300.0, repeats=3, prove=1)
+    file = written(tmp_path, duration_s=150.0, repeats=3, prove=1)
     victim, _ = cluster.add_worker(), cluster.add_worker()
     with on(cluster, file, tmp_path / "out") as running:
         running.wait_for_runs(2)

@@ -1,7 +1,9 @@
-"""A controller for runs that are watched or struck: `tests.unhurried:Unhurried`."""
+"""Controllers for runs that are watched or struck: `tests.unhurried:Unhurried` and `tests.unhurried:Late`."""
 
+import os
 import time
 from dataclasses import replace
+from pathlib import Path
 
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_agent.controllers.paper.controller import PaperController
@@ -19,3 +21,12 @@ class Unhurried(PaperController):
         """Wait, and decide."""
         time.sleep(PAUSE_S)
         return super().step(percept)
+
+
+class Late(Unhurried):
+    """Is not ready before there is the file that the environment names in `MAY_BEGIN`."""
+
+    def __init__(self, context: ControllerContext) -> None:
+        while not Path(os.environ["MAY_BEGIN"]).exists():
+            time.sleep(PAUSE_S)
+        super().__init__(context)

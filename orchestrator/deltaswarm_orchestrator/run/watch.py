@@ -124,8 +124,8 @@ class Watch:
         failed = self._failed()
         if not failed:
             return
-        if not self._has_begun:  # the world would wait for the failed parts in vain
-            self._swarm.stop_world()
+        if not self._has_begun and any(part.role != STATION for part in failed):
+            self._swarm.stop_world()  # which would wait for them in vain
         if is_stopping:
             return
         self._mourn(failed)
