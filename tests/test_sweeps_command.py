@@ -18,7 +18,7 @@ from tests.sweeping import LOSSES, all_gone, marked, python, sweep, sweeping, wr
 pytestmark = pytest.mark.processes
 
 IS_LONG = "DELTASWARM_LONG" in os.environ
-REPEATS, KILLS = (40, 10) if IS_LONG else (4, 6)
+REPEATS, KILLS = (40, 10) if IS_LONG else (3, 6)
 """Of the sweep that is killed again and again: three times so many runs and a proof."""
 
 
@@ -58,7 +58,7 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
 
 def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
     """On one machine at once, each gives what it gives alone; on one folder, the second is refused."""
-    file = written(tmp_path, repeats=3, prove=1)
+    file = written(tmp_path, repeats=3)
     another = ("smoke", tmp_path / "b", "--set", "run.duration_s=100", "--repeats", "1")
     alone = sweep(file, tmp_path / "alone")
     with sweeping(file, tmp_path / "a", "-j", "1") as one, sweeping(*another, "-j", "1") as other:
@@ -76,7 +76,7 @@ def test_two_sweeps_do_not_touch_each_other(tmp_path: Path) -> None:
 def test_a_sweep_that_is_killed_again_and_again_has_the_same_table_in_the_end(tmp_path: Path) -> None:
     """Killed with -9 at random moments, at first while it starts, and resumed: bit for bit; no process is left."""
     moments = random.Random(4711)
-    file = written(tmp_path, duration_s=150.0, repeats=REPEATS, prove=1)
+    file = written(tmp_path, duration_s=100.0, repeats=REPEATS, prove=1)
     results = len(LOSSES) * REPEATS + 1
     undisturbed = sweep(file, tmp_path / "undisturbed", "--series")
     finished = []

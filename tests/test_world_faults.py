@@ -19,6 +19,8 @@ from deltaswarm_world.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40
 ALL = frozenset(range(COUNT))
+SEEDS = (0, 1, 2, 3, 4711, 2**32, 2**63 - 1)
+"""A few: the first generator of each takes a tenth of a second, so that no agent can guess the world's."""
 
 
 def faults(*tables: dict[str, Any], seed: int = 1) -> Faults:
@@ -59,7 +61,7 @@ def test_the_roots_are_those_of_that_moment() -> None:
     assert orders(made, 7, alive=ALL - {2, 6}, roots=[2]) == [(NOTE, ())]
 
 
-@given(st.sets(st.sampled_from(sorted(ALL))), st.floats(0, 1), st.integers(0, 2**63 - 1))
+@given(st.sets(st.sampled_from(sorted(ALL))), st.floats(0, 1), st.sampled_from(SEEDS))
 def test_a_share_is_a_share_of_the_living(alive: set[int], fraction: float, seed: int) -> None:
     """Rounded to the nearest; the same for the same seed."""
     hits = [orders(faults(fault("kill", 0, fraction=fraction), seed=seed), 0, alive) for _ in range(2)]
@@ -77,7 +79,7 @@ def test_chance_is_each_faults_own() -> None:
         orders(faults(share, fault("lying", 5, agents=[1], phantoms=2)), 5)[0],
     )
     assert alone == beside
-    assert len({orders(faults(share, seed=seed), 5)[0][1] for seed in range(20)}) > 5
+    assert len({orders(faults(share, seed=seed), 5)[0][1] for seed in SEEDS}) > 3
 
 
 # What follows for processes

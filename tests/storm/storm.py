@@ -13,7 +13,7 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_wire import checkpoint
-from tests.swarms import COMMAND, is_running, parent_of
+from tests.swarms import COMMAND, UNHURRIED, is_running, parent_of
 from tests.sweeping import MARK, marked
 
 AGENTS = 6
@@ -81,10 +81,12 @@ def play(folder: Path, rng: Random) -> Seen:
     out, temporary = folder / "run", folder / "tmp"
     temporary.mkdir(parents=True)
     mark = str(folder)
-    sets = [f"run.duration_s={rng.randint(300, 1500)}", f"record={rng.choice(['off', 'views', 'wire'])}"]
+    is_swift = rng.random() < 0.5
+    sets = [f"run.duration_s={rng.randint(300, 1500) if is_swift else rng.randint(60, 300)}"]
+    sets += [f"record={rng.choice(['off', 'views', 'wire'])}"]
     sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
     options = rng.choice(KINDS)
-    command = [*COMMAND, "run", "smoke", "--out", str(out), *options]
+    command = [*COMMAND, "run", "smoke", "--out", str(out), *options, *(() if is_swift else UNHURRIED)]
     seen = Seen(options[0] if options else "", draw(rng, options))
     began = time.monotonic()
     process = subprocess.Popen(
