@@ -24,7 +24,7 @@ from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import WORLD_LOST
-from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
+from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.truth import Truth
 from deltaswarm_world.handing_on import AHEAD_STEPS
@@ -154,6 +154,45 @@ def test_a_world_is_heard_before_what_it_said_is_taken(tmp_path: Path) -> None:
     with started(load_scenario("smoke", ["run.duration_s=1_000_000"]), "heard", tmp_path) as (_, observer):
         before = observer.heard_at
         wait_until(lambda: observer.heard_at > before, "a sign of life")
+
+
+@pytest.mark.parametrize(("phase", "stops"), [("waiting", 1), ("running", 0)])
+def test_an_agent_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_not(
+    phase: str, stops: int, ending: ExitStack, tmp_path: Path
+) -> None:
+    """The world's next status tells which: the newest may be older than the step."""
+    agent = Told(UNTIL_KILLED, told_after=0)
+    lost = Part(AGENT, 3, cast(Any, agent), tmp_path / "log")
+    ending.callback(lost.close)
+    assert agent.end() == -signal.SIGKILL
+    looks = 0
+
+    def work(within_s: float) -> bool:
+        nonlocal looks
+        looks += 1
+        if looks == 3:
+            observer.status = SimpleNamespace(phase=phase, step=0)
+        return False
+
+    observer = SimpleNamespace(
+        work=work,
+        status=SimpleNamespace(phase="waiting", step=0),
+        newest_step=-1,
+        newest_workload=None,
+        orders=deque(),
+        heard_at=time.monotonic(),
+        leave_when_done=lambda: None,
+    )
+    stopped: list[bool] = []
+    swarm = SimpleNamespace(
+        has_station=False,
+        part=lambda role: SimpleNamespace(exit_code=None if looks < 6 else 0),
+        ended=lambda: [lost],
+        stop_world=lambda: stopped.append(True),
+    )
+    reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
+    Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S).to_the_end()
+    assert len(stopped) == stops
 
 
 STEP_TAKES_S = 0.01

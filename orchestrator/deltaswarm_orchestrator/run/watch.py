@@ -60,6 +60,7 @@ class Watch:
         self._deadline = float("inf")
         """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
         self._silent_since = self._looked_at = time.monotonic()
+        self._has_lost, self._status_at_loss = False, observer.status
         self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
@@ -82,6 +83,9 @@ class Watch:
             if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
                 break
             self._look_after_parts(is_stopping)
+            if self._waits_in_vain():
+                self._has_lost = False
+                swarm.stop_world()
             if self._is_silent():
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
@@ -91,6 +95,13 @@ class Watch:
             self._let_person_answer()
         if not is_stopping:
             self._mourn(self._failed())
+
+    def _waits_in_vain(self) -> bool:
+        """Whether a part was lost and the world, by its next status, still waits for all to come.
+
+        The newest status may be older than the first step, which a part that is lost right after it has taken.
+        """
+        return self._has_lost and not self._has_begun and self._observer.status is not self._status_at_loss
 
     def _is_silent(self) -> bool:
         """Whether the world has been silent for too long while the orchestrator itself kept watching."""
@@ -124,8 +135,8 @@ class Watch:
         failed = self._failed()
         if not failed:
             return
-        if not self._has_begun and any(part.role != STATION for part in failed):
-            self._swarm.stop_world()  # which would wait for them in vain
+        if any(part.role != STATION for part in failed):
+            self._has_lost, self._status_at_loss = True, self._observer.status
         if is_stopping:
             return
         self._mourn(failed)
