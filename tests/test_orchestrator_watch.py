@@ -156,15 +156,17 @@ def test_a_world_is_heard_before_what_it_said_is_taken(tmp_path: Path) -> None:
         wait_until(lambda: observer.heard_at > before, "a sign of life")
 
 
-@pytest.mark.parametrize(("phase", "stops"), [("waiting", 1), ("running", 0)])
-def test_an_agent_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_not(
-    phase: str, stops: int, ending: ExitStack, tmp_path: Path
+@pytest.mark.parametrize(
+    ("role", "phase", "stops"), [(AGENT, "waiting", 1), (AGENT, "running", 0), (OPERATOR, "running", 0)]
+)
+def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_not(
+    role: str, phase: str, stops: int, ending: ExitStack, tmp_path: Path
 ) -> None:
-    """The world's next status tells which: the newest may be older than the step."""
-    agent = Told(UNTIL_KILLED, told_after=0)
-    lost = Part(AGENT, 3, cast(Any, agent), tmp_path / "log")
+    """The world's next status tells which: the newest may be older than the step. An operator is started again."""
+    process = Told(UNTIL_KILLED, told_after=0)
+    lost = Part(role, 0, cast(Any, process), tmp_path / "log")
     ending.callback(lost.close)
-    assert agent.end() == -signal.SIGKILL
+    assert process.end() == -signal.SIGKILL
     looks = 0
 
     def work(within_s: float) -> bool:
@@ -181,18 +183,23 @@ def test_an_agent_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_doe
         newest_workload=None,
         orders=deque(),
         heard_at=time.monotonic(),
+        records=True,
         leave_when_done=lambda: None,
     )
     stopped: list[bool] = []
+    started: list[bool] = []
     swarm = SimpleNamespace(
         has_station=False,
         part=lambda role: SimpleNamespace(exit_code=None if looks < 6 else 0),
         ended=lambda: [lost],
+        start_operator=lambda publish_all, go_on: started.append(go_on),
+        write_pids=lambda: None,
         stop_world=lambda: stopped.append(True),
     )
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
     Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S).to_the_end()
     assert len(stopped) == stops
+    assert started == [True] * (role == OPERATOR)
 
 
 STEP_TAKES_S = 0.01

@@ -60,7 +60,7 @@ class Watch:
         self._deadline = float("inf")
         """When the orchestrator stops waiting for the world to end (monotonic wall time [s])."""
         self._silent_since = self._looked_at = time.monotonic()
-        self._has_lost, self._status_at_loss = False, observer.status
+        self._awaits_status, self._status_at_end = False, observer.status
         self._station_restarts = 0
         self._taken_before = -1
         self._vain_restarts = 0
@@ -83,9 +83,6 @@ class Watch:
             if swarm.part(WORLD).exit_code is not None or time.monotonic() > self._deadline:
                 break
             self._look_after_parts(is_stopping)
-            if self._waits_in_vain():
-                self._has_lost = False
-                swarm.stop_world()
             if self._is_silent():
                 self.why.append(f"the world said nothing for {self._patience_s:g} s after step {self._step}: it hangs")
                 break
@@ -95,13 +92,6 @@ class Watch:
             self._let_person_answer()
         if not is_stopping:
             self._mourn(self._failed())
-
-    def _waits_in_vain(self) -> bool:
-        """Whether a part was lost and the world, by its next status, still waits for all to come.
-
-        The newest status may be older than the first step, which a part that is lost right after it has taken.
-        """
-        return self._has_lost and not self._has_begun and self._observer.status is not self._status_at_loss
 
     def _is_silent(self) -> bool:
         """Whether the world has been silent for too long while the orchestrator itself kept watching."""
@@ -132,11 +122,13 @@ class Watch:
         self._swarm.stop_world()
 
     def _look_after_parts(self, is_stopping: bool) -> None:
+        if self._must_hear_more():
+            return
         failed = self._failed()
         if not failed:
             return
-        if any(part.role != STATION for part in failed):
-            self._has_lost, self._status_at_loss = True, self._observer.status
+        if not self._has_begun and any(part.role != STATION for part in failed):
+            self._swarm.stop_world()  # it would wait for them in vain
         if is_stopping:
             return
         self._mourn(failed)
@@ -148,6 +140,19 @@ class Watch:
                     self._end_soon()
             elif part.role == STATION:
                 self._start_station_again(part)
+
+    def _must_hear_more(self) -> bool:
+        """Whether a part has ended and only the world's next status can tell if the run had begun by then.
+
+        The newest status may be older than the first step.
+        """
+        if self._has_begun or not self._newly_ended():
+            return False
+        status = self._observer.status
+        if not self._awaits_status:
+            self._status_at_end = status
+        self._awaits_status = status is self._status_at_end
+        return self._awaits_status
 
     def _start_station_again(self, station: Part) -> None:
         """Restart the operator's station after it died; if that fails, the run continues without a station."""
