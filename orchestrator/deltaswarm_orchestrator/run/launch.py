@@ -2,7 +2,6 @@
 
 import multiprocessing
 import os
-import shutil
 import signal
 import socket
 import threading
@@ -18,6 +17,7 @@ from urllib.parse import urlsplit
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.run.passwords import Passwords
 from deltaswarm_orchestrator.run.results import write_json
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
@@ -36,9 +36,6 @@ MODULES[STATION] = "deltaswarm_operator.station.__main__"
 
 PRELOADED = ["deltaswarm_orchestrator.run.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
-
-SECRETS = "secrets"
-"""Folder in the run folder for passwords until the router has read them; a kill leaves no secrets elsewhere."""
 
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
@@ -85,13 +82,10 @@ class Swarm:
         self._station = station
         self._pages: set[Station] = set()
         self._restarts = Counter(resumed.restarts if resumed else {})
-        self._secrets_folder = folder / SECRETS
-        self._passwords: dict[str, str] = {}
         self._context = multiprocessing.get_context("forkserver")
         self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
         (folder / "logs").mkdir(parents=True, exist_ok=True)
-        self._forget_secrets()
-        self._secrets_folder.mkdir(mode=0o700)
+        self._passwords = Passwords(folder)
 
     def __enter__(self) -> Self:
         return self
@@ -115,8 +109,7 @@ class Swarm:
             LaunchError: the world ended (the text has its last log lines) or was not up in time.
             StoppedError: the user asked to stop.
         """
-        credentials = self._secrets_folder / "credentials"
-        argv = ["--scenario", str(scenario_file), "--credentials", str(credentials), "--listen", listen]
+        argv = ["--scenario", str(scenario_file), "--credentials", str(self._passwords.file), "--listen", listen]
         argv += ["--out", str(self._folder), "--run", self._run, "--expect", OPERATOR, "--expect", RECORDER]
         argv += ["--listen", for_boards] if for_boards else []
         argv += ["--ca", tls.ca, "--certificate", tls.certificate, "--key", tls.key] if tls else []
@@ -127,9 +120,7 @@ class Swarm:
         argv += [flag for flag, is_set in flags.items() if is_set]
         self.endpoints = self._start_and_hear(WORLD, 0, [*argv, *self._overrides()]).split()
         self.endpoint = self.endpoints[0]
-        pairs = (line.partition(":") for line in credentials.read_text().splitlines())
-        self._passwords = {user: password for user, _, password in pairs}
-        self._forget_secrets()  # the router has read them; a killed orchestrator could not remove them later
+        self._passwords.take()
 
     def _start_and_hear(
         self, role: str, number: int, argv: list[str], *, password: str = "", channel: socket.socket | None = None
@@ -171,7 +162,7 @@ class Swarm:
             argv += ["--briefing", str(write_briefing(self._folder, scenario, self._station))]
         channel = self._station.operators_end if self._station else None
         argv = ["--low-latency", *argv, *self._joining()]
-        self._start(OPERATOR, 0, argv, password=self._passwords[OPERATOR], channel=channel)
+        self._start(OPERATOR, 0, argv, password=self.password(OPERATOR), channel=channel)
 
     @property
     def has_station(self) -> bool:
@@ -215,15 +206,15 @@ class Swarm:
             argv += ["--restart", str(self._restarts[agent])] if self._restarts[agent] else []
             argv += ["--checkpoints", str(self._folder / checkpoint.FOLDER)] if self._checkpoint_steps else []
             argv += ["--resume", str(resumed.step)] if resumed else []
-            self._start(AGENT, agent, argv, password=self._passwords[user_name(AGENT, agent)])
+            self._start(AGENT, agent, argv, password=self.password(user_name(AGENT, agent)))
 
     def password(self, user: str) -> str:
         """Return a user's password; known once the world is up."""
-        return self._passwords[user]
+        return self._passwords.of(user)
 
     def recorder_link(self) -> RouterLink:
         """Return the link by which the orchestrator itself connects."""
-        return RouterLink(self.endpoint, RECORDER, self._passwords[RECORDER], overrides=self._zenoh)
+        return RouterLink(self.endpoint, RECORDER, self.password(RECORDER), overrides=self._zenoh)
 
     def _told_of_checkpoints(self) -> list[str]:
         return ["--checkpoint", str(self._checkpoint_steps)] if self._checkpoint_steps else []
@@ -344,10 +335,7 @@ class Swarm:
             ours: list[Part | Station | Connection] = [*self.parts, *self._pages, self._kept_end, self._lifeline]
             for each in ours:
                 each.close()
-            self._forget_secrets()
-
-    def _forget_secrets(self) -> None:
-        shutil.rmtree(self._secrets_folder, ignore_errors=True)
+            self._passwords.remove_file()
 
 
 def _patience(scenario: Scenario) -> list[tuple[str, str]]:
