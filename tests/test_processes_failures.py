@@ -41,8 +41,7 @@ def all_gone(pids: dict[str, int]) -> None:
 def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: Path) -> None:
     """SIGKILL of agents: the world goes on without them, and the summary says who was lost."""
     with running(tmp_path / "run", *TWELVE, "--set", "run.duration_s=300", *UNHURRIED, "--record", "off") as swarm:
-        wait_until(lambda: len(swarm.pids) == 14, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way(14)
         for agent in (1, 3, 5, 7, 9):
             swarm.signal(f"agent {agent}", signal.SIGKILL)
         code, _, errors = swarm.finish()
@@ -57,8 +56,7 @@ def test_five_agents_killed_in_mid_run_are_named_and_the_others_go_on(tmp_path: 
 def test_an_agent_that_hangs_is_left_behind_and_rejoins(tmp_path: Path) -> None:
     """SIGSTOP: the step's end does not wait for it for ever; SIGCONT: it takes part again."""
     with running(tmp_path / "run", *TWELVE, *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 14, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way(14)
         swarm.signal("agent 4", signal.SIGSTOP)
         wait_until(lambda: "without agent 4" in swarm.log("world"), "the world to go on")
         swarm.wait_for_steps(1)
@@ -93,8 +91,7 @@ def steps_of_nobody(log: str, agents: int) -> int:
 def test_when_all_agents_hang_the_world_waits_for_them(tmp_path: Path) -> None:
     """It does not race through steps in which nobody takes part; once they wake, all go on."""
     with running(tmp_path / "run", "--set", "run.step_timeout_s=1", *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way()
         for agent in range(6):
             swarm.signal(f"agent {agent}", signal.SIGSTOP)
         for agent in range(6):
@@ -116,8 +113,7 @@ def test_when_all_agents_hang_the_world_waits_for_them(tmp_path: Path) -> None:
 def test_without_its_world_everything_ends(tmp_path: Path) -> None:
     """With a clear error and exit code 1; what was written is readable, marked incomplete, and says why."""
     with running(tmp_path / "run", *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way()
         events = swarm.part / "world-events.csv"
         wait_until(lambda: events.read_text().count("\n") > 1, "an event on file")
         pids = swarm.pids
@@ -164,8 +160,7 @@ def test_an_operator_that_is_killed_is_started_again(uplink: list[str], tmp_path
 def test_an_operator_that_dies_each_time_ends_the_run(tmp_path: Path) -> None:
     """It cannot save what it counts: after some tries everything ends, exit code 1, and the run says why."""
     with running(tmp_path / "run", *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way()
         (swarm.part / "operator-state.json.part").mkdir()
         pids = swarm.pids
         code, _, _ = swarm.finish()
@@ -188,8 +183,7 @@ def test_no_orphan_survives_the_orchestrator(
     temporary = tempfile.TemporaryDirectory()  # a short path: there are sockets in it
     monkeypatch.setenv("TMPDIR", temporary.name)
     with temporary, running(tmp_path / "run", *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way()
         recording = swarm.part / "recording.mcap.part"
         wait_until(lambda: read_recording(recording).tallies, "steps in the recording")
         pids = swarm.pids
@@ -213,8 +207,7 @@ def test_no_orphan_survives_the_orchestrator(
 def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) -> None:
     """Ctrl-C, SIGTERM, a closed terminal: all end, and the recording is closed and whole."""
     with running(tmp_path / "run", *LONG) as swarm:
-        wait_until(lambda: len(swarm.pids) == 8, "all processes")
-        swarm.wait_for_steps(1)
+        swarm.wait_until_under_way()
         pids = swarm.pids
         swarm.interrupt(number)
         code, _, errors = swarm.finish()

@@ -11,7 +11,7 @@ import pytest
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
-from tests.swarms import BOUND_S, is_running, run, running, wait_until
+from tests.swarms import BOUND_S, UNHURRIED, is_running, run, running, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -73,7 +73,7 @@ def test_all_faults_at_once_are_the_same_too(tmp_path: Path) -> None:
 
 def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
     """The one that nobody planned is lost and has its obituary; the planned one stands among the faults."""
-    long = ("--set", "run.duration_s=300", "--set", "run.clock=realtime", "--set", "run.real_time_factor=50")
+    long = ("--set", "run.duration_s=300", *UNHURRIED)
     with running(tmp_path / "run", *long, *timeline('kind="kill", at_s=2, agents=[1]')) as swarm:
         wait_until(lambda: len(swarm.pids) == 8 and "agent 1 (kill)" in swarm.log("world"), "the fault")
         swarm.wait_for_steps(1)
@@ -91,7 +91,7 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
 
 def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:
     """It could not see by itself that the orchestrator was killed with -9."""
-    long = ("--set", "run.duration_s=1000000", "--record", "off")
+    long = ("--set", "run.duration_s=1000000", "--record", "off", *UNHURRIED)
     with running(tmp_path / "run", *long, *timeline('kind="freeze", at_s=5, duration_s=1e6, agents=[2, 3]')) as swarm:
         wait_until(lambda: len(swarm.pids) == 8 and "(stop)" in swarm.log("world"), "the freeze")
         swarm.wait_for_steps(1)
@@ -102,7 +102,7 @@ def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:
 
 def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
     """Soon, without a complaint of the frozen ones."""
-    long = ("--set", "run.duration_s=1000000", "--record", "off")
+    long = ("--set", "run.duration_s=1000000", "--record", "off", *UNHURRIED)
     with running(tmp_path / "run", *long, *timeline('kind="freeze", at_s=5, duration_s=1e6, agents=[2, 3]')) as swarm:
         wait_until(lambda: len(swarm.pids) == 8 and "(stop)" in swarm.log("world"), "the freeze")
         swarm.wait_for_steps(1)

@@ -5,6 +5,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Sequence
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -17,23 +18,22 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from tests.foxglove import CHANNELS, stuck_at, url_of, viewing
-from tests.swarms import COMMAND, UNHURRIED, run, running, wait_until
+from tests.swarms import COMMAND, UNHURRIED, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 DURATION_S = 300
-LENGTH = ("--set", f"run.duration_s={DURATION_S}")
-WATCHED = (*LENGTH, *UNHURRIED)
+WATCHED = ("--set", f"run.duration_s={DURATION_S}", *UNHURRIED)
 LIVE = ("--live", "foxglove", "--live-port", "0")
 
 
-@pytest.fixture(scope="module")
-def digest(tmp_path_factory: pytest.TempPathFactory) -> str:
+@cache
+def digest(duration_s: int) -> str:
     """Of the same run when nobody looks on."""
-    return str(run(tmp_path_factory.mktemp("alone") / "run", *LENGTH, "--in-process", "--record", "off")["digest"])
+    return run_in_process(load_scenario("smoke", [f"run.duration_s={duration_s}"])).digest
 
 
-def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path, digest: str) -> None:
+def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path) -> None:
     """Without a recording, too: every topic with its schema, simulated times, agents; a viewer may leave."""
     with running(tmp_path / "run", *WATCHED, *LIVE, "--record", "off") as swarm:
         url = url_of(swarm)
@@ -57,12 +57,12 @@ def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path, digest: str) -> Non
         code, _, errors = swarm.finish()
         assert code == 0, errors
         assert "foxglove.sdk.v1" in errors, "who was refused is told why"
-        assert swarm.summary()["digest"] == digest
+        assert swarm.summary()["digest"] == digest(DURATION_S)
         assert not (swarm.out / "recording.mcap").exists()
         assert (swarm.out / "layout.json").exists()
 
 
-def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path, digest: str) -> None:
+def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path) -> None:
     """They subscribe, or connect, and never read: the run ends with the same digest, and is recorded whole."""
     with running(tmp_path / "run", *WATCHED, *LIVE) as swarm:
         url = url_of(swarm)
@@ -71,17 +71,17 @@ def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path, digest: str) -> N
         with stuck_at(url), stuck_at(url), connected(swarm.part, 10.0), connected(swarm.part, 10.0):
             code, _, errors = swarm.finish()
         assert code == 0, errors
-        assert swarm.summary()["digest"] == digest
+        assert swarm.summary()["digest"] == digest(DURATION_S)
         assert swarm.summary()["valid"]
         assert (swarm.out / "recording.mcap").exists()
 
 
 @pytest.mark.parametrize(
-    "options", [WATCHED, ("--set", "run.duration_s=1500", "--in-process")], ids=["processes", "in-process"]
+    ("duration_s", "options"), [(DURATION_S, UNHURRIED), (1500, ("--in-process",))], ids=["processes", "in-process"]
 )
-def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, options: Sequence[str]) -> None:
+def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, duration_s: int, options: Sequence[str]) -> None:
     """It finds the run, shows the truth and what the operator counted; the folder is as if nobody had come."""
-    with running(tmp_path / "runs" / "first", *options) as swarm:
+    with running(tmp_path / "runs" / "first", "--set", f"run.duration_s={duration_s}", *options) as swarm:
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
         command = [*COMMAND, "top", "--json"]
         found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
@@ -91,8 +91,7 @@ def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, options: Sequence[s
         assert said["picture"]["type"] == "picture"
         code, _, errors = swarm.finish()
         assert code == 0, errors
-        alone = load_scenario("smoke", [text for text in options if "duration_s" in text])
-        assert swarm.summary()["digest"] == run_in_process(alone).digest
+        assert swarm.summary()["digest"] == digest(duration_s)
         assert not (swarm.out / LIVE_SOCKET).exists()
 
 
