@@ -164,6 +164,22 @@ def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:
     assert swarm.summary()["valid"]
 
 
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    """An agent that is killed later is called killed; the others, the operator too, end in order with the world."""
+    with running(tmp_path / "run", "--set", "run.duration_s=100", *UNHURRIED) as swarm:
+        pids = swarm.wait_until_under_way()
+        os.kill(parent_of(pids["world"]), number)
+        swarm.signal("agent 3", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    [why] = swarm.manifest()["why"]
+    assert why.startswith("agent 3 was killed by SIGKILL at step ")
+    assert swarm.summary()["agents_lost"] == [3]
+
+
 def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     """All is stopped, so that an orderly end would take its time."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:

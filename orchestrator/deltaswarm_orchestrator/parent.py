@@ -1,14 +1,26 @@
-"""A signal at the death of the parent process, however it dies (Linux)."""
+"""What the kernel does for a process at the death of its parent, however it dies (Linux)."""
 
 import ctypes
 import os
 import signal
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36
 
 
 def signal_at_parents_death(number: signal.Signals, parent: int) -> None:
     """Have the kernel send this process a signal when its parent ends, or send it now if the parent has ended."""
-    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(number))
+    _prctl(PR_SET_PDEATHSIG, number)
     if os.getppid() != parent:
         os.kill(os.getpid(), number)
+
+
+def adopt_orphans(*, do_so: bool) -> None:
+    """Become the parent of all descendants whose own parent ends from now on, so that this process learns how they end.
+
+    With `do_so=False` they get the system's first process as their parent again, as is usual.
+    """
+    _prctl(PR_SET_CHILD_SUBREAPER, do_so)
+
+
+def _prctl(option: int, value: int) -> None:
+    ctypes.CDLL(None, use_errno=True).prctl(option, int(value))

@@ -8,6 +8,7 @@ from random import Random
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run import info
+from deltaswarm_orchestrator.run.part import HOW, UNKNOWN
 from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, play, resume
 
 KILL = signal.SIGKILL
@@ -64,11 +65,15 @@ def _records(run: Path, code: int, was_killed: bool) -> list[str]:
 
 
 def _whys(run: Path, seen: Seen) -> list[str]:
-    """Who is said to have been killed was, by that signal; and why it failed begins with one that was struck."""
+    """Who is said to have been killed was, by that signal; nobody ends for an unknown reason.
+
+    And why it failed begins with one that was struck.
+    """
     manifest = json.loads((run / "manifest.json").read_text())
     struck = {(blow.target, blow.number.name) for blow in seen.landed}
     killed = [match.groups() for line in manifest["why"] if (match := KILLED.fullmatch(line))]
     found = [f"why says {part} was killed by {name}" for part, name in killed if (part, name) not in struck]
+    found += [f"why says: {line}" for line in manifest["why"] if HOW[UNKNOWN] in line]
     targets = [target for target, _ in struck if target != FORK_SERVER]
     if manifest["exit_reason"] == "failed" and targets and not any(one in manifest["why"][0] for one in targets):
         found.append(f"why begins with none that was struck: {manifest['why']}")

@@ -12,9 +12,20 @@ from multiprocessing import forkserver
 DEAD_WITHIN_MS = 5000
 
 
+def _pid() -> int | None:
+    return getattr(forkserver._forkserver, "_forkserver_pid", None)
+
+
+def wake_fork_server() -> None:
+    """Continue the fork server, if somebody has stopped it."""
+    if pid := _pid():
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGCONT)
+
+
 def kill_fork_server() -> None:
     """Kill the fork server in whatever state it is, and wait for its end; the next start creates a new one."""
-    if pid := getattr(forkserver._forkserver, "_forkserver_pid", None):
+    if pid := _pid():
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
             poll = select.poll()

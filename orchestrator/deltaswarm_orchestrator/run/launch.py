@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
+from deltaswarm_orchestrator.parent import adopt_orphans
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
@@ -88,10 +89,14 @@ class Swarm:
         self._passwords = Passwords(folder)
 
     def __enter__(self) -> Self:
+        adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        self.end(at_once=kind is KeyboardInterrupt)
+        try:
+            self.end(at_once=kind is KeyboardInterrupt)
+        finally:
+            adopt_orphans(do_so=False)
 
     def start_world(
         self,

@@ -9,6 +9,7 @@ from contextlib import suppress
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
+from deltaswarm_orchestrator.run.fork_server import wake_fork_server
 from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, WORLD
 
@@ -43,6 +44,7 @@ class Part:
         self._process = process
         self._pidfd = _open(self.pid)
         self._ended_at: float | None = None
+        self._code: int | None = None
 
     @property
     def exit_code(self) -> int | None:
@@ -53,10 +55,23 @@ class Part:
         if self._pidfd is not None and not _is_over(self._pidfd):
             return None
         self._ended_at = self._ended_at or time.monotonic()
-        code = self._process.exitcode
-        if code is None and time.monotonic() < self._ended_at + EXIT_CODE_WITHIN_S:
+        if self._code is None:
+            code = self._process.exitcode
+            self._code = code if code != UNKNOWN else self._code_of_orphan()
+        if self._code is None:
+            wake_fork_server()  # it cannot tell while it is stopped
+            return UNKNOWN if time.monotonic() > self._ended_at + EXIT_CODE_WITHIN_S else None
+        return self._code
+
+    def _code_of_orphan(self) -> int | None:
+        """Return the exit code of a process whose fork server has ended too, once this process has adopted it."""
+        if self._pidfd is None:
             return None
-        return UNKNOWN if code is None else code
+        try:
+            found = os.waitid(os.P_PIDFD, self._pidfd, os.WEXITED | os.WNOHANG)
+        except ChildProcessError:
+            return None
+        return found and (found.si_status if found.si_code == os.CLD_EXITED else -found.si_status)
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal, unless the process has ended."""
