@@ -99,7 +99,7 @@ class RunningSwarm:
 
     def wait_until_under_way(self, processes: int = SMOKE_PROCESSES) -> dict[str, int]:
         """Wait for all processes and a first step; return the process ids by name."""
-        wait_until(lambda: len(self.pids) == processes, "all processes")
+        wait_until(lambda: len(self.pids) == processes or self.process.poll() is not None, "all processes")
         self.wait_for_steps(1)
         return self.pids
 

@@ -163,11 +163,12 @@ def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
             known = json.loads(pids.read_text())
             if target != FORK_SERVER:
                 return int(known[target])
-            return parent_of(known["world"])
+            parent = parent_of(known["world"])
         except (OSError, ValueError, KeyError):
             return None
+        return parent if parent != orchestrator else None  # which adopts what a fork server leaves behind
 
-    return lambda target: pid if (pid := find(target)) != 1 else None
+    return find
 
 
 def _left(mark: str, temporary: Path) -> list[str]:
