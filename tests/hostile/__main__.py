@@ -5,7 +5,7 @@ import tempfile
 from pathlib import Path
 
 from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
-from tests.hostile.attacker import DENIED, FLOODS, LATENESS, SILENCE
+from tests.hostile.attacker import FLOODS, LATENESS, REFUSED, SILENCE
 from tests.hostile.stage import harm, play
 
 
@@ -23,7 +23,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory(prefix="deltaswarm-hostile-") as folder:
         for scenario in ("smoke", "paper-25"):
             silence = play(Path(folder) / scenario, scenario, arguments.steps)
-            floods = [(flood, sessions) for flood in (*FLOODS, DENIED) for sessions in arguments.sessions]
+            floods = [(flood, sessions) for flood in (*FLOODS, *REFUSED) for sessions in arguments.sessions]
             for attack, sessions in ((SILENCE, 1), (LATENESS, 1), *floods):
                 run = Path(folder) / f"{scenario}-{attack}-{sessions}"
                 ended = silence if attack == SILENCE else play(run, scenario, arguments.steps, attack, sessions)

@@ -1,13 +1,14 @@
 """A controller that does as the paper's until a step in which one agent turns: `tests.hostile.attacker:Attacker`."""
 
+import os
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import count, repeat
 from random import Random
-from typing import ClassVar
+from threading import Thread
+from typing import TYPE_CHECKING, ClassVar
 
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_agent.controllers.paper.controller import PaperController
@@ -20,13 +21,13 @@ from deltaswarm_wire.messages import Act, Standing, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.session import client_pairs, configured
 
+if TYPE_CHECKING:
+    import zenoh
+
 WHO, AT_STEP = 3, 60
 BURST = 100
 SILENCE = "silence"
 """The attack that is none: the agent merely stops, and all others are compared with it."""
-
-DENIED = "denied declarations"
-"""The agent declares subscribers and tokens that the router refuses, again and again."""
 
 LATENESS = "lateness"
 """The agent answers each frame, but `late_by_s` too late."""
@@ -34,9 +35,9 @@ LATENESS = "lateness"
 
 @dataclass(frozen=True)
 class Settings:
-    """The attack, of `FLOODS`, `DENIED`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once.
+    """The attack, of `FLOODS`, `REFUSED`, `LATENESS` or `SILENCE`, and the number of sessions that flood at once.
 
-    Each session rests for `rest_s` after every `BURST` samples or declarations.
+    Each session rests for `rest_s` after every `BURST` samples or requests.
     """
 
     attack: str = SILENCE
@@ -129,13 +130,45 @@ FLOODS: dict[str, tuple[str, Callable[[int], Iterator[bytes]]]] = {
 }
 
 
+def declare(session: "zenoh.Session", keys: Keys) -> None:
+    """Declare another agent's subscriber and token, and take them back."""
+    session.declare_subscriber(keys.agent(WHO + 1, FRAME), _end).undeclare()
+    session.liveliness().declare_token(keys.token(AGENT, WHO + 1)).undeclare()
+
+
+def query(session: "zenoh.Session", keys: Keys) -> None:
+    """Ask everybody and the router for everything, offer to answer in another's name, and send and delete in it."""
+    session.declare_queryable(keys.agent(WHO + 1, FRAME), _end).undeclare()
+    for selector in ("**", "@/**", keys.agent("*", FRAME)):
+        session.get(selector, _end)
+    session.liveliness().get("**", _end)
+    session.put(keys.agent(WHO + 1, REPORT), b"")
+    session.delete(keys.agent(WHO + 1, RADIO))
+
+
+def _end(got: object) -> None:
+    """End the process, so that an agent is lost, if it gets what only others may see."""
+    if getattr(got, "err", None) is None:
+        os._exit(1)
+
+
+Request = Callable[["zenoh.Session", Keys], None]
+REFUSED: dict[str, Request] = {"refused declarations": declare, "refused queries": query}
+"""What the router refuses each time."""
+
+
 def attack(settings: Settings, step: int) -> None:
     """Never returns."""
     if settings.attack != SILENCE:
         config = own_config()
         for _ in range(settings.sessions):
-            target, told = (declare, ()) if settings.attack == DENIED else (flood, (*FLOODS[settings.attack], step))
-            threading.Thread(target=target, args=(config, settings.rest_s, *told), daemon=True).start()
+            told = {"config": config, "rest_s": settings.rest_s}
+            if request := REFUSED.get(settings.attack):
+                thread = Thread(target=persist, kwargs={**told, "request": request}, daemon=True)
+            else:
+                leaf, samples = FLOODS[settings.attack]
+                thread = Thread(target=flood, kwargs={**told, "leaf": leaf, "samples": samples(step)}, daemon=True)
+            thread.start()
     while True:
         time.sleep(60)
 
@@ -147,25 +180,23 @@ def in_bursts(rest_s: float) -> Iterator[None]:
         time.sleep(rest_s)
 
 
-def declare(config: AgentConfig, rest_s: float) -> None:
-    """Declare what only another agent may, and take it back, as fast as it goes."""
+def persist(config: AgentConfig, rest_s: float, request: Request) -> None:
+    """Request what only another agent may, as fast as it goes between rests."""
     import zenoh
 
-    keys = Keys(config.run)
     with zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link)) as session:
         for _ in in_bursts(rest_s):
-            session.declare_subscriber(keys.agent(WHO + 1, FRAME), lambda _: None).undeclare()
-            session.liveliness().declare_token(keys.token(AGENT, WHO + 1)).undeclare()
+            request(session, Keys(config.run))
 
 
-def flood(config: AgentConfig, rest_s: float, leaf: str, samples: Callable[[int], Iterator[bytes]], step: int) -> None:
+def flood(config: AgentConfig, rest_s: float, leaf: str, samples: Iterator[bytes]) -> None:
     """Put on the agent's own key as fast as it goes between rests, in a session of its own."""
     import zenoh
 
     session = zenoh.open(configured(zenoh.Config, client_pairs(config.link), config.link))
     key = Keys(config.run).agent(config.agent, leaf)
     publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
-    while not publisher.matching_status.matching:
+    while not publisher.matching_status.matching:  # type: ignore[attr-defined]
         time.sleep(0.001)
-    for data, _ in zip(samples(step), in_bursts(rest_s), strict=True):
+    for data, _ in zip(samples, in_bursts(rest_s), strict=True):
         publisher.put(data)
