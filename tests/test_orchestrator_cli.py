@@ -259,7 +259,14 @@ def test_info_wants_a_run_folder(tmp_path: Path, capsys: Printed) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "content"), [("manifest.json", "[]"), ("summary.json", "{"), ("series.csv", "step\nx\n")]
+    ("name", "content"),
+    [
+        ("manifest.json", "[]"),
+        ("manifest.json", '{"versions": "x"}'),
+        ("summary.json", "{"),
+        ("summary.json", '"x"'),
+        ("series.csv", "step\nx\n"),
+    ],
 )
 def test_info_says_if_a_run_cannot_be_read(
     finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: Printed, name: str, content: str

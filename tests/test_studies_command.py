@@ -1,6 +1,7 @@
 """`deltaswarm study` and `deltaswarm report` with real runs, as somebody with a question of their own uses them."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pandas as pd
@@ -153,6 +154,17 @@ def test_a_report_names_what_is_not_there(done: Path, wrong: list[str], capsys: 
     """With exit code 2."""
     assert main(["report", str(done / "out" / "sweep"), *wrong]) == 2
     assert wrong[1] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "content"), [("table.csv", "a,b\n1,2\n"), ("manifest.json", '{"swept": []}')])
+def test_a_report_of_a_damaged_sweep_says_so(
+    done: Path, name: str, content: str, tmp_path: Path, capsys: Printed
+) -> None:
+    """With exit code 2, instead of a traceback."""
+    damaged = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
+    (damaged / name).write_text(content)
+    assert main(["report", str(damaged)]) == 2
+    assert name.partition(".")[0] in capsys.readouterr().err
 
 
 def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:

@@ -16,8 +16,6 @@ from deltaswarm_orchestrator.text import aligned, shown
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
-SHOWN_OF_MANIFEST = {"name", "seed", "engine", "started", "exit_reason", "versions"}
-
 T = TypeVar("T")
 
 
@@ -29,26 +27,21 @@ def describe(folder: Path) -> dict[str, Any]:
     """Return a run's state, manifest, summary (computed if the run did not write one) and files.
 
     Raises:
-        NotARunError: the manifest or scenario is missing, or a file cannot be read.
+        NotARunError: the manifest or scenario is missing, or a file cannot be read or is not as it was written.
     """
     scenario, outcome = read_run(folder)
     manifest = _read(folder / "manifest.json", json.loads)
-    if not isinstance(manifest, dict) or not manifest.keys() >= SHOWN_OF_MANIFEST:
-        raise NotARunError(
-            f"{folder / 'manifest.json'} is incomplete; {', '.join(sorted(SHOWN_OF_MANIFEST))} belong in it"
-        )
     written = folder / "summary.json"
     summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
-    state = _state(folder, manifest, summary)
-    return {
-        "folder": str(folder),
-        "state": state,
-        "checkpoint_step": _checkpoint_step(folder, state),
-        "manifest": manifest,
-        "summary": summary,
-        "files": files,
-    }
+    found = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+    try:
+        found["state"] = _state(folder, manifest, summary)
+        found["checkpoint_step"] = _checkpoint_step(folder, found["state"])
+        text(found)
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise NotARunError(f"{folder}: manifest.json or summary.json is not as it was written: {error!r}") from None
+    return found
 
 
 def _checkpoint_step(folder: Path, state: str) -> int | None:

@@ -283,17 +283,24 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
 
 
 def provenance_of(manifest: dict[str, Any]) -> pd.DataFrame:
-    """Make a table of where a sweep's runs come from, from its manifest."""
-    proofs = manifest["proofs"]
-    rows = {
-        "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
-        "begun": manifest["started"],
-        "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
-        "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
-        "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
-        "commit": manifest.get("commit") or "not known",
-        "digest of the code": ", ".join(manifest["code"]),
-        "digest of the sweep": manifest["digest"] or "not all runs are there",
-        "repeated with real processes": f"{proofs['checked']} runs, {proofs['equal']} with the same digest",
-    }
+    """Make a table of where a sweep's runs come from, from its manifest.
+
+    Raises:
+        ValueError: the manifest is not as `deltaswarm sweep` writes it.
+    """
+    try:
+        proofs = manifest["proofs"]
+        rows = {
+            "runs": f"{manifest['finished']} of {manifest['runs']}, by {manifest['means']}",
+            "begun": manifest["started"],
+            "wall time of all sessions": f"{manifest['wall_s'] / 60:.1f} min",
+            "machine": f"{manifest['host']['cores']} cores, {manifest['host']['system']}",
+            "versions": ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number),
+            "commit": manifest.get("commit") or "not known",
+            "digest of the code": ", ".join(manifest["code"]),
+            "digest of the sweep": manifest["digest"] or "not all runs are there",
+            "repeated with real processes": f"{proofs['checked']} runs, {proofs['equal']} with the same digest",
+        }
+    except (LookupError, TypeError, AttributeError) as error:
+        raise ValueError(f"manifest.json is not as `deltaswarm sweep` writes it: {error!r}") from None
     return pd.DataFrame(list(rows.items()), columns=["what", "value"])
