@@ -167,6 +167,15 @@ def test_a_report_of_a_damaged_sweep_says_so(
     assert name.partition(".")[0] in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("name", ["runs.csv", "provenance.csv"])
+def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: Path, capsys: Printed) -> None:
+    """With exit code 1, instead of a traceback."""
+    damaged = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (damaged / name).write_text("a,b\n1,2\n")
+    assert main(["study", str(done / "own.toml"), "--out", str(damaged), "--render"]) == 1
+    assert name in capsys.readouterr().err
+
+
 def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:
     """A name that is not known, a folder without tables."""
     assert main(["study", "papre"]) == 2

@@ -23,6 +23,7 @@ def add(command: argparse.ArgumentParser) -> None:
 def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
     from deltaswarm_orchestrator.studies.bare import bare_study
+    from deltaswarm_orchestrator.studies.metrics import ID
     from deltaswarm_orchestrator.studies.page import Evidence, provenance_of, write
     from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
     from deltaswarm_orchestrator.sweeps.load import load_sweep
@@ -37,7 +38,7 @@ def report(arguments: argparse.Namespace) -> int:
         if not (folder / "table.csv").exists():
             raise SweepFolderError(f"{folder} has no table.csv; `deltaswarm sweep` continues the sweep and writes it")
         sweep = load_sweep(str(folder / "sweep.toml"))
-        table, series = read_table(folder / "table.csv"), read_series(folder / "series.csv")
+        table, series = read_table(folder / "table.csv", needs=ID), read_series(folder / "series.csv")
         study = bare_study(
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
         )

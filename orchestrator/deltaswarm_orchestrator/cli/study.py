@@ -84,12 +84,13 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
     Raises:
         CommandError: a run failed, or the page could not be made.
     """
-    from deltaswarm_orchestrator.studies.page import Evidence, write
+    from deltaswarm_orchestrator.studies.page import PROVENANCE, Evidence, write
     from deltaswarm_orchestrator.sweeps.table import read_table
 
     try:
         if arguments.render:
-            evidence, provenance = Evidence.of_folder(one, folder), read_table(folder / "provenance.csv")
+            evidence = Evidence.of_folder(one, folder)
+            provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
         else:
             evidence, provenance = _conducted(arguments, one, folder)
         files = write(one, evidence, provenance, folder)

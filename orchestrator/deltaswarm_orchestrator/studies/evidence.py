@@ -34,8 +34,6 @@ def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataF
     Raises:
         ValueError: If the tables lack a column that a metric needs.
     """
-    if missing := [name for name in ID if name not in table]:
-        raise ValueError(f"the table of runs must have the columns {', '.join(ID)}; it lacks {', '.join(missing)}")
     runs = table[ID].copy()
     for factor, levels in _levels(study).items():
         runs[factor] = runs["variant"].map(levels)

@@ -25,11 +25,15 @@ from deltaswarm_orchestrator.studies.evidence import (
     runs_of,
     windows_with_levels,
 )
+from deltaswarm_orchestrator.studies.metrics import ID
 from deltaswarm_orchestrator.studies.recovery import recovery_of
 from deltaswarm_orchestrator.studies.snapshot import snapshot
 from deltaswarm_orchestrator.studies.study import HOLDS, REFUTED, UNDECIDED, FigureSettings, Study
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 from deltaswarm_wire.files import write_whole
+
+PROVENANCE = {"what": "What", "value": "Value"}
+"""Columns of the table of where runs come from, with their headings."""
 
 
 @dataclass(frozen=True)
@@ -81,13 +85,11 @@ class Evidence:
 
         Raises:
             OSError: If there is no `runs.csv`.
-            ValueError: If a table cannot be read, or lacks a metric of the study.
+            ValueError: If a table cannot be read, or lacks a factor or metric of the study.
         """
         labels = ["variant", "metric", "level", "reference", "within", *study.factors]
-        runs = read_table(folder / "runs.csv", labels)
-        needed = {*study.file.study.metrics, *itertools.chain(*map(study.metrics_of, study.file.contrast))}
-        if lacking := sorted(needed.difference(runs)):
-            raise ValueError(f"{folder}: runs.csv must have the study's metrics (without {', '.join(lacking)})")
+        metrics = {*study.file.study.metrics, *itertools.chain(*map(study.metrics_of, study.file.contrast))}
+        runs = read_table(folder / "runs.csv", labels, needs=[*ID, *study.factors, *sorted(metrics)])
         beside = [folder / f"{name}.csv" for name in ("courses", "recovery")]
         return cls.of(study, runs, *(read_table(file, labels) if file.exists() else pd.DataFrame() for file in beside))
 
@@ -180,7 +182,7 @@ def _sections(study: Study, evidence: Evidence, pictures: list[Picture], provena
     if len(evidence.recovery):
         yield Section("Recovery", [_recovered(study, evidence.recovery)])
     yield Section("Estimates", [_estimates(study, evidence)])
-    yield Section("Where this comes from", [table(provenance, {"what": "What", "value": "Value"})])
+    yield Section("Where this comes from", [table(provenance, PROVENANCE)])
 
 
 def _counts(claims: pd.DataFrame) -> dict[str, int]:
@@ -303,4 +305,4 @@ def provenance_of(manifest: dict[str, Any]) -> pd.DataFrame:
         }
     except (LookupError, TypeError, AttributeError) as error:
         raise ValueError(f"manifest.json is not as `deltaswarm sweep` writes it: {error!r}") from None
-    return pd.DataFrame(list(rows.items()), columns=["what", "value"])
+    return pd.DataFrame(list(rows.items()), columns=[*PROVENANCE])

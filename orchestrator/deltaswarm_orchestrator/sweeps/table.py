@@ -114,14 +114,16 @@ def differing(table: pd.DataFrame) -> list[str]:
     return [f"{row['variant']}, replicate {row['replicate']}" for _, row in wrong.iterrows()]
 
 
-def read_table(file: Path, labels: Sequence[str] = ("variant",)) -> pd.DataFrame:
+def read_table(file: Path, labels: Sequence[str] = ("variant",), needs: Sequence[str] = ()) -> pd.DataFrame:
     """Read a table that `write_table` wrote. In the columns `labels`, `10`, `true` and `None` are text.
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the file holds no table.
+        ValueError: the file holds no table, or one without a column that it needs.
     """
     columns = pd.read_csv(file, nrows=0).columns
+    if lacking := [name for name in needs if name not in columns]:
+        raise ValueError(f"{file} must have the columns {', '.join(needs)}; it lacks {', '.join(lacking)}")
     texts = {name: str for name in labels if name in columns}
     missing = {name: [""] for name in columns if name not in texts}
     return pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=missing)
