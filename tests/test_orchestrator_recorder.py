@@ -209,8 +209,21 @@ def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
 def test_what_a_damaged_recording_has_lost_is_told(kept: int, lost: list[str], tmp_path: Path) -> None:
     """A run is resumed after step 19; its recording may have been cut off before that."""
     before = recorded(tmp_path, scenario(), kept).rename(tmp_path / "before")
-    made = scenario()
-    with Recorder(tmp_path, plain(made), made) as recorder:
-        told = recorder.take_over({RECORDING: before}, 19)
+    told = told_after_19(tmp_path, {RECORDING: before})
     assert len(told) == len(lost)
     assert all(part in line for part, line in zip(lost, told, strict=True))
+
+
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_recording_that_is_none_has_lost_everything(is_there: bool, tmp_path: Path) -> None:
+    """It is gone, or another file has its name."""
+    (tmp_path / "before").write_bytes(b"This is no recording.")
+    [line] = told_after_19(tmp_path, {RECORDING: tmp_path / "before"} if is_there else {})
+    assert "steps 0 to 19" in line
+
+
+def told_after_19(folder: Path, before: dict[str, Path]) -> list[str]:
+    """What a recorder says has been lost of an earlier recording when a run is resumed after step 19."""
+    made = scenario()
+    with Recorder(folder, plain(made), made) as recorder:
+        return recorder.take_over(before, 19)

@@ -274,6 +274,22 @@ def test_a_damaged_checkpoint_is_refused_in_a_line(
     assert sorted(path.name for path in run.rglob("*")) == before
 
 
+@pytest.mark.parametrize("name", ["operator.json", "agent-3.pickle", "world.pickle"])
+def test_a_checkpoint_with_a_changed_byte_is_refused(
+    name: str, cut_off: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It could be read all the same, and the run would go on as another one."""
+    run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
+    file = run / "checkpoint" / str(newest_in(run)) / name
+    data = bytearray(file.read_bytes())
+    data[len(data) // 2] ^= 1
+    file.write_bytes(data)
+    capsys.readouterr()
+    assert main(["run", "--resume", str(run)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(file) in line
+
+
 def test_an_agent_that_only_says_that_it_is_saved_completes_no_checkpoint(tmp_path: Path) -> None:
     """What is not on the disk is not there: the run goes on without the checkpoint, and the log names the agent."""
     control = ("--set", "control.mode=tests.test_processes_resume:Liar")

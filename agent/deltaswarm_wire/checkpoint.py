@@ -1,6 +1,6 @@
 """Checkpoints of a run: their steps and their files.
 
-    RUN/checkpoint/newest.json              the step of the newest complete checkpoint, and its agents
+    RUN/checkpoint/newest.json              step, agents and files' digests of the newest complete checkpoint
     RUN/checkpoint/<step>/world.pickle      each part writes its own
     RUN/checkpoint/<step>/agent-<id>.pickle
     RUN/checkpoint/<step>/operator.json
@@ -8,6 +8,8 @@
 A checkpoint is unpickled and can therefore run arbitrary code: resume only your own runs.
 """
 
+import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 from deltaswarm_wire.files import write_whole
@@ -26,7 +28,18 @@ def agent_file(agent: int) -> str:
     return f"agent-{agent}.pickle"
 
 
+def files(folder: Path, agents: Iterable[int]) -> list[Path]:
+    """The files of a checkpoint in its own folder."""
+    return [folder / name for name in (WORLD_FILE, OPERATOR_FILE, *map(agent_file, agents))]
+
+
 def write(file: Path, data: bytes) -> None:
     """Write a file atomically. Create its folder, whose parent must exist."""
     file.parent.mkdir(exist_ok=True)
     write_whole(file, data)
+
+
+def digest(file: Path) -> str:
+    """Return a file's SHA-256 in hexadecimal digits. Raises OSError."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

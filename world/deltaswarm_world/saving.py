@@ -46,10 +46,14 @@ def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
 def save(run_folder: Path, saved: SavedWorld) -> None:
     """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
     lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
-    checkpoint.write(folder / str(lockstep.step) / checkpoint.WORLD_FILE, pickle.dumps(saved))
+    newest = folder / str(lockstep.step)
+    checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
+    agents = sorted(lockstep.alive)
+    files = checkpoint.files(newest, agents)
     told = {
         "step": lockstep.step,
-        "agents": sorted(lockstep.alive),
+        "agents": agents,
+        "sha256": {file.name: checkpoint.digest(file) for file in files if file.exists()},
         "restarts": list(saved.restarts.items()),
         "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
     }

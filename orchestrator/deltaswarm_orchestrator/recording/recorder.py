@@ -20,7 +20,7 @@ from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
-from deltaswarm_orchestrator.recording.records import records, row_of, values_of
+from deltaswarm_orchestrator.recording.records import RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
 from deltaswarm_orchestrator.recording.sink import Viewer
@@ -99,25 +99,29 @@ class Recorder:
         """Begin with the messages of earlier recordings up to a step; return what is lost of them, one line each.
 
         `before` maps the name of each new file to the earlier file that it continues.
-
-        Raises:
-            RecordingError: an earlier file is not an MCAP file.
         """
         self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
         lost = []
         for file in (self._file, self._wire):
-            if file is not None and file.name in before:
-                newest = -1
-                for topic, taken, data in file.take_over(before[file.name], log_time_ns(self._time_s)):
-                    newest = max(newest, taken)
-                    if topic == "/swarm/event":
-                        self._transcriber.note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
-                if file is self._file and newest < step:
-                    lost.append(
-                        f"{file.name} has lost steps {newest + 1} to {step}: it was damaged before the run was resumed"
-                    )
+            if file is None:
+                continue
+            newest = self._copy(file, before[file.name]) if file.name in before else -1
+            if file is self._file and newest < step:
+                lost.append(
+                    f"{file.name} has lost steps {newest + 1} to {step}: it was damaged before the run was resumed"
+                )
         self.save()
         return lost
+
+    def _copy(self, file: "_File", before: Path) -> int:
+        """Add the messages of an earlier file as far as it can be read; return its newest step, or -1."""
+        newest = -1
+        with suppress(RecordingError):
+            for topic, taken, data in file.take_over(before, log_time_ns(self._time_s)):
+                newest = max(newest, taken)
+                if topic == "/swarm/event":
+                    self._transcriber.note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
+        return newest
 
     def save(self) -> None:
         """Write everything so far to disk, so that it survives a crash of the machine."""

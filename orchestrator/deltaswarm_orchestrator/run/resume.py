@@ -40,7 +40,7 @@ def newest(folder: Path) -> Resumed:
     """Return the newest checkpoint in a run's folder.
 
     Raises:
-        FolderError: there is no checkpoint, it cannot be read, or a file that belongs to it is missing or cut off.
+        FolderError: there is no checkpoint, it cannot be read, or a file of it is missing, cut off or changed.
     """
     file = folder / checkpoint.FOLDER / checkpoint.NEWEST
     if not file.exists():
@@ -49,13 +49,13 @@ def newest(folder: Path) -> Resumed:
     try:
         told = json.loads(file.read_text())
         resumed = Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
-        saved = file.with_name(str(resumed.step))
+        saved, digests = file.with_name(str(resumed.step)), dict(told["sha256"])
+        for file in checkpoint.files(saved, resumed.agents):
+            if checkpoint.digest(file) != digests[file.name]:
+                raise ValueError("it is not as it was written")
         file = saved / checkpoint.OPERATOR_FILE
         least_bytes = {folder / name: int(size) for name, size in told["tables"].items()}
         least_bytes |= {folder / OPERATOR_ROWS: int(json.loads(file.read_text())["table_bytes"])}
-        least_bytes |= {
-            saved / name: 1 for name in (checkpoint.WORLD_FILE, *map(checkpoint.agent_file, resumed.agents))
-        }
         for file, least in least_bytes.items():
             if (size := file.stat().st_size) < least:
                 raise ValueError(f"it must have at least {least} bytes (got {size})")
