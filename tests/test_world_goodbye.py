@@ -7,6 +7,7 @@ from typing import Any, cast
 import pytest
 
 from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_wire import checkpoint
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig
@@ -124,3 +125,26 @@ def test_a_signal_ends_the_wait_for_who_is_far_behind(tmp_path: Path) -> None:
     world._taken = {RECORDER: 0}
     fabric.stop()
     world._let_catch_up(5000)
+
+
+def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None:
+    """An operator may be killed before it writes it, and its successor confirms the step."""
+    fabric = Fabric([[COMES, *AGENTS]])
+    world = begun(fabric, tmp_path)
+    world._core.lockstep.step, world._taken = LAST, {OPERATOR: LAST, RECORDER: LAST}
+    folder = tmp_path / checkpoint.FOLDER
+    _, operators, *agents = checkpoint.files(folder / str(LAST), range(len(AGENTS)))
+    folder.mkdir()
+
+    def save(asked: set[int], step: int) -> None:
+        for file in agents:
+            checkpoint.write(file, b"an agent")
+        world._core.inbox.unsaved -= asked
+
+    fabric.save = save  # type: ignore[attr-defined]
+    with WorldOutput(tmp_path) as output:
+        world._save(LAST, output)
+        assert not (folder / checkpoint.NEWEST).exists()
+        checkpoint.write(operators, b"an operator")
+        world._save(LAST, output)
+    assert (folder / checkpoint.NEWEST).exists()

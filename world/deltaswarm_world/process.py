@@ -148,7 +148,8 @@ class WorldProcess(Attention):
             self._wait_until(lambda: not can_be_saved() or is_enough(), patience.most_s)
             self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
         inbox.unsaved |= saving.missing(self._config.out, step, agents)
-        if not can_be_saved() or inbox.unsaved or not others_have():
+        is_whole = others_have() and saving.has_operator(self._config.out, step)
+        if not can_be_saved() or inbox.unsaved or not is_whole:
             log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
             for agent in sorted(inbox.unsaved):
                 patience.missed(agent, step)

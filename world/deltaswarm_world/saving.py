@@ -43,6 +43,11 @@ def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
     return {agent for agent in agents if not (folder / checkpoint.agent_file(agent)).is_file()}
 
 
+def has_operator(run_folder: Path, step: int) -> bool:
+    """Whether the operator's file is in a checkpoint; one that was killed may have confirmed the step without it."""
+    return (run_folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE).is_file()
+
+
 def save(run_folder: Path, saved: SavedWorld) -> None:
     """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
     lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
@@ -53,7 +58,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
     told = {
         "step": lockstep.step,
         "agents": agents,
-        "sha256": {file.name: checkpoint.digest(file) for file in files if file.exists()},
+        "sha256": {file.name: checkpoint.digest(file) for file in files},
         "restarts": list(saved.restarts.items()),
         "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
     }
