@@ -24,7 +24,7 @@ ERROR = " ERROR "
 """Marks log lines of this level; the message follows the first colon and space."""
 
 POLL_S, SHORT_POLL_S = 0.2, 0.01
-EXIT_CODE_WITHIN_S = 1.0
+EXIT_CODE_WITHIN_S = 3.0
 """Maximum wait for the fork server to tell a process's exit code [s]."""
 
 
