@@ -8,7 +8,6 @@
 A checkpoint is unpickled and can therefore run arbitrary code: resume only your own runs.
 """
 
-import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -41,5 +40,7 @@ def write(file: Path, data: bytes) -> None:
 
 def digest(file: Path) -> str:
     """Return a file's SHA-256 in hexadecimal digits. Raises OSError."""
+    import hashlib  # costs a board 4 MB, and no agent needs it
+
     with file.open("rb") as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()
