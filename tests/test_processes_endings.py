@@ -180,6 +180,18 @@ def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
     assert swarm.summary()["agents_lost"] == [3]
 
 
+def test_a_researchers_page_that_is_killed_costs_nothing_else(tmp_path: Path) -> None:
+    """It has a name of its own, beside the station's."""
+    pages = ("--researcher", "--station", "--speed", "0")
+    with running(tmp_path / "run", "--set", "run.duration_s=60", *pages, *UNHURRIED) as swarm:
+        swarm.wait_until_under_way(SMOKE_PROCESSES + 2)
+        swarm.signal("station 1", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    [why] = swarm.manifest()["why"]
+    assert why.startswith("station 1 was killed by SIGKILL")
+
+
 def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
     """All is stopped, so that an orderly end would take its time."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:

@@ -35,7 +35,7 @@ class Part:
         self.role = role
         self.number = number
         self.log_file = log_file
-        self.name = f"{role} {number}" if role == AGENT else role
+        self.name = f"{role} {number}" if role == AGENT or number else role
         self.is_stopped = False
         """Whether a fault of the scenario has stopped the process (SIGSTOP)."""
         self.ends_as_planned = False
