@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -230,6 +231,18 @@ def test_info_tells_of_an_interrupted_run(
     assert (summary["steps"], summary["complete"], summary["valid"]) == (10, False, False)
     assert main(["info", str(tmp_path)]) == 0
     assert "not valid" in capsys.readouterr().out
+
+
+def test_info_calls_a_run_that_was_killed_after_its_last_step_incomplete(
+    finished: tuple[Path, dict[str, Any]], tmp_path: Path, capsys: Printed
+) -> None:
+    """Its manifest says that it is running, so nobody knows that the recording and the tables are whole."""
+    run = shutil.copytree(finished[0], tmp_path / "run.part")
+    (run / "manifest.json").write_text(json.dumps(new_manifest(load_scenario("smoke"), "processes", "off")))
+    assert main(["info", str(run), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["state"].startswith("incomplete (killed")
+    assert (told["summary"]["complete"], told["summary"]["valid"]) == (False, False)
 
 
 def test_info_tells_a_run_that_goes_on_from_one_that_was_killed(tmp_path: Path, capsys: Printed) -> None:

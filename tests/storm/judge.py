@@ -86,7 +86,9 @@ def _of_a_killed(part: Path) -> list[str]:
         state = info.describe(part)["state"]
     except info.NotARunError as error:
         return [] if not (part / "scenario.toml").exists() else [f"info: {error}"]
-    found = [] if state.startswith("incomplete") else [f"info says {state!r} of a run that was killed"]
+    manifest = json.loads((part / "manifest.json").read_text())
+    expected = "complete" if manifest["exit_reason"] == "finished" else "incomplete"
+    found = [] if state.startswith(expected) else [f"info says {state!r} of a run that was killed"]
     return found + _recording(part)
 
 

@@ -36,6 +36,9 @@ def describe(folder: Path) -> dict[str, Any]:
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     found = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
     try:
+        if manifest["exit_reason"] == results.RUNNING and summary["complete"]:
+            reason = "all steps are done, and the run was not concluded"
+            summary |= {"complete": False, "valid": False, "invalid_because": [reason, *summary["invalid_because"]]}
         found["state"] = _state(folder, manifest, summary)
         found["checkpoint_step"] = _checkpoint_step(folder, found["state"])
         text(found)
