@@ -166,7 +166,8 @@ def _finder(orchestrator: int, pids: Path) -> Callable[[str], int | None]:
             parent = parent_of(known["world"])
         except (OSError, ValueError, KeyError):
             return None
-        return parent if parent != orchestrator else None  # which adopts what a fork server leaves behind
+        # What a fork server leaves behind is adopted by the orchestrator, or by the system's first process.
+        return parent if parent not in (orchestrator, 1) else None
 
     return find
 
