@@ -129,7 +129,7 @@ class Page:
         assert self.example(name) in self.text
         block = re.search(rf"```hexdump {name}\n(.*?)\n```\n\nIt decodes to `(.*?)`\.\n", self.text, re.DOTALL)
         assert block is not None
-        data = bytes.fromhex("".join(line[:HEX_COLUMNS] for line in block[1].splitlines()))
+        data = bytes.fromhex("".join(line.split("  ")[0] for line in block[1].splitlines()))
         assert repr(self.examples[name].decode(data)) == block[2]
 
     def assert_shows_no_other(self) -> None:

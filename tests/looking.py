@@ -14,7 +14,7 @@ from deltaswarm_wire.truth import Body, EventState, Truth
 from tests.truths import truth
 
 WORKLOAD = Workload(7, 7.0, 3, 2, 3.0, 0.5, 12.0, 0, 0, 0)
-STATUS = Status(7, 300, 7.0, 25, 11, 24.5, "running")
+STATUS = Status(7, 300, 7.0, 25, 11, 24.5, 3, 1, "running")
 BODIES = (
     Body(0, 10.00049, 20.0, "root", 0, NOBODY, 0),
     Body(1, 11.0, 20.0, "member", 1, 0, 0),

@@ -146,7 +146,7 @@ EXAMPLES = {
         message("clock", Clock._fields),
     ),
     "status": Example(
-        Status(12, 9000, 12.0, 25, 11, 24.5, "running"),
+        Status(12, 9000, 12.0, 25, 11, 24.5, 2, 1, "running"),
         encode_status,
         decode_status,
         message("status", Status._fields),

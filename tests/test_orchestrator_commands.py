@@ -23,7 +23,7 @@ ROWS = (
 @pytest.mark.parametrize("step_s", [0.1, 0.3, 1.0])
 def test_the_commands_of_a_run_are_a_script_of_the_same_run(tmp_path: Path, step_s: float) -> None:
     """Whatever the length of a step: the written times are those of the steps."""
-    sets = ["run.duration_s=50", f"run.step_s={step_s}"]
+    sets = ["run.duration_s=48", f"run.step_s={step_s}"]
     first = run_in_process(load_scenario("smoke", [*sets, script(*ROWS)]))
     write_tables(tmp_path, first)
     again = run_in_process(load_scenario("smoke", sets, commands=tmp_path / "commands.toml"))

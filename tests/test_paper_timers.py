@@ -95,7 +95,7 @@ def test_a_silent_child_leaves_the_table_after_12_s(step_s: float) -> None:
 @pytest.mark.parametrize("step_s", STEPS_S)
 def test_an_event_that_nobody_senses_is_forgotten_after_12_s(step_s: float) -> None:
     """At least 3 steps; a root then has nothing to report."""
-    root = a_root(at=(50.0, 50.0), step_s=step_s)
+    root = a_root(at=(50.0, 50.0), step_s=step_s, report_every_s=0.01)
     root.at = (50.0, 55.0)
     sensed = root.now
     while root.step().report is not None:

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.report.plots.density import level_holding, phi
-from deltaswarm_wire.settings import ArenaSettings, ComponentSettings, DensitySettings, Scenario
+from deltaswarm_wire.settings import ArenaSettings, Scenario
+from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
 from deltaswarm_world.density import sampler
 
 ARENA = ArenaSettings(80.0, 40.0)

@@ -99,7 +99,9 @@ def test_settings_survive_the_way_through_a_table() -> None:
         {},
         optional={
             "seed": st.integers(0, 2**63 - 1),
-            "run": st.fixed_dictionaries({"duration_s": st.floats(60, 1e5), "step_s": st.floats(0.01, 60)}),
+            "run": st.tuples(st.integers(1, 10_000), st.floats(0.01, 60)).map(
+                lambda run: {"duration_s": run[0] * run[1], "step_s": run[1]}
+            ),
             "agents": st.fixed_dictionaries({"count": st.integers(1, 10_000)}),
             "radio": st.fixed_dictionaries({"range_m": st.floats(6.1, 1e3), "loss": st.floats(0, 1)}),
             "control": st.fixed_dictionaries(
@@ -225,6 +227,10 @@ def test_limits_are_where_they_are_said_to_be(path: Path) -> None:
         assert paths_of(problems(table_with(path, hint(limits["above"])))) == [of_key(path)]
 
 
+MIDDLE = {"corners_m": [[40, 40], [60, 40], [60, 60], [40, 60]]}
+EVERYWHERE = {"corners_m": [[0, 0], [100, 0], [100, 100], [0, 100]]}
+
+
 @pytest.mark.parametrize(
     ("table", "path"),
     [
@@ -235,6 +241,14 @@ def test_limits_are_where_they_are_said_to_be(path: Path) -> None:
         ({"name": "x" * 49}, "name"),
         ({"name": "x" * 100_000}, "name"),
         ({"run": {"duration_s": 1, "step_s": 2}}, "run.duration_s"),
+        ({"run": {"duration_s": 10, "step_s": 4}}, "run.duration_s"),
+        ({"run": {"duration_s": 10, "step_s": 0.3}}, "run.duration_s"),
+        ({"events": {"density": {"covariance_m2": [[1e9, 0], [0, 1e9]]}}}, "events.density"),
+        (
+            {"events": {"density": {"covariance_m2": [[1e-4, 0], [0, 1e-4]]}}, "arena": {"obstacles": [MIDDLE]}},
+            "events.density",
+        ),
+        ({"arena": {"obstacles": [EVERYWHERE]}}, "arena.obstacles"),
         ({"run": {"duration_s": 1e8, "step_s": 0.01}}, "run.duration_s"),
         ({"events": {"density": {"mean_m": [101, 5]}}}, "events.density.mean_m"),
         ({"events": {"density": {"kind": "mixture"}}}, "events.density.components"),

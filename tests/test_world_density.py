@@ -1,5 +1,6 @@
 """Where events occur: each density gives the places that it promises, all of them in the arena."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -7,20 +8,35 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy import stats
 
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.settings import ArenaSettings, DensitySettings
-from deltaswarm_world.density import Floats, load_grid, sampler
+from deltaswarm_wire.settings import ArenaSettings
+from deltaswarm_wire.settings_density import DensitySettings
+from deltaswarm_wire.settings_obstacles import ObstacleSettings
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.density import Places, load_grid
+from deltaswarm_world.obstacles import Obstacles
 
 PAPER = [[50.0, 0.0], [0.0, 50.0]]
 DRAWS = 4000
 
 
-def places(density: dict[str, Any], draws: int = DRAWS, seed: int = 7, **arena: float) -> Floats:
+def made(density: dict[str, Any], obstacles: Sequence[ObstacleSettings] = (), **arena: float) -> Places:
+    return Places(load(DensitySettings, density), ArenaSettings(**arena), Obstacles(obstacles))
+
+
+def places(
+    density: dict[str, Any],
+    draws: int = DRAWS,
+    seed: int = 7,
+    obstacles: Sequence[ObstacleSettings] = (),
+    **arena: float,
+) -> Floats:
     """Many draws, (n, 2) [m]."""
-    draw = sampler(load(DensitySettings, density), ArenaSettings(**arena))
+    found = made(density, obstacles, **arena)
     rng = np.random.default_rng(seed)
-    return np.array([draw(rng) for _ in range(draws)])
+    return np.array([found.draw(rng) for _ in range(draws)])
 
 
 def are_inside(found: Floats, width_m: float = 100.0, height_m: float = 100.0) -> bool:
@@ -58,10 +74,55 @@ def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: floa
     assert are_inside(places(density, 20, width_m=40.0, height_m=25.0), 40.0, 25.0)
 
 
-def test_a_density_outside_the_arena_is_given_up() -> None:
+def test_a_density_outside_the_arena_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """With an error that names the key, instead of drawing for ever."""
-    with pytest.raises(ValueError, match=r"events\.density must .*10000"):
+    monkeypatch.setattr("deltaswarm_world.density.MAX_BATCHES", 5)
+    with pytest.raises(ValueError, match=r"events\.density must"):
         places({"mean_m": [5000, 5000], "covariance_m2": PAPER}, 1)
+
+
+@pytest.mark.parametrize("covariance", [[[1e7, 0], [0, 1e7]], [[4e6, 0], [0, 900]], [[900, 0], [0, 4e6]]])
+def test_a_density_with_little_mass_inside_is_the_truncated_one(covariance: list[list[float]]) -> None:
+    """Along each axis: uniform if the density is much wider than the arena there, else the truncated normal."""
+    found = places({"mean_m": [50, 50], "covariance_m2": covariance})
+    assert are_inside(found)
+    for axis in (0, 1):
+        spread = covariance[axis][axis] ** 0.5
+        cut = stats.truncnorm(-50 / spread, 50 / spread, 50, spread)
+        assert stats.kstest(found[:, axis], cut.cdf).pvalue > 0.001
+
+
+def test_obstacles_truncate_a_density() -> None:
+    """No event in them, and as many to either side of them as there would be without."""
+    wall = ObstacleSettings(((45.0, 0.0), (60.0, 0.0), (60.0, 100.0), (45.0, 100.0)))
+    found = places({"mean_m": [50, 50], "covariance_m2": PAPER}, obstacles=[wall])
+    assert not np.any((found[:, 0] > 45) & (found[:, 0] < 60))
+    left, right = stats.norm(50, 50**0.5).cdf(45), stats.norm(50, 50**0.5).sf(60)
+    assert np.mean(found[:, 0] < 50) == pytest.approx(left / (left + right), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("density", "obstacles", "densest_m"),
+    [
+        ({"mean_m": [48, 52], "covariance_m2": PAPER}, [], (48, 52)),
+        ({"kind": "uniform"}, [], None),
+        ({"kind": "mixture", "components": [a_component(1, 20, 20), a_component(2, 80, 30)]}, [], (80, 30)),
+        (
+            {"mean_m": [48, 52], "covariance_m2": PAPER},
+            [ObstacleSettings(((0.0, 40.0), (100.0, 40.0), (100.0, 55.0), (0.0, 55.0)))],
+            (48, 55),
+        ),
+    ],
+    ids=["gaussian", "uniform", "mixture", "behind an obstacle"],
+)
+def test_the_densest_position(
+    density: dict[str, Any], obstacles: list[ObstacleSettings], densest_m: tuple[float, float] | None
+) -> None:
+    """A free one, within the mesh's 1 m; none where events are equally dense everywhere."""
+    found = made(density, obstacles).densest_m()
+    assert (found is None) == (densest_m is None)
+    if found is not None and densest_m is not None:
+        assert found == pytest.approx(densest_m, abs=1.0)
 
 
 def test_a_mixture_has_its_shares() -> None:
@@ -109,6 +170,7 @@ def test_a_grids_rows_go_up_and_its_columns_right(tmp_path: Path, name: str) -> 
     counts = np.bincount(cells[:, 1] * 3 + cells[:, 0], minlength=6).reshape(2, 3)
     assert np.allclose(counts / DRAWS, GRID / 8, atol=0.03)
     assert np.all((counts == 0) == (GRID == 0))
+    assert made({"kind": "grid", "file": written(tmp_path, name)}, width_m=90.0, height_m=40.0).densest_m() == (45, 30)
     within = found[(cells == [1, 1]).all(axis=1)]
     assert np.allclose(within.mean(axis=0), [45, 30], atol=1.0)
 

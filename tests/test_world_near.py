@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_world import near as module
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import FEW_PAIRS, near
 
 RANGE_M = 5.0

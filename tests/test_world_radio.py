@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire.truth import DROP_REASONS
 from deltaswarm_world.air.radio import Carried
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from tests.airs import Stage, radios
 
 RANGE_M = 10.0

@@ -15,6 +15,8 @@ from typing import Any, TypeVar
 
 T = TypeVar("T")
 
+PAPER, OURS = "paper", "our reading"
+"""Sources of defaults."""
 
 MAX_LINE = 1000
 """Characters of each part of a message: a wrong value may be huge."""
@@ -86,7 +88,7 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
     hints = typing.get_type_hints(cls)
     unknown = [name for name in table if name not in specs]
     values: dict[str, Any] = {spec.name: {n: table[n] for n in unknown} for spec in fields if spec.name not in specs}
-    problems = [] if values else [_unknown(name, specs, path) for name in unknown]
+    problems = [] if values else [unknown_key(name, specs, path) for name in unknown]
     for name, spec in specs.items():
         if name in table:
             value, found = _value(table[name], hints[name], spec.metadata, _join(path, name))
@@ -145,7 +147,9 @@ def _shown(value: Any) -> str:
     return shown if len(shown) <= 60 else f"{shown[:57]}..."
 
 
-def _unknown(name: str, specs: Mapping[str, Any], path: str) -> Problem:
+def unknown_key(name: str, specs: Iterable[str], path: str = "") -> Problem:
+    """Make the problem of a key that is none of `specs`."""
+    specs = list(specs)
     near = difflib.get_close_matches(str(name), specs, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(specs)}"
     return Problem(_join(path, str(name)), "unknown key", hint)

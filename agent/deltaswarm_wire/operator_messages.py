@@ -275,6 +275,8 @@ class Status(NamedTuple):
     agents_alive: int
     agents_in_trees: int
     mean_waiting_s: float
+    events_open: int
+    events_completed: int
     phase: str
 
 
@@ -296,5 +298,7 @@ def decode_status(data: bytes) -> Status:
         integer(raw["agents_alive"], 0, MAX_AGENT_ID, "status.agents_alive"),
         integer(raw["agents_in_trees"], 0, MAX_AGENT_ID, "status.agents_in_trees"),
         number(raw["mean_waiting_s"], 0.0, MAX_TIME_S, "status.mean_waiting_s"),
+        integer(raw["events_open"], 0, MAX_ID, "status.events_open"),
+        integer(raw["events_completed"], 0, MAX_ID, "status.events_completed"),
         text(raw["phase"], "status.phase", allowed=STATUS_PHASES),
     )

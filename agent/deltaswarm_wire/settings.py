@@ -8,9 +8,10 @@ from copy import deepcopy
 from dataclasses import dataclass
 from typing import Any
 
-from deltaswarm_wire.checked import Problem, key, plain_value, rest
+from deltaswarm_wire.checked import OURS, PAPER, Problem, key, rest
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE, CommandForm
+from deltaswarm_wire.settings_density import DensitySettings, density_problems, room_problems
 from deltaswarm_wire.settings_downlink import CommandSettings, DownlinkSettings, downlink_problems
 from deltaswarm_wire.settings_fault import FaultSettings, fault_problems
 from deltaswarm_wire.settings_obstacles import ObstacleSettings, obstacle_problems
@@ -18,11 +19,8 @@ from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, begun_
 from deltaswarm_wire.settings_radio import RadioSettings, radio_problems
 from deltaswarm_wire.settings_uplink import UplinkSettings, uplink_problems
 
-DENSITIES = ("gaussian", "mixture", "uniform", "grid")
 CLOCKS = ("lockstep", "realtime")
 RECORDS = ("off", "views", "wire")
-
-PAPER, OURS = "paper", "our reading"
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
 """Shorter than a run's name (64), to leave room for what distinguishes runs of one scenario."""
@@ -44,8 +42,15 @@ class RunSettings:
 
     @property
     def steps(self) -> int:
-        """Number of steps, rounded to the nearest."""
-        return max(1, round(self.duration_s / self.step_s))
+        """Number of steps."""
+        return round(self.duration_s / self.step_s)
+
+    def problems(self) -> list[Problem]:
+        """Check that a run has a whole number of steps."""
+        if self.steps >= 1 and abs(self.steps * self.step_s - self.duration_s) <= 1e-9 * self.duration_s:
+            return []
+        allowed = f"must be a whole number of steps of {self.step_s:g} s"
+        return [Problem("duration_s", f"{self.duration_s:g}", allowed)]
 
 
 @dataclass(frozen=True)
@@ -60,51 +65,24 @@ class ArenaSettings:
 
 
 @dataclass(frozen=True)
-class ComponentSettings:
-    """One normal distribution of a mixture."""
-
-    weight: float = key(1.0, "share of the events, relative to the other components", above=0)
-    mean_m: tuple[float, ...] = key((50.0, 50.0), "mean [m]", length=2)
-    covariance_m2: tuple[tuple[float, ...], ...] = key(((50.0, 0.0), (0.0, 50.0)), "covariance [m2]", length=2)
-
-    def problems(self) -> list[Problem]:
-        """A covariance must be symmetric and positive definite."""
-        (a, b), (c, d) = self.covariance_m2
-        if b != c or a <= 0 or not a * d - b * c > 0:
-            allowed = "must be a symmetric, positive definite matrix"
-            return [Problem("covariance_m2", str(plain_value(self.covariance_m2)), allowed)]
-        return []
-
-
-@dataclass(frozen=True)
-class DensitySettings:
-    """Where events occur: the density phi(x, y) (Experimental Setup). Draws outside the arena are repeated."""
-
-    kind: str = key("gaussian", "the family", source=PAPER, choices=DENSITIES)
-    mean_m: tuple[float, ...] = key((50.0, 50.0), "gaussian: mean [m]", source=PAPER, length=2)
-    covariance_m2: tuple[tuple[float, ...], ...] = key(
-        ((50.0, 0.0), (0.0, 50.0)), "gaussian: covariance [m2]", source=PAPER, length=2
-    )
-    components: tuple[ComponentSettings, ...] = key((), "mixture: its normal distributions")
-    file: str = key("", "grid: a .npy or .csv file of weights, rows from y = 0 upwards")
-
-    def problems(self) -> list[Problem]:
-        """The keys of the chosen family must be given."""
-        found = ComponentSettings(1.0, self.mean_m, self.covariance_m2).problems()
-        if self.kind == "mixture" and not self.components:
-            found.append(Problem("components", "none", "must have at least one item for a mixture"))
-        if self.kind == "grid" and not self.file.endswith((".npy", ".csv")):
-            found.append(Problem("file", repr(self.file), "must be a .npy or .csv file for a grid"))
-        return found
-
-
-@dataclass(frozen=True)
 class EventSettings:
     """Events that arrive, wait, and are observed until complete."""
 
     rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
     work_agent_s: float = key(200.0, "agent-seconds of observation to complete one", source=PAPER, above=0)
     density: DensitySettings = key(DensitySettings, "their spatial density")
+
+
+@dataclass(frozen=True)
+class MetricsSettings:
+    """How a run is measured."""
+
+    horizon_s: float = key(
+        600.0,
+        "each event is followed for this long: longer times count as this, later arrivals do not count [s]",
+        source=OURS,
+        above=0,
+    )
 
 
 @dataclass(frozen=True)
@@ -161,6 +139,7 @@ class Scenario:
     radio: RadioSettings = key(RadioSettings, "radio between agents")
     control: ControlSettings = key(ControlSettings, "the agents' controller")
     operator: OperatorSettings = key(OperatorSettings, "the operator and its workload")
+    metrics: MetricsSettings = key(MetricsSettings, "how the run is measured")
     uplink: UplinkSettings = key(UplinkSettings, "radio from agents to the operator")
     downlink: DownlinkSettings = key(DownlinkSettings, "radio from the operator to agents")
     command: tuple[CommandSettings, ...] = key((), "commands of a scripted operator: a timeline")
@@ -181,9 +160,6 @@ class Scenario:
         found = []
         if not NAME.fullmatch(self.name):
             found.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
-        if self.run.duration_s < self.run.step_s:
-            allowed = f"must be at least run.step_s, {self.run.step_s:g} s"
-            found.append(Problem("run.duration_s", f"{self.run.duration_s:g}", allowed))
         if self.run.steps > MAX_STEP:
             found.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
         found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
@@ -192,24 +168,8 @@ class Scenario:
         found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
         found += uplink_problems(self.uplink, size_m, self.run.step_s)
         found += downlink_problems(self.downlink, self.uplink.base_m)
-        return found + self._density_problems()
-
-    def _density_problems(self) -> list[Problem]:
-        """With a mean outside the arena, redrawing might never end."""
-        density = self.events.density
-        means = {
-            "gaussian": [("events.density.mean_m", density.mean_m)],
-            "mixture": [
-                (f"events.density.components[{i}].mean_m", component.mean_m)
-                for i, component in enumerate(density.components)
-            ],
-        }.get(density.kind, [])
-        allowed = f"must be within the arena, {self.arena.width_m:g} m x {self.arena.height_m:g} m"
-        return [
-            Problem(path, str(list(mean)), allowed)
-            for path, mean in means
-            if not (0 <= mean[0] <= self.arena.width_m and 0 <= mean[1] <= self.arena.height_m)
-        ]
+        places = size_m, self.arena.obstacles
+        return found + (room_problems(*places) or density_problems(self.events.density, *places))
 
     def for_agent(self, agent: int) -> AgentSettings:
         """Make the configuration of one agent: without the run's seed, events, or other agents."""

@@ -54,6 +54,16 @@ def signed_area_m2(corners: Sequence[Place]) -> float:
     )
 
 
+def is_inside(place: Sequence[float], corners: Sequence[Place]) -> bool:
+    """Whether a position is inside a polygon: a line from it to the right crosses an odd number of edges."""
+    x, y = place
+    odd = False
+    for (ax, ay), (bx, by) in zip(corners, [*corners[1:], corners[0]], strict=True):
+        if (ay > y) != (by > y) and x < ax + (y - ay) * (bx - ax) / (by - ay):
+            odd = not odd
+    return odd
+
+
 def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float, float]) -> list[Problem]:
     """Check obstacles against the arena: corners must be within it."""
     allowed = f"must be within the arena, {size_m[0]:g} m x {size_m[1]:g} m"

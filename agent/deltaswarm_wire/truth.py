@@ -95,6 +95,10 @@ class Tally(NamedTuple):
         frames_in_flight before + frames_sent (n - 1) + frames_duplicated
             = frames_received + all drops + frames_in_flight
 
+    `events_open` have arrived and are not complete at the end of the step; `events_completed` counts from the start of
+    the run. `roots_from_densest_m` is the mean distance of roots from the place where events are densest; None without
+    roots, and where events are equally dense everywhere.
+
     Reports, exactly (without an uplink model each arrives in the step in which it is sent):
 
         reports_in_flight before + reports_sent = reports_arrived + all drops + reports_in_flight
@@ -108,7 +112,9 @@ class Tally(NamedTuple):
     agents_in_trees: int
     trees: int
     covered_area_m2: float | None
-    events_active: int
+    roots_from_densest_m: float | None
+    events_open: int
+    events_completed: int
     frames_sent: int
     bytes_sent: int
     frames_received: int
@@ -217,11 +223,14 @@ def _link(row: Any) -> tuple[int, int]:
 def _tally(row: Any) -> Tally:
     array(row, len(Tally._fields), "truth.tally")
     named = dict(zip(Tally._fields, row, strict=True))
-    area = named.pop("covered_area_m2")
+    area, distance = named.pop("covered_area_m2"), named.pop("roots_from_densest_m")
     time_s = number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.tally.time_s")
     counts = {name: integer(value, 0, MAX_ID, f"truth.tally.{name}") for name, value in named.items()}
     covered = None if area is None else number(area, 0.0, MAX_ABS_M**2, "truth.tally.covered_area_m2")
-    return Tally(time_s=time_s, covered_area_m2=covered, **counts)
+    from_densest = (
+        None if distance is None else number(distance, 0.0, 2 * MAX_ABS_M, "truth.tally.roots_from_densest_m")
+    )
+    return Tally(time_s=time_s, covered_area_m2=covered, roots_from_densest_m=from_densest, **counts)
 
 
 Said = tuple[int, int, bytes]

@@ -155,6 +155,8 @@ class Attention:
                 len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
                 core.agents_in_trees,
                 core.environment.mean_waiting_s(),
+                len(core.environment.active),
+                core.environment.completed,
                 phase,
             )
         )

@@ -5,10 +5,9 @@ Inputs are processed in agent order, never in arrival order; `inbox.py` takes an
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict
 from itertools import accumulate
-from types import MappingProxyType
 from typing import Any
 
 from deltaswarm_wire.commands import BASE
@@ -78,6 +77,7 @@ class WorldCore:
         self.links: Sequence[tuple[int, int]] = ()
         """(sender, receiver) of each frame heard in this step."""
         self._step = -1
+        self._is_last = False
         self._time_s = 0.0
         self._carried = Carried(0)
 
@@ -106,7 +106,7 @@ class WorldCore:
     def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
         """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent."""
         environment, lockstep = self.environment, self.lockstep
-        self._step, self._time_s = step, step * self.scenario.run.step_s
+        self._step, self._time_s, self._is_last = step, step * self.scenario.run.step_s, last
         taking_part = lockstep.taking_part()
         probed, lockstep.probed = lockstep.probed, []
         alive = lockstep.alive
@@ -217,10 +217,10 @@ class WorldCore:
             self._sleep.wake(agent)
         self._forward()
         self.digest.end_step()
-        sent = len(self._sent)
-        if self.uplink is None:
-            return self._tally(len(late), sent, sent)
-        return self._tally(len(late), sent, len(self.forwarded), self.uplink.under_way, self.uplink.dropped)
+        row = self._tally(late)
+        if self._is_last:  # what arrives until the end is part of the run, whatever the length of a step
+            self.environment.arrive(self._time_s + self.scenario.run.step_s)
+        return row
 
     def _forward(self) -> None:
         """Forward this step's reports, or those that the uplink delivers, to the operator in agent order."""
@@ -240,15 +240,10 @@ class WorldCore:
         roots = {agent: standing.root for agent, standing in self._standings.items() if standing.root != NOBODY}
         return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
 
-    def _tally(
-        self,
-        late: int,
-        reports_sent: int,
-        reports_arrived: int,
-        reports_in_flight: int = 0,
-        reports_dropped: Mapping[str, int] = MappingProxyType({}),
-    ) -> Tally:
+    def _tally(self, late: Collection[int]) -> Tally:
+        uplink, sent = self.uplink, len(self._sent)
         in_trees = sorted(agent for agent, standing in self._standings.items() if standing.root != NOBODY)
+        roots = [agent for agent in in_trees if self._standings[agent].root == agent]
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, lost = self.inbox.take_counts()
@@ -257,12 +252,14 @@ class WorldCore:
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.lockstep.alive),
-            agents_late=late,
-            agents_asked=len(self.inbox.acts) + late,
+            agents_late=len(late),
+            agents_asked=len(self.inbox.acts) + len(late),
             agents_in_trees=len(in_trees),
-            trees=sum(standing.root == agent for agent, standing in self._standings.items()),
+            trees=len(roots),
             covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
-            events_active=len(self.environment.active),
+            roots_from_densest_m=self.environment.from_densest_m(roots),
+            events_open=len(self.environment.active),
+            events_completed=self.environment.completed,
             frames_sent=len(self.inbox.spoken),
             bytes_sent=sum(map(len, self.inbox.spoken.values())),
             frames_received=len(self.links),
@@ -271,10 +268,10 @@ class WorldCore:
             rejected=rejected,
             transport_lost=lost,
             frames_dropped=carried.dropped,
-            reports_sent=reports_sent,
-            reports_arrived=reports_arrived,
-            reports_in_flight=reports_in_flight,
-            reports_dropped=reports_dropped,
+            reports_sent=sent,
+            reports_arrived=len(self.forwarded) if uplink else sent,
+            reports_in_flight=uplink.under_way if uplink else 0,
+            reports_dropped=uplink.dropped if uplink else {},
         )
 
     def truth(self, row: Tally) -> Truth:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 
 COVERAGE_EVERY_S = 10.0
 """Interval of the coverage measure."""

@@ -1,68 +1,163 @@
-"""Where events occur: the paper's density phi(x, y), as samplers of positions in the arena."""
+"""Where events occur: positions drawn from the paper's density phi(x, y)."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.settings import ArenaSettings, DensitySettings
+from deltaswarm_wire.settings import ArenaSettings
+from deltaswarm_wire.settings_density import Component, DensitySettings
+from deltaswarm_world.arrays import Floats, Mask
+from deltaswarm_world.obstacles import Obstacles
 
-Floats = npt.NDArray[np.float64]
-Sampler = Callable[[np.random.Generator], tuple[float, float]]
-"""Draws a position; pickle must be able to save it in a world's checkpoint."""
+MAX_BATCH = 4096
+MAX_BATCHES = 3000
+"""12 million draws: enough for every density that the scenario's check lets pass (`settings_density.MIN_SHARE`)."""
 
-MAX_TRIES = 10_000
-"""After this many draws in a row outside the arena, the density counts as outside it."""
+MESH = 100
+"""Positions along each side of the arena among which the densest is looked for."""
 
 
-def sampler(density: DensitySettings, arena: ArenaSettings) -> Sampler:
-    """Make a function that draws one position (x_m, y_m) in the arena.
+class Density(Protocol):
+    """A density before it is truncated. pickle must be able to save it in a world's checkpoint."""
+
+    centres_m: Floats
+    """Positions (n, 2) at which it may have a peak [m]."""
+
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw positions (at most count, 2) [m]."""
+
+    def at(self, places_m: Floats) -> Floats:
+        """Return the density at positions (n, 2), in any unit."""
+
+
+class Places:
+    """Draws positions from a density that is truncated to the arena and to what no obstacle covers.
 
     Raises:
         SettingsError: a grid file that cannot be read or holds no weights.
     """
-    if density.kind == "uniform":
-        return partial(_draw_uniform, arena)
-    if density.kind == "grid":
-        return _grid(load_grid(density.file), arena)
-    if density.kind == "mixture":
-        parts = [(c.weight, c.mean_m, c.covariance_m2) for c in density.components]
-    else:
-        parts = [(1.0, density.mean_m, density.covariance_m2)]
-    return _mixture(parts, arena)
+
+    def __init__(self, settings: DensitySettings, arena: ArenaSettings, obstacles: Obstacles) -> None:
+        self._size_m = np.array([arena.width_m, arena.height_m])
+        self._obstacles = obstacles
+        self._density = _density(settings, self._size_m)
+
+    def draw(self, rng: np.random.Generator) -> tuple[float, float]:
+        """Draw one position (x_m, y_m): the first of the proposed ones that is free."""
+        batch = 1
+        for _ in range(MAX_BATCHES):
+            places_m = self._density.propose(rng, batch)
+            is_free = self._free(places_m)
+            if is_free.any():
+                x_m, y_m = places_m[is_free.argmax()].tolist()
+                return x_m, y_m
+            batch = min(8 * batch, MAX_BATCH)
+        raise ValueError("events.density must reach into the arena and outside obstacles")
+
+    def densest_m(self) -> tuple[float, float] | None:
+        """Return the free position with the highest density [m]; None if the density is the same everywhere."""
+        along = (np.arange(MESH) + 0.5) / MESH
+        mesh_m = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2) * self._size_m
+        places_m = np.concatenate([self._density.centres_m, mesh_m])
+        places_m = places_m[self._free(places_m)]
+        values = self._density.at(places_m)
+        if not len(values) or np.ptp(values) <= 1e-9 * values.max():
+            return None
+        x_m, y_m = places_m[values.argmax()].tolist()
+        return x_m, y_m
+
+    def _free(self, places_m: Floats) -> Mask:
+        inside = (places_m >= 0.0) & (places_m <= self._size_m)
+        is_free: Mask = inside[:, 0] & inside[:, 1]
+        return is_free & ~self._obstacles.inside(places_m) if self._obstacles else is_free
 
 
-def _draw_uniform(arena: ArenaSettings, rng: np.random.Generator) -> tuple[float, float]:
-    return rng.uniform(0.0, arena.width_m), rng.uniform(0.0, arena.height_m)
+def _density(settings: DensitySettings, size_m: Floats) -> Density:
+    if settings.kind == "uniform":
+        return Uniform(size_m)
+    return Grid(load_grid(settings.file), size_m) if settings.kind == "grid" else Normals(settings.normals, size_m)
 
 
-def _mixture(
-    parts: list[tuple[float, tuple[float, ...], tuple[tuple[float, ...], ...]]], arena: ArenaSettings
-) -> Sampler:
-    weights = np.array([weight for weight, _, _ in parts])
-    shares = np.cumsum(weights / weights.sum())
-    means = [mean for _, mean, _ in parts]
-    factors = [np.linalg.cholesky(np.array(covariance)) for _, _, covariance in parts]
-    return partial(_draw_of_mixture, shares, means, factors, arena)
+class Uniform:
+    """The same density everywhere."""
+
+    def __init__(self, size_m: Floats) -> None:
+        self.centres_m: Floats = np.zeros((0, 2))
+        self._size_m = size_m
+
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw positions (count, 2) [m]."""
+        places_m: Floats = rng.random((count, 2)) * self._size_m
+        return places_m
+
+    def at(self, places_m: Floats) -> Floats:
+        """Return ones."""
+        return np.ones(len(places_m))
 
 
-def _draw_of_mixture(
-    shares: Floats,
-    means: list[tuple[float, ...]],
-    factors: list[Floats],
-    arena: ArenaSettings,
-    rng: np.random.Generator,
-) -> tuple[float, float]:
-    for _ in range(MAX_TRIES):
-        part = min(int(np.searchsorted(shares, rng.random())), len(means) - 1) if len(means) > 1 else 0
-        offset = factors[part] @ rng.standard_normal(2)
-        x_m, y_m = means[part][0] + float(offset[0]), means[part][1] + float(offset[1])
-        if 0.0 <= x_m <= arena.width_m and 0.0 <= y_m <= arena.height_m:
-            return x_m, y_m
-    raise ValueError(f"events.density must reach into the arena (got {MAX_TRIES} draws in a row outside)")
+class Normals:
+    """A mixture of normal distributions."""
+
+    def __init__(self, parts: list[Component], size_m: Floats) -> None:
+        weights = np.array([weight for weight, _, _ in parts])
+        covariances = np.array([covariance for _, _, covariance in parts])
+        self.centres_m: Floats = np.array([mean for _, mean, _ in parts])
+        self._shares = np.cumsum(weights)
+        self._factors_m = np.linalg.cholesky(covariances)
+        self._inverses = np.linalg.inv(covariances)
+        self._heights = weights / (2 * np.pi * np.sqrt(np.linalg.det(covariances)))
+        self._peak = self._heights.sum()
+        """An upper bound of the density [1/m2]."""
+        is_wide = self._peak * size_m.prod() < 1.0
+        self._uniform = Uniform(size_m) if is_wide else None
+        """If the density is much wider than the arena, uniform positions are kept with its probability."""
+
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw positions (at most count, 2) [m]."""
+        if self._uniform is not None:
+            uniform_m = self._uniform.propose(rng, count)
+            kept_m: Floats = uniform_m[rng.random(count) * self._peak < self.at(uniform_m)]
+            return kept_m
+        parts = np.searchsorted(self._shares[:-1], rng.random(count)) if len(self._shares) > 1 else np.zeros(count, int)
+        offsets_m = np.einsum("nij,nj->ni", self._factors_m[parts], rng.standard_normal((count, 2)))
+        drawn_m: Floats = self.centres_m[parts] + offsets_m
+        return drawn_m
+
+    def at(self, places_m: Floats) -> Floats:
+        """Return the density at positions (n, 2) [1/m2]."""
+        offsets_m = places_m[:, None, :] - self.centres_m
+        squares = np.einsum("npi,pij,npj->np", offsets_m, self._inverses, offsets_m)
+        density: Floats = np.exp(-0.5 * squares) @ self._heights
+        return density
+
+
+class Grid:
+    """Cells of equal size with a weight each: rows from y = 0 upwards, columns from x = 0."""
+
+    def __init__(self, weights: Floats, size_m: Floats) -> None:
+        self._weights = weights
+        self._shares = np.cumsum(weights.ravel() / weights.sum())
+        self._cell_m: Floats = size_m / [weights.shape[1], weights.shape[0]]
+        self.centres_m: Floats = (self._corners(np.arange(weights.size)) + 0.5) * self._cell_m
+
+    def propose(self, rng: np.random.Generator, count: int) -> Floats:
+        """Draw positions (count, 2) [m]."""
+        cells = np.searchsorted(self._shares[:-1], rng.random(count), side="right")
+        places_m: Floats = (self._corners(cells) + rng.random((count, 2))) * self._cell_m
+        return places_m
+
+    def at(self, places_m: Floats) -> Floats:
+        """Return the weights at positions (n, 2)."""
+        last = [self._weights.shape[1] - 1, self._weights.shape[0] - 1]
+        columns, rows = np.minimum(places_m // self._cell_m, last).astype(int).T
+        weights: Floats = self._weights[rows, columns]
+        return weights
+
+    def _corners(self, cells: "np.ndarray[tuple[int], np.dtype[np.intp]]") -> Floats:
+        columns = self._weights.shape[1]
+        return np.stack([cells % columns, cells // columns], axis=1).astype(np.float64)
 
 
 def load_grid(file: str) -> Floats:
@@ -81,19 +176,3 @@ def load_grid(file: str) -> Floats:
         allowed = "must be a table of finite weights >= 0 with a positive sum"
         raise SettingsError([Problem("events.density.file", repr(file), allowed)])
     return grid
-
-
-def _grid(grid: Floats, arena: ArenaSettings) -> Sampler:
-    shares = np.cumsum(grid.ravel() / grid.sum())
-    return partial(_draw_of_grid, shares, grid.shape, arena)
-
-
-def _draw_of_grid(
-    shares: Floats, shape: tuple[int, int], arena: ArenaSettings, rng: np.random.Generator
-) -> tuple[float, float]:
-    rows, columns = shape
-    cell = min(int(np.searchsorted(shares, rng.random(), side="right")), rows * columns - 1)
-    row, column = divmod(cell, columns)
-    x_m = (column + rng.random()) * arena.width_m / columns
-    y_m = (row + rng.random()) * arena.height_m / rows
-    return x_m, y_m

@@ -15,8 +15,8 @@ from deltaswarm_wire.commands import BASE, Relayed, Signed, decode_command, enco
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.channel.queues import DelayLine, Packet
-from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import generator
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.chance import generator
 
 LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
 """Each model has its own chance, as on the air."""

@@ -1,26 +1,23 @@
 """Bodies and events: positions, sensing, and work on events."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.seeds import derived_key
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState
-from deltaswarm_world.density import MAX_TRIES, Floats, sampler
-from deltaswarm_world.event_ids import EventIds
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.arrivals import Arrivals
+from deltaswarm_world.chance import generator
+from deltaswarm_world.density import Places
 from deltaswarm_world.near import near
 from deltaswarm_world.obstacles import Obstacles
 
-ARRIVALS_STREAM, START_STREAM = 1, 2
-"""Each use of chance has its own generator, so equal seeds give equal arrivals with any controller."""
-
-
-def generator(seed: int, *stream: int) -> np.random.Generator:
-    """Make the generator of one stream of a run, which an agent cannot derive from its own seed."""
-    return np.random.default_rng([int.from_bytes(derived_key(seed, "world"), "little"), *stream])
+START_STREAM = 2
+MAX_TRIES = 10_000
+"""After this many draws in a row inside obstacles, there is no room for the agents."""
 
 
 @dataclass
@@ -58,15 +55,17 @@ class Environment:
         self.active: list[EventRecord] = []
         self.changed: list[EventRecord] = []
         """The events that arrived, were first sensed or completed in this step."""
+        self.completed = 0
+        """Number of events completed so far."""
         self._size_m = size
         self._step_s = scenario.run.step_s
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
-        self._mean_arrivals = scenario.events.rate_hz * scenario.run.step_s
-        self._draw = sampler(scenario.events.density, scenario.arena)
-        self._rng = generator(scenario.seed, ARRIVALS_STREAM)
-        self._ids = EventIds(scenario.seed)
+        places = Places(scenario.events.density, scenario.arena, self._obstacles)
+        self._arrivals = Arrivals(scenario, places)
+        self.densest_m = places.densest_m()
+        """The position at which events are densest [m]; None if they are equally dense everywhere."""
         self._places_m: Floats = np.zeros((0, 2))
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
@@ -98,22 +97,13 @@ class Environment:
             places_m[inside] = rng.random((len(inside), 2)) * size_m
         raise ValueError(f"arena.obstacles must leave room for agents (got {MAX_TRIES} draws in a row in obstacles)")
 
-    def _place_of_event(self) -> tuple[float, float]:
-        """Draw a position from the density, outside obstacles."""
-        for _ in range(MAX_TRIES):
-            place_m = self._draw(self._rng)
-            if not self._obstacles or not self._obstacles.inside(np.array([place_m]))[0]:
-                return place_m
-        raise ValueError(f"events.density must reach outside obstacles (got {MAX_TRIES} draws in a row inside)")
-
     def arrive(self, time_s: float) -> None:
-        """Let events arrive (Poisson)."""
-        for _ in range(self._rng.poisson(self._mean_arrivals)):
-            x_m, y_m = self._place_of_event()
-            record = EventRecord(self._ids.of(len(self.arrived)), x_m, y_m, time_s)
-            self.arrived.append(record)
-            self.active.append(record)
-            self.changed.append(record)
+        """Let the events arrive that are due by now [s]."""
+        new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]
+        if new:
+            self.arrived += new
+            self.active += new
+            self.changed += new
             self._place_active()
 
     def sense(
@@ -148,10 +138,17 @@ class Environment:
                 if record.work_agent_s >= self._work_agent_s - 1e-9:
                     record.completed_s = time_s
                     self.changed.append(record)
+                    self.completed += 1
                     done = True
         if done:
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
+
+    def from_densest_m(self, agents: Sequence[int]) -> float | None:
+        """Return the mean distance of agents from the densest position [m]; None if there are none or it is nowhere."""
+        if not agents or self.densest_m is None:
+            return None
+        return float(np.hypot(*(self.positions_m[agents] - self.densest_m).T).mean())
 
     def states(self) -> list[EventState]:
         """Return all events so far in order of arrival, by id within a step."""

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 
 Indices = npt.NDArray[np.intp]
 

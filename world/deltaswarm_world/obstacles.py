@@ -7,9 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from deltaswarm_wire.settings_obstacles import ObstacleSettings, signed_area_m2
-from deltaswarm_world.density import Floats
-
-Mask = npt.NDArray[np.bool_]
+from deltaswarm_world.arrays import Floats, Mask
 
 EDGE_M = 1e-6
 """A body stops at this distance from an edge, so that rounding cannot put it inside."""

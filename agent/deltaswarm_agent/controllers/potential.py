@@ -12,6 +12,7 @@ from typing import ClassVar
 import msgpack
 
 from deltaswarm_agent.controller import STAND, ControllerContext, Decision, OperatorReport, Percept, Velocity
+from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.checked import key
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError, array, integer, unpack
 from deltaswarm_wire.messages import Event, Pose
@@ -30,6 +31,7 @@ class PotentialSettings:
     wall_share: float = key(0.5, "a wall pushes from this share of spacing_m", low=0, high=1)
     gain_per_s: float = key(0.5, "velocity by how much nearer than spacing_m a neighbour is [1/s]", above=0)
     rest_mps: float = key(0.05, "a slower push moves nobody [m/s]", low=0)
+    report_every_s: float = key(1.0, "an agent at an event reports this often, and at most once a step [s]", above=0)
     beacon_s: float = key(2.0, "an agent says where it is this often [s]", above=0)
     memory_s: float = key(6.0, "a neighbour unheard for this long is forgotten [s]", above=0)
 
@@ -44,7 +46,8 @@ class PotentialController:
         self._shared = context.shared
         self._neighbours: dict[int, tuple[Pose, float]] = {}
         """Position of each neighbour, and the time of its frame [s]."""
-        self._next_beacon_s = context.rng.uniform(0.0, self._settings.beacon_s)
+        self._reporting = Recurring(self._settings.report_every_s)
+        self._beaconing = Recurring(self._settings.beacon_s, context.rng.uniform(0.0, self._settings.beacon_s))
 
     def step(self, percept: Percept) -> Decision:
         """Take received frames, then observe, or move by the forces."""
@@ -55,20 +58,15 @@ class PotentialController:
                 self._neighbours[sender] = place, now_s
         oldest_s = now_s - self._settings.memory_s
         self._neighbours = {agent: known for agent, known in self._neighbours.items() if known[1] >= oldest_s}
-        beacon = self._beacon(percept.pose, now_s)
+        beacon = self._beacon(percept.pose) if self._beaconing.is_due(now_s) else None
         if percept.events:
             nearest = min(percept.events, key=lambda event: _distance_m(percept.pose, event))
-            report = OperatorReport((nearest,))
+            report = OperatorReport((nearest,)) if self._reporting.is_due(now_s) else None
             return Decision(STAND, (nearest.event,), beacon, report, ATTENDING)
         velocity = self._velocity(percept.pose)
         return Decision(velocity, payload=beacon, role=SPREADING)
 
-    def _beacon(self, pose: Pose, now_s: float) -> bytes | None:
-        if now_s < self._next_beacon_s:
-            return None
-        self._next_beacon_s += self._settings.beacon_s * math.ceil(
-            (now_s - self._next_beacon_s + 1e-9) / self._settings.beacon_s
-        )
+    def _beacon(self, pose: Pose) -> bytes:
         payload: bytes = msgpack.packb([round(100 * pose[0]), round(100 * pose[1])])
         return payload
 

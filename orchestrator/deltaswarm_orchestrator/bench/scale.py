@@ -17,7 +17,8 @@ from deltaswarm_orchestrator.run.fork_server import bare_main_module, safe_path
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.settings import ComponentSettings, DensitySettings, Scenario
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
 
 SIZES = (25, 50, 100, 200, 400)
 

@@ -17,6 +17,7 @@ from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
+from deltaswarm_wire.settings_density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_wire.settings_operator import SET_DELTA
 from deltaswarm_wire.settings_radio import RadioSettings
 
@@ -182,7 +183,7 @@ def _resolve_grid(table: dict[str, Any], folder: Path) -> None:
 
 
 def _grid_problems(scenario: Scenario) -> list[Problem]:
-    """Check, before anything is started, that a grid can be read."""
+    """Check, before anything is started, that a grid can be read and lets events occur."""
     density = scenario.events.density
     if density.kind != "grid":
         return []
@@ -198,7 +199,17 @@ def _grid_problems(scenario: Scenario) -> list[Problem]:
             Problem("events.density.file", f"{density.file!r} cannot be read: {error}", "give it a table of weights")
         ]
     allowed = "must be a table of finite weights >= 0 with a positive sum"
-    return [] if fits else [Problem("events.density.file", repr(density.file), allowed)]
+    if not fits:
+        return [Problem("events.density.file", repr(density.file), allowed)]
+    if not (obstacles := scenario.arena.obstacles):
+        return []
+    rows, columns = grid.shape
+    shares = np.cumsum(grid.ravel() / grid.sum())
+    cells = np.searchsorted(shares[:-1], (np.arange(SAMPLES) + 0.5) / SAMPLES, side="right")
+    corners = np.stack([cells % columns, cells // columns], axis=1)
+    within = np.array(list(spread((0.0, 0.0), (1.0, 1.0))))
+    places_m = (corners + within) * [scenario.arena.width_m / columns, scenario.arena.height_m / rows]
+    return share_problems(sum(is_free(place, obstacles) for place in places_m.tolist()) / SAMPLES)
 
 
 def apply(table: dict[str, Any], override: str) -> list[Problem]:

@@ -23,8 +23,8 @@ from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.air.channel.models import pieces_of
 from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
 from deltaswarm_world.air.channel.reach import reach_of
-from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import generator
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.chance import generator
 
 SHADOWING_STREAM = 31
 JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38

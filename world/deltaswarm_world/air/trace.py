@@ -8,7 +8,7 @@ import numpy as np
 from deltaswarm_world.air.channel.links import Ends, Finding, Links, Mask, Piece
 from deltaswarm_world.air.channel.queues import Arrival, Packet
 from deltaswarm_world.air.radio import Air, Carried
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 
 
 class TracedAir(Air):

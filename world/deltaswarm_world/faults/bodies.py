@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from deltaswarm_wire import settings_fault
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.faults.kind import Kind, Orders, Spell
 
 STANDING = (0.0, 0.0)

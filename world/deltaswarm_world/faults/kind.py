@@ -10,7 +10,7 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import NOTE, ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FaultSettings
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 
 
 @dataclass

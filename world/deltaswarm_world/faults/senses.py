@@ -9,7 +9,7 @@ from deltaswarm_wire import settings_fault
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.event_ids import EventIds
 from deltaswarm_world.faults.kind import Kind, Orders, Spell
 

@@ -11,8 +11,8 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
-from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import generator
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.chance import generator
 from deltaswarm_world.faults.kind import Kind, Orders, Spell
 from deltaswarm_world.faults.kinds import KINDS
 

@@ -14,8 +14,8 @@ import numpy as np
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.channel.links import Ends
 from deltaswarm_world.air.channel.queues import Arrival
-from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import generator
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.chance import generator
 
 RELAY_STREAM = 45
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from deltaswarm_world.air.channel.links import Finding, Links
 from deltaswarm_world.air.channel.queues import Packet
 from deltaswarm_world.air.channel.reach import RangeDisc
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.uplink.uplink import BASE, Uplink
 
 

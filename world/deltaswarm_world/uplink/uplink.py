@@ -17,8 +17,8 @@ from deltaswarm_world.air.channel.chance import Bursts, Loss
 from deltaswarm_world.air.channel.links import Ends, Links, Piece
 from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
 from deltaswarm_world.air.channel.zones import Blackouts
-from deltaswarm_world.density import Floats
-from deltaswarm_world.environment import generator
+from deltaswarm_world.arrays import Floats
+from deltaswarm_world.chance import generator
 from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46

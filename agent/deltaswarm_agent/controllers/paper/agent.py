@@ -10,6 +10,7 @@ from deltaswarm_agent.controllers.paper.states import TRANSITIONS, WALKING, Caus
 from deltaswarm_agent.controllers.paper.timers import timers
 from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
+from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.messages import Event, Pose
 
 
@@ -27,6 +28,7 @@ class Agent:
         self.here = Whereabouts(context.shared, settings.d_min_m, self.timers.trail)
         self.walk = Walk(context.shared, settings.leg_max_s, context.rng)
         self.beliefs = Beliefs(context.shared.sensing_range_m, self.timers)
+        self.reporting = Recurring(settings.report_every_s)
         self.now = 0
         self.state = WALKING
         self.target: Event | None = None

@@ -219,9 +219,12 @@ class PaperController:
     def _report(self, frame: PaperFrame | None) -> OperatorReport | None:
         """Return the report: an attending agent's event, or the events known to a root's tree."""
         agent = self.agent
-        if agent.state is ATTENDING and agent.target is not None:
+        attends = agent.state is ATTENDING and agent.target is not None
+        tree = frame if agent.state is ROOT and agent.beliefs and type(frame) is Member else None
+        if not (attends or tree) or not agent.reporting.is_due(agent.now * agent.shared.step_s):
+            return None
+        if tree is None:
+            assert agent.target is not None
             return OperatorReport((agent.target,))
-        if agent.state is ROOT and agent.beliefs and type(frame) is Member:
-            members = tuple([_member(row[:4]) for row in frame.table]) if agent.settings.report_members else ()
-            return OperatorReport(tuple(agent.beliefs.active()), len(frame.table), members)
-        return None
+        members = tuple([_member(row[:4]) for row in tree.table]) if agent.settings.report_members else ()
+        return OperatorReport(tuple(agent.beliefs.active()), len(tree.table), members)

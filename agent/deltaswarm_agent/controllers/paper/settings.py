@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.settings import OURS, PAPER, AgentSettings
+from deltaswarm_wire.checked import OURS, PAPER, Problem, key
+from deltaswarm_wire.settings import AgentSettings
 
 OBSERVES = ("all", "nearest")
 
@@ -31,6 +31,9 @@ class PaperSettings:
         "events that a tree member works on at once: all it senses, or the nearest",
         source=OURS,
         choices=OBSERVES,
+    )
+    report_every_s: float = key(
+        1.0, "an agent with something to report reports this often, and at most once a step [s]", source=PAPER, above=0
     )
     report_members: bool = key(True, "a root's report names its followers, with parents and places", source=OURS)
 

@@ -8,7 +8,7 @@ from deltaswarm_wire.settings_radio import AsymmetrySettings
 from deltaswarm_world.air.channel.links import Finding, LinkDice, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.air.channel.reach import Reach
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices
 
 MOST_IN_TABLE = 1000

@@ -7,7 +7,7 @@ import numpy as np
 from deltaswarm_wire.settings_radio import BurstSettings
 from deltaswarm_world.air.channel.links import Finding, Links, Mask
 from deltaswarm_world.air.channel.model import Context
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices
 
 

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices
 
 Mask = npt.NDArray[np.bool_]

@@ -8,7 +8,7 @@ import numpy as np
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.channel.links import Piece
 from deltaswarm_world.air.channel.reach import Reach
-from deltaswarm_world.environment import generator
+from deltaswarm_world.chance import generator
 
 
 @dataclass(frozen=True)

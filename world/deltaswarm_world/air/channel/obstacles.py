@@ -7,7 +7,7 @@ import numpy as np
 from deltaswarm_world.air.channel.links import Finding, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.air.channel.reach import Reach
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.obstacles import Obstacles
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from deltaswarm_wire.settings_radio import LOG_DISTANCE, PathLossSettings, RadioSettings
 from deltaswarm_world.air.channel.links import Ends, Finding, Hashes, LinkDice, Links
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 
 SHADOWING_CUT = 4.0

@@ -10,7 +10,7 @@ import numpy as np
 from deltaswarm_wire.settings_radio import BlackoutSettings, JammerSettings, WallSettings
 from deltaswarm_world.air.channel.links import Finding, Links, Mask
 from deltaswarm_world.air.channel.model import Context
-from deltaswarm_world.density import Floats
+from deltaswarm_world.arrays import Floats
 
 
 def is_on(zone: BlackoutSettings | JammerSettings | WallSettings, time_s: float) -> bool:

@@ -1,0 +1,22 @@
+"""What a controller does every so many seconds, whatever the length of a step."""
+
+
+class Recurring:
+    """Says when something is due again: at most a step late, and without drift.
+
+    Args:
+        every_s: the time between two occurrences [s]; with longer steps it occurs once a step.
+        first_s: the earliest time of the first [s].
+    """
+
+    def __init__(self, every_s: float, first_s: float = 0.0) -> None:
+        self._every_s = every_s
+        self._due_s = first_s
+
+    def is_due(self, now_s: float) -> bool:
+        """Return whether it is due, in which case it is next due `every_s` later."""
+        if now_s < self._due_s - 1e-9:
+            return False
+        in_turn_s = self._due_s + self._every_s
+        self._due_s = in_turn_s if in_turn_s > now_s + 1e-9 else now_s + self._every_s
+        return True

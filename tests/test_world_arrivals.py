@@ -1,0 +1,135 @@
+"""Arrivals are the same whatever is not about them: the step, the swarm, the radio, obstacles, the rate's scale."""
+
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.run.metrics import arrival_digests
+from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.arrivals import Arrival, Arrivals
+from deltaswarm_world.density import Places
+from deltaswarm_world.environment import Environment
+from deltaswarm_world.obstacles import Obstacles
+
+BLOCK = {"corners_m": [[10.0, 10.0], [22.0, 10.0], [22.0, 22.0], [10.0, 22.0]]}
+
+
+def scenario(seed: int, **tables: Any) -> Scenario:
+    base: dict[str, Any] = {
+        "seed": seed,
+        "arena": {"width_m": 40.0, "height_m": 40.0},
+        "events": {"rate_hz": 0.2, "density": {"mean_m": [20.0, 20.0], "covariance_m2": [[30.0, 0.0], [0.0, 30.0]]}},
+    }
+    for name, table in tables.items():
+        base[name] = {**base.get(name, {}), **table}
+    return load(Scenario, base)
+
+
+def arrivals(of: Scenario, until_s: float = 200.0) -> list[Arrival]:
+    places = Places(of.events.density, of.arena, Obstacles(of.arena.obstacles))
+    return list(Arrivals(of, places).until(until_s))
+
+
+@given(seed=st.integers(0, 2**31), step_s=st.sampled_from([0.1, 0.25, 0.5, 2.0, 5.0, 20.0]))
+@settings(max_examples=25, deadline=None)
+def test_the_step_changes_no_arrival(seed: int, step_s: float) -> None:
+    """Neither number, time nor place; each event is there from the first step that is not before its time."""
+    expected = arrivals(scenario(seed))
+    environment = Environment(scenario(seed))
+    for step in range(round(200.0 / step_s) + 1):
+        before = len(environment.arrived)
+        environment.arrive(step * step_s)
+        for event in environment.arrived[before:]:
+            assert step * step_s - step_s < event.arrived_s <= step * step_s
+    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in environment.arrived] == expected
+
+
+@given(seed=st.integers(0, 2**31), factor=st.sampled_from([0.5, 2.0, 8.0]))
+@settings(max_examples=25, deadline=None)
+def test_the_rate_scales_times_and_leaves_places(seed: int, factor: float) -> None:
+    """Twice the rate is the same events in half the time."""
+    slow, fast = arrivals(scenario(seed)), arrivals(scenario(seed, events={"rate_hz": 0.2 * factor}))
+    count = min(len(slow), len(fast))
+    assert [event[:3] for event in fast[:count]] == [event[:3] for event in slow[:count]]
+    assert [event.time_s * factor for event in fast[:count]] == pytest.approx([event.time_s for event in slow[:count]])
+
+
+@given(seed=st.integers(0, 2**31))
+@settings(max_examples=25, deadline=None)
+def test_an_obstacle_moves_only_the_events_that_it_must(seed: int) -> None:
+    """Those that would have been in it; all times stay."""
+    free, blocked = arrivals(scenario(seed)), arrivals(scenario(seed, arena={"obstacles": [BLOCK]}))
+    assert [(event.event, event.time_s) for event in blocked] == [(event.event, event.time_s) for event in free]
+    for before, after in zip(free, blocked, strict=True):
+        is_inside = 10 < before.x_m < 22 and 10 < before.y_m < 22
+        assert (before == after) != is_inside
+        assert not (10 < after.x_m < 22 and 10 < after.y_m < 22)
+
+
+@given(
+    seed=st.integers(0, 2**31),
+    sets=st.fixed_dictionaries(
+        {},
+        optional={
+            "control.mode": st.sampled_from(["decentralised", "hierarchical", "hybrid", "potential"]),
+            "agents.count": st.integers(1, 6),
+            "agents.sensing_range_m": st.floats(1, 10),
+            "radio.loss": st.floats(0, 1),
+            "radio.range_m": st.floats(7, 20),
+            "radio.latency_s": st.integers(0, 3),
+            "events.work_agent_s": st.floats(1, 400),
+            "run.step_s": st.sampled_from([0.5, 2.0, 4.0]),
+        },
+    ),
+)
+@settings(max_examples=15, deadline=None)
+def test_no_run_changes_its_arrivals(seed: int, sets: dict[str, Any]) -> None:
+    """Whatever the swarm, its radio and the step are: the digests of times and places agree to the end of the run."""
+    base = ["run.duration_s=40", "events.rate_hz=0.5", "metrics.horizon_s=10"]
+    plain = run_in_process(load_scenario("smoke", [*base, "control.mode=decentralised", "agents.count=1"], seed))
+    other = run_in_process(load_scenario("smoke", [*base, *(f"{name}={value}" for name, value in sets.items())], seed))
+    assert arrival_digests(other.events) == arrival_digests(plain.events)
+    assert all(event.arrived_s <= 40 for event in plain.events)
+
+
+def test_digests_tell_times_from_places() -> None:
+    """Another rate shifts the times alone, another density the places alone."""
+    runs = [
+        run_in_process(load_scenario("smoke", ["run.duration_s=60", more], 3))
+        for more in ("agents.count=2", "events.density.mean_m=[15, 15]", "arena.width_m=41")
+    ]
+    (times, places), (same_times, other_places), same = (arrival_digests(run.events) for run in runs)
+    assert (times == same_times, places == other_places) == (True, False)
+    assert same == (times, places)
+
+
+def test_the_cost_of_arrivals_is_linear_in_their_number() -> None:
+    """In one step or many: 16 times as many events cost at most 50 times as much, where squares would cost 256."""
+
+    def seconds(rate_hz: float) -> float:
+        environment = Environment(scenario(5, events={"rate_hz": rate_hz}))
+        began = time.process_time()
+        environment.arrive(20.0)
+        assert len(environment.arrived) == pytest.approx(20 * rate_hz, rel=0.3)
+        return time.process_time() - began
+
+    few, many = (min(seconds(rate_hz) for _ in range(3)) for rate_hz in (25.0, 400.0))
+    assert many < 50 * few
+
+
+def test_times_are_exponential_and_independent_of_places() -> None:
+    """The gaps of 4,000 arrivals have the mean and the spread of an exponential distribution; seed 9."""
+    found = arrivals(scenario(9), 20_000.0)
+    gaps = np.diff([event.time_s for event in found])
+    assert len(found) == pytest.approx(4000, abs=4 * 4000**0.5)
+    assert gaps.mean() == pytest.approx(5.0, rel=0.07)
+    assert gaps.std() == pytest.approx(5.0, rel=0.1)
+    assert len({event.event for event in found}) == len(found)
+    assert abs(np.corrcoef(gaps, [event.x_m for event in found[1:]])[0, 1]) < 0.06
