@@ -9,7 +9,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Tls
 from tests.swarms import PATIENCE_S, run

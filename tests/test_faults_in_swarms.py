@@ -221,7 +221,7 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
     crew = watched.crew
 
     def note(step: int, tally: Tally) -> None:
-        assert tally.events_active == 0
+        assert tally.events_open == 0
         crew.operator.close(Clock(step, tally.time_s, False), 0)
         told.update(event.event for event in watched.frames[3].events)
         assert not any(frame.events for agent, frame in watched.frames.items() if agent != 3)

@@ -1,4 +1,4 @@
-"""The run folder: metrics from what happened, tables that read back, and the same from the recording alone."""
+"""The run folder: its summary, tables that read back, and the same from the recording alone."""
 
 import csv
 import json
@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.run.conduct import RunOptions, run
+from deltaswarm_orchestrator.run.metrics import metrics
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.results import (
     OPERATOR_COLUMNS,
-    Outcome,
-    metrics,
     read_outcome,
     summary,
     write_json,
@@ -33,11 +33,12 @@ from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
 from tests.strategies import event_states, tallies, workloads
 
 STEP_S = 0.5
+UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None}
 
 
 def tally(step: int, **more: Any) -> Tally:
     zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
-    return Tally(**{**zeros, "step": step, "time_s": step * STEP_S, "covered_area_m2": None, **more})
+    return Tally(**{**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
 
 
 def workload(step: int, messages: int = 0, **more: Any) -> Workload:
@@ -62,72 +63,14 @@ def whole(**more: Any) -> Outcome:
     )
 
 
-# Metrics
-
-
-def test_waiting_times_are_until_first_sensed() -> None:
-    """Mean, median and number of those sensed; apart from them the others, which wait until the end."""
-    outcome = whole()
-    outcome.events = [event(1, 0.0, 0.0), event(2, 0.5, 1.0), event(3, 0.5, 2.0), event(4, 1.0, None)]
-    assert metrics(outcome, STEP_S)["waiting_time_s"] == {
-        "mean": pytest.approx(2.0 / 3),
-        "median": 0.5,
-        "n": 3,
-        "never_sensed": 1,
-        "mean_with_never_sensed": (0.0 + 0.5 + 1.5 + 2.0) / 4,
-    }
-
-
-def test_rates_are_per_second_not_per_step() -> None:
-    """With steps of half a second each count is worth twice as much."""
-    outcome = whole(frames_sent=[3] * 6, frames_received=[0, 6] * 3, bytes_sent=[100] * 6)
-    outcome.workloads = [workload(step, messages=step, senders=2, time_above_s=step / 2) for step in range(6)]
-    found = metrics(outcome, STEP_S)
-    assert found["frames_sent_per_s"] == {"mean": 6.0}
-    assert found["frames_received_per_s"] == {"mean": 6.0}
-    assert found["bytes_sent_per_s"] == {"mean": 200.0}
-    assert found["operator_messages_per_s"] == {"mean": 5.0}
-    assert found["operator_senders"] == {"mean": 2.0}
-    assert found["operator_time_above_threshold_s"] == 2.5
-
-
-def test_drops_are_told_by_reason() -> None:
-    """Loss on the air is no loss on the fabric, and each reason has its own sum."""
-    outcome = whole(**{f"dropped_{reason}": [number] * 6 for number, reason in enumerate(DROP_REASONS, 1)})
-    found = metrics(outcome, STEP_S)
-    assert found["frames_dropped"] == {reason: 6 * number for number, reason in enumerate(DROP_REASONS, 1)}
-    assert found["transport_lost"] == 0
-
-
-def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
-    """The area over the steps in which it was measured, and over those of them with trees."""
-    areas = [0.0, None, 60.0, None, 120.0, None]
-    outcome = whole(agents_in_trees=[0, 0, 3, 6, 9, 12], trees=[0, 0, 1, 2, 2, 1], covered_area_m2=areas)
-    found = metrics(outcome, STEP_S)
-    assert found["agents_in_trees"] == {"mean": 5.0, "last_third_mean": 10.5}
-    assert found["trees"] == {"mean": 1.0}
-    assert found["covered_area_m2"] == {"mean": 60.0, "mean_while_trees": 90.0}
-
-
-def test_nothing_is_no_number() -> None:
-    """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
-    found = metrics(Outcome(), STEP_S)
-    assert found["waiting_time_s"] == {
-        "mean": None,
-        "median": None,
-        "n": 0,
-        "never_sensed": 0,
-        "mean_with_never_sensed": None,
-    }
-    assert found["operator_messages_per_s"] == {"mean": None}
-    assert found["covered_area_m2"] == {"mean": None, "mean_while_trees": None}
-    assert (found["steps"], found["transport_lost"], found["operator_time_above_threshold_s"]) == (0, 0, None)
-
-
 # The summary
 
 KEYS = {
-    "waiting_time_s": {"mean", "median", "n", "never_sensed", "mean_with_never_sensed"},
+    "waiting_time_s": {"mean", "median", "n", "never_sensed", "restricted_mean"},
+    "completion_s": {"mean", "median"},
+    "completed": None,
+    "open_events": {"mean"},
+    "arrivals": {"n", "followed", "times", "places"},
     "operator_messages_per_s": {"mean"},
     "frames_sent_per_s": {"mean"},
     "frames_received_per_s": {"mean"},
@@ -136,6 +79,7 @@ KEYS = {
     "frames_dropped": set(DROP_REASONS),
     "agents_in_trees": {"mean", "last_third_mean"},
     "trees": {"mean"},
+    "roots_from_densest_m": {"mean"},
     "covered_area_m2": {"mean", "mean_while_trees"},
     "transport_lost": None,
     "steps": None,
@@ -297,7 +241,7 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))
     assert again == scenario
-    found = metrics(Outcome(recorded.tallies, recorded.events, recorded.workloads), again.run.step_s)
+    found = metrics(Outcome(recorded.tallies, recorded.events, recorded.workloads), again)
     told = json.loads((result.folder / "summary.json").read_text())
     assert found == {name: told[name] for name in found}
     assert found["waiting_time_s"]["n"] > 10

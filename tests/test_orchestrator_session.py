@@ -13,7 +13,7 @@ from deltaswarm_operator.desk import Desk
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
-from deltaswarm_orchestrator.studies.study import load_study
+from deltaswarm_orchestrator.studies.load import load_study
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, ProbeSettings
 

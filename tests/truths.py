@@ -75,11 +75,11 @@ def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
     return Body(agent, *place, role, int(in_tree), root if in_tree else NOBODY, root)
 
 
-def _tally(rng: random.Random, step: int, time_s: float, events_active: int) -> Tally:
+def _tally(rng: random.Random, step: int, time_s: float, events_open: int) -> Tally:
     area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
     counts = {name: rng.randrange(30) for name in Tally._fields}
     counts |= {"step": step, "agents_alive": 25, "agents_late": rng.randrange(2), "agents_in_trees": 12, "trees": 3}
-    return Tally(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_active": events_active})
+    return Tally(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_open": events_open})
 
 
 def _report(

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE, WHO

@@ -58,7 +58,7 @@ def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
     silence = play(tmp_path / "silence", "smoke", STEPS, SILENCE, others=uplink)
     flooded = play(tmp_path / "run", "smoke", STEPS, "reports", rest_s=REST_S, others=uplink)
     assert flooded.outcome.events == silence.outcome.events
-    columns = ("agents_in_trees", "trees", "frames_sent", "bytes_sent", "frames_received", "events_active")
+    columns = ("agents_in_trees", "trees", "frames_sent", "bytes_sent", "frames_received", "events_open")
     for one, other in zip(flooded.outcome.tallies, silence.outcome.tallies, strict=True):
         assert [getattr(one, name) for name in columns] == [getattr(other, name) for name in columns]
     assert flooded.world["excess"].keys() == {str(WHO)}

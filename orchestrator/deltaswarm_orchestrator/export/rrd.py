@@ -17,7 +17,7 @@ TIME, STEP = "time", "step"
 AGENT_RADIUS, EVENT_RADIUS = 0.007, 0.009
 """Radii as shares of the arena's longest side."""
 
-SWARM = ("agents_in_trees", "trees", "events_active")
+SWARM = ("agents_in_trees", "trees", "events_open")
 WORKLOAD = ("messages", "rate_60s_hz")
 
 

@@ -63,12 +63,12 @@ def layout(width_m: float, height_m: float) -> dict[str, Any]:
         },
     }
     rates = ("/operator/workload.rate_1s_hz", "/operator/workload.rate_60s_hz")
-    counts = ("/swarm/state.agents_in_trees", "/swarm/state.trees", "/swarm/state.events_active")
+    counts = ("/swarm/state.agents_in_trees", "/swarm/state.trees", "/swarm/state.events_open")
     return {
         "configById": {
             "3D!arena": scene,
             "Plot!workload": _plot("Reports to the operator [1/s]", rates),
-            "Plot!trees": _plot("Agents in trees, trees, active events", counts),
+            "Plot!trees": _plot("Agents in trees, trees, open events", counts),
             "RosOut!log": {"topicToRender": "/log", "minLogLevel": 1, "searchTerms": []},
         },
         "globalVariables": {},

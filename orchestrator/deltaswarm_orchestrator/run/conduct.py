@@ -25,8 +25,8 @@ from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.run.live_socket import LiveSocket
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.onlookers import Onlooker, Tap
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch

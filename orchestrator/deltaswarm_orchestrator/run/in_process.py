@@ -15,8 +15,8 @@ from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.results import Outcome
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
@@ -154,6 +154,8 @@ def run_in_process(
                 tally.agents_alive,
                 tally.agents_in_trees,
                 swarm.world.environment.mean_waiting_s(),
+                tally.events_open,
+                tally.events_completed,
                 "ended" if last else "running",
             )
             reporter.update(status, workload.rate_60s_hz)

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.exits import CommandError
 from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.folder import FolderError
 from deltaswarm_orchestrator.run.folder_lock import is_held
-from deltaswarm_orchestrator.run.results import Outcome
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.resume import newest
 from deltaswarm_orchestrator.text import aligned, shown
 from deltaswarm_wire import checked
@@ -100,6 +100,7 @@ def text(found: dict[str, Any]) -> str:
         ("engine", manifest["engine"]),
         ("steps", shown(summary["steps"])),
         ("mean waiting time [s]", shown(summary["waiting_time_s"]["mean"])),
+        ("mean time to complete an event [s]", shown(summary["completion_s"]["mean"])),
         ("operator messages [1/s]", shown(summary["operator_messages_per_s"]["mean"])),
         ("agents lost", ", ".join(map(str, summary["agents_lost"])) or "none"),
         ("digest", shown(summary["digest"])),

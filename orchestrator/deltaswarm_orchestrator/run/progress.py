@@ -88,13 +88,14 @@ class Display(Bar, Reporter):
 
 
 def described(status: Status, messages_per_s: float | None, speed: float | None, step_s: float) -> list[str]:
-    """Describe a status: simulated time, speed against real time, workload, trees, waiting; most important first."""
+    """Describe a status: simulated time, speed, workload, trees, waiting, events; most important first."""
     return [
         f"{status.time_s:.0f}/{status.steps * step_s:.0f} s",
         *([f"{speed:.0f}x real time"] if speed is not None else []),
         f"operator {'-' if messages_per_s is None else f'{messages_per_s:.1f}'} messages/s",
         f"{status.agents_in_trees} of {status.agents_alive} in trees",
         f"waiting {status.mean_waiting_s:.1f} s",
+        f"{status.events_completed} events complete, {status.events_open} open",
     ]
 
 
@@ -109,6 +110,9 @@ ROWS = (
     ("median waiting time", "waiting_time_s.median", "s"),
     ("events sensed", "waiting_time_s.n", ""),
     ("events never sensed", "waiting_time_s.never_sensed", ""),
+    ("events completed", "completed", ""),
+    ("mean time to complete an event", "completion_s.mean", "s"),
+    ("open events", "open_events.mean", ""),
     ("operator messages", "operator_messages_per_s.mean", "per s"),
     ("reports sent", "reports.sent", ""),
     ("reports arrived", "reports.arrived", ""),

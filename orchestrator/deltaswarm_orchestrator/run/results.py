@@ -4,23 +4,22 @@ import csv
 import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable
 from pathlib import Path
-from statistics import fmean, median
 from typing import Any, TypeVar
 
 import tomli_w
 
 from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.recording.names import COMMANDS, DEEDS
-from deltaswarm_wire import digest
+from deltaswarm_orchestrator.run.metrics import metrics
+from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState, Tally
+from deltaswarm_wire.truth import EventState, Tally
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""
@@ -42,30 +41,6 @@ OFTEN = 5
 """Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
 
 Row = TypeVar("Row", Tally, Workload, EventState)
-
-
-@dataclass
-class Outcome:
-    """What the parts of one run recorded."""
-
-    tallies: list[Tally] = field(default_factory=list)
-    events: list[EventState] = field(default_factory=list)
-    workloads: list[Workload] = field(default_factory=list)
-    world: dict[str, Any] = field(default_factory=dict)
-    operator: dict[str, Any] = field(default_factory=dict)
-    messages: list[str] = field(default_factory=list)
-    """Messages for the user: agents that failed, and why."""
-
-    @property
-    def is_complete(self) -> bool:
-        """Whether world and operator both reached the last step."""
-        return bool(self.world.get("complete") and self.operator.get("complete"))
-
-    @property
-    def digest(self) -> str | None:
-        """The run's digest; None if the world's or the operator's is missing."""
-        world, operator = self.world.get("digest"), self.operator.get("digest")
-        return digest.combine(world, operator) if world and operator else None
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
@@ -178,62 +153,6 @@ def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
     part.replace(file)
 
 
-def metrics(outcome: Outcome, step_s: float) -> dict[str, Any]:
-    """Compute the metrics of an outcome. They do not depend on who recorded it; a recording gives the same."""
-    tallies, workloads = outcome.tallies, outcome.workloads
-    waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
-    end_s = len(tallies) * step_s
-    unsensed = [end_s - e.arrived_s for e in outcome.events if e.sensed_s is None]
-    covered = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None]
-    with_trees = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None and t.trees]
-    in_trees = [t.agents_in_trees for t in tallies]
-    return {
-        "waiting_time_s": {
-            "mean": _mean(waits),
-            "median": float(median(waits)) if waits else None,
-            "n": len(waits),
-            "never_sensed": len(unsensed),
-            "mean_with_never_sensed": _mean(waits + unsensed),
-        },
-        "operator_messages_per_s": {"mean": _rate([w.messages for w in workloads], step_s)},
-        "operator_senders": {"mean": _mean([w.senders for w in workloads])},
-        "operator_time_above_threshold_s": workloads[-1].time_above_s if workloads else None,
-        "frames_sent_per_s": {"mean": _rate([t.frames_sent for t in tallies], step_s)},
-        "frames_received_per_s": {"mean": _rate([t.frames_received for t in tallies], step_s)},
-        "bytes_sent_per_s": {"mean": _rate([t.bytes_sent for t in tallies], step_s)},
-        "frames": {
-            "sent": sum(t.frames_sent for t in tallies),
-            "received": sum(t.frames_received for t in tallies),
-            "duplicated": sum(t.frames_duplicated for t in tallies),
-            "in_flight": tallies[-1].frames_in_flight if tallies else 0,
-        },
-        "frames_dropped": {reason: sum(getattr(t, f"dropped_{reason}") for t in tallies) for reason in DROP_REASONS},
-        "reports": {
-            "sent": sum(t.reports_sent for t in tallies),
-            "arrived": sum(t.reports_arrived for t in tallies),
-            "in_flight": tallies[-1].reports_in_flight if tallies else 0,
-        },
-        "reports_dropped": {
-            reason: sum(getattr(t, f"reports_dropped_{reason}") for t in tallies) for reason in UPLINK_REASONS
-        },
-        "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
-        "trees": {"mean": _mean([t.trees for t in tallies])},
-        "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},
-        "transport_lost": sum(t.transport_lost for t in tallies) + sum(w.lost for w in workloads),
-        "samples_rejected": sum(t.rejected for t in tallies) + sum(w.rejected for w in workloads),
-        "steps": len(tallies),
-    }
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return fmean(values) if values else None
-
-
-def _rate(counts: Sequence[int], step_s: float) -> float | None:
-    mean = _mean(counts)
-    return None if mean is None else mean / step_s
-
-
 def _lost_by_agent(outcome: Outcome) -> str:
     """Name the agents that lost most messages, most first; empty if that is not known."""
     lost = Counter({agent: own["lost"] for agent, own in (outcome.operator.get("per_sender") or {}).items()})
@@ -244,7 +163,7 @@ def _lost_by_agent(outcome: Outcome) -> str:
 
 def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Return the content of `summary.json`: the metrics, and how the run went."""
-    found = metrics(outcome, scenario.run.step_s)
+    found = metrics(outcome, scenario)
     wall_s = outcome.world.get("wall_s")
     simulated_s = found["steps"] * scenario.run.step_s
     reasons = [] if outcome.is_complete else ["the run did not reach its last step"]

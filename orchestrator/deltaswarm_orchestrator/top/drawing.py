@@ -113,11 +113,12 @@ def summary(hello: Mapping[str, Any], picture: Mapping[str, Any]) -> str:
         roles = [row[3] for row in truth["agents"]]
         there = len(roles) - roles.count(DEAD)
         counts = f"{there} of {hello['agents']}, {there - roles.count(FREE)} busy, {roles.count(ROOT)} roots"
-        lines += [f"agents     {counts}", f"events     {len(truth['events'])} not complete"]
+        lines += [f"agents     {counts}", f"events     {len(truth['events'])} open"]
     elif status:
         lines.append(f"agents     {status['agents_alive']} of {hello['agents']}, {status['agents_in_trees']} in trees")
     if status:
         lines.append(f"waiting    {status['mean_waiting_s']:.1f} s on average")
+        lines.append(f"complete   {status['events_completed']} events")
     lines.append(f"messages   {workload['rate_1s_hz']:.1f} per s, {workload['rate_60s_hz']:.1f} per s over 60 s")
     if workload["messages"] is not None:
         lines.append(f"           {workload['messages']} in all")
