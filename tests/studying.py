@@ -6,7 +6,9 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator.studies.study import Study, StudyFile, make_study
+from deltaswarm_orchestrator.studies.load import make_study
+from deltaswarm_orchestrator.studies.settings import StudyFile
+from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.sweeps.load import STUDY_TABLES, make_sweep
 from deltaswarm_wire import checked
 
@@ -14,6 +16,10 @@ SWEEP = """
 schema = 1
 name = "made-up"
 base = "smoke"
+
+[scenario]
+run.duration_s = 1000.0
+metrics.horizon_s = 100.0
 
 [sweep]
 repeats = 10
@@ -59,7 +65,7 @@ def table(waiting: Value = spread, messages: Value = spread, sensed: Value | Non
             "replicate": replicate,
             "seed": 100 + replicate,
             "waiting_time_s.mean": (sensed or waiting)(level, mode, replicate),
-            "waiting_time_s.mean_with_never_sensed": waiting(level, mode, replicate),
+            "waiting_time_s.restricted_mean": waiting(level, mode, replicate),
             "operator_messages_per_s.mean": messages(level, mode, replicate),
             "agents_in_trees.mean": 12.0,
         }
@@ -71,14 +77,14 @@ def table(waiting: Value = spread, messages: Value = spread, sensed: Value | Non
 
 
 def series(waiting: Callable[[str, str, int, float], float], end_s: float = 1000.0) -> pd.DataFrame:
-    """A sweep's series, with five events in each window of 100 s."""
+    """A sweep's series, with five followed events in each window of 100 s."""
     rows = [
         {
             "variant": f"{level}, {mode}",
             "replicate": replicate,
             "seed": 100 + replicate,
             "time_s": time_s,
-            "events_arrived": 5.0,
+            "events_followed": 5.0,
             "waiting_time_s": waiting(level, mode, replicate, time_s),
             "operator_messages": 4.0,
             "agents_in_trees": min(12.0, time_s / 50),

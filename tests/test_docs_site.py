@@ -56,7 +56,7 @@ def test_every_command_and_its_options_are_in_the_reference(site: Path) -> None:
         ("messages", ["deltaswarm_wire.messages.decode_frame"]),
         ("settings", ["deltaswarm_wire.settings.Scenario", "deltaswarm_wire.settings_radio.RadioSettings"]),
         ("stats", ["deltaswarm_orchestrator.stats.contrast"]),
-        ("studies", ["deltaswarm_orchestrator.studies.study.load_study"]),
+        ("studies", ["deltaswarm_orchestrator.studies.load.load_study"]),
     ],
 )
 def test_the_api_comes_from_docstrings(site: Path, page: str, names: list[str]) -> None:

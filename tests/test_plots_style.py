@@ -17,8 +17,8 @@ from deltaswarm_orchestrator.report.plots import scale, style, swarm
 from deltaswarm_orchestrator.report.plots.swarm import KINDS
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_orchestrator.studies import snapshot
-from deltaswarm_orchestrator.studies.charts import CHARTS
-from deltaswarm_orchestrator.studies.evidence import courses_of, runs_of, windows_with_levels
+from deltaswarm_orchestrator.studies.page import CHARTS
+from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
 from tests.studying import OWN, made, series, table
 
 ROOT = Path(__file__).parents[1]

@@ -9,11 +9,24 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
-from deltaswarm_orchestrator.stats import contrast, describe, holm, pairs_needed, smallest_p
+from deltaswarm_orchestrator.stats import (
+    ALPHA,
+    contrast,
+    describe,
+    holm,
+    median_interval,
+    pairs_needed,
+    scale_of,
+    smallest_alpha,
+    smallest_effect,
+    smallest_p,
+    with_error,
+)
 
 SIZES = st.lists(st.integers(1, 100), min_size=1, max_size=25, unique=True)
 GRID = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=1, max_size=20)
 """Pairs with many ties and many that do not differ."""
+ALPHAS = st.sampled_from([0.05, 0.05 / 3, 0.05 / 15, 0.3])
 
 
 @given(SIZES, st.integers(0, 2**25))
@@ -21,31 +34,46 @@ def test_without_ties_p_is_scipys(sizes: list[int], signs: int) -> None:
     """The exact signed-rank test of differences that all differ in size."""
     array = np.array([size if signs >> index & 1 else -size for index, size in enumerate(sizes)])
     found = contrast(array - 200, np.zeros(len(array)) - 200)
-    assert found.p == pytest.approx(min(1.0, scipy_stats.wilcoxon(array, method="exact").pvalue))
+    assert found.p() == pytest.approx(min(1.0, scipy_stats.wilcoxon(array, method="exact").pvalue))
 
 
-@given(GRID)
-def test_interval_and_p_never_contradict_each_other(pairs: list[tuple[int, int]]) -> None:
-    """The interval excludes "no difference" exactly where p is at most 0.05, ties or not; also of ratios."""
-    for shift, none in ((-10, 0.0), (1, 1.0)):
+@given(GRID, ALPHAS, st.sampled_from([0.5, 1.0, 1.25]))
+def test_interval_and_p_never_contradict_each_other(pairs: list[tuple[int, int]], alpha: float, null: float) -> None:
+    """The interval excludes a value exactly where its p is at most alpha, ties or not; of differences and of ratios."""
+    for shift in (-10, 1):
         a, b = (np.array(side, dtype=float) + shift for side in zip(*pairs, strict=True))
         found = contrast(a, b)
-        if found.low is None or found.high is None:
-            assert found.p > 0.05
-        else:
-            assert (found.low > none or found.high < none) == (found.p <= 0.05)
-            assert found.estimate is not None
-            assert found.low <= found.estimate <= found.high
+        low, high = found.interval(alpha)
+        tie = 1e-8 if found.scale == "ratio" else 0.0
+        assert (low > null + tie or high < null - tie) <= (found.p(null) <= alpha) <= (low > null or high < null)
+        assert found.estimate is not None
+        assert low <= found.estimate <= high
+
+
+@given(GRID, st.floats(1.01, 4), ALPHAS)
+def test_an_interval_and_a_margin_never_contradict_each_other(
+    pairs: list[tuple[int, int]], margin: float, alpha: float
+) -> None:
+    """It lies within the margin, or beyond it, exactly where that p is at most alpha; but for rounding at a tie."""
+    a, b = (np.array(side, dtype=float) + 1 for side in zip(*pairs, strict=True))
+    found = contrast(a, b)
+    low, high = found.interval(alpha)
+    tie = 1 + 2e-9
+    assert (1 / margin * tie < low and high * tie < margin) <= (found.p_within(margin) <= alpha)
+    assert (found.p_within(margin) <= alpha) <= (1 / margin < low * tie and high < margin * tie)
+    assert (high * tie < 1 / margin or low > margin * tie) <= (found.p_beyond(margin) <= alpha)
+    assert (found.p_beyond(margin) <= alpha) <= (high < 1 / margin * tie or low * tie > margin)
 
 
 @given(GRID, st.floats(1.5, 4))
 def test_a_contrast_turned_round_says_the_same(pairs: list[tuple[int, int]], margin: float) -> None:
     """With the ratio inverted and the effect's sign changed."""
     a, b = (np.array(side, dtype=float) + 1 for side in zip(*pairs, strict=True))
-    one, other = contrast(a, b, margin=margin), contrast(b, a, margin=margin)
-    assert one.p == pytest.approx(other.p)
-    assert one.p_alike == pytest.approx(other.p_alike)
-    assert one.p_beyond == pytest.approx(other.p_beyond)
+    one, other = contrast(a, b), contrast(b, a)
+    assert one.p() == pytest.approx(other.p())
+    assert one.p_within(margin) == pytest.approx(other.p_within(margin))
+    assert one.p_beyond(margin) == pytest.approx(other.p_beyond(margin))
+    assert one.p(margin) == pytest.approx(other.p(1 / margin))
     assert one.estimate == pytest.approx(1 / other.estimate)  # type: ignore[operator]
     assert one.effect == pytest.approx(-other.effect)  # type: ignore[operator]
 
@@ -55,50 +83,36 @@ def test_the_interval_covers_the_shift_as_often_as_it_says() -> None:
     generator = np.random.default_rng(7)
     inside = 0
     for _ in range(1000):
-        found = contrast(generator.normal(0.5, 1, 12) - 50, np.zeros(12) - 50)
-        assert found.low is not None
-        assert found.high is not None
-        inside += found.low <= 0.5 <= found.high
+        low, high = contrast(generator.normal(0.5, 1, 12) - 50, np.zeros(12) - 50).interval(ALPHA)
+        inside += low <= 0.5 <= high
     assert inside >= 1000 * 0.95 - 3 * math.sqrt(1000 * 0.95 * 0.05)
 
 
 def test_ratios_where_all_is_positive_else_differences() -> None:
-    """A metric that is 0 in some run has no ratio."""
-    assert contrast([2, 4, 6], [1, 2, 3]).scale == "ratio"
+    """A metric that is 0 in some run has no ratio; missing values do not matter."""
+    assert scale_of([2, 4, None], [1, 2, 3]) == "ratio"
     assert contrast([2, 4, 6], [1, 2, 3]).estimate == pytest.approx(2)
-    assert contrast([2, 4, 0], [1, 2, 3]).scale == "difference"
+    assert scale_of([2, 4, 0], [1, 2, 3]) == scale_of([1], [-1.0]) == "difference"
     assert contrast([2, 4, 0], [1, 1, 1]).estimate == pytest.approx(1)
-
-
-def test_alike_needs_evidence() -> None:
-    """Small differences in many pairs are alike; few pairs or a wide spread show neither; large ones are beyond."""
-    base = np.linspace(10, 20, 12)
-    alike = contrast(base * 1.01, base, margin=1.1)
-    assert alike.p_alike is not None
-    assert alike.p_alike < 0.001
-    few = contrast([10.1, 20.2], [10, 20], margin=1.1)
-    assert few.p_alike is not None
-    assert few.p_alike > 0.05
-    beyond = contrast(base * 1.5, base, margin=1.1)
-    assert beyond.p_beyond is not None
-    assert beyond.p_beyond < 0.001
+    assert contrast([2, 4, 6], [1, 2, 3], "difference").estimate == pytest.approx(2)
 
 
 def test_pairs_with_a_missing_value_are_left_out_and_counted() -> None:
-    """And nothing at all gives no estimate."""
+    """And nothing at all gives no estimate, no evidence and no interval."""
     found = contrast([1, None, 3, math.nan], [1, 2, None, 4])
     assert (found.n, found.missing) == (1, 3)
     nothing = contrast([], [])
-    assert (nothing.n, nothing.p, nothing.estimate) == (0, 1.0, None)
+    assert (nothing.n, nothing.p(), nothing.estimate) == (0, 1.0, None)
+    assert nothing.interval(ALPHA) == (-math.inf, math.inf)
 
 
 @pytest.mark.parametrize(
-    ("a", "b", "margin"), [([1], [1, 2], None), ([math.inf], [1], None), ([1], [1], 0.9), ([0], [1], -1.0)]
+    ("a", "b", "scale"), [([1], [1, 2], None), ([math.inf], [1], None), ([0], [1], "ratio"), ([1], [-1], "ratio")]
 )
-def test_impossible_samples_and_margins_are_refused(a: list[float], b: list[float], margin: float | None) -> None:
-    """Samples of different lengths, infinite values, margins that are none."""
+def test_impossible_samples_are_refused(a: list[float], b: list[float], scale: str | None) -> None:
+    """Samples of different lengths, infinite values, ratios of values that have none."""
     with pytest.raises(ValueError, match="must"):
-        contrast(a, b, margin=margin)
+        contrast(a, b, scale)  # type: ignore[arg-type]
 
 
 def test_the_medians_interval_is_made_of_order_statistics() -> None:
@@ -109,7 +123,33 @@ def test_the_medians_interval_is_made_of_order_statistics() -> None:
     assert describe([None, math.nan]).n == 0
 
 
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=6))
+def test_a_published_error_widens_an_interval() -> None:
+    """By the root of the sum of squares at each end; it covers the published median as often as it says; seed 3."""
+    assert with_error(10.0, (7.0, 13.0), 0.0, ALPHA) == (7.0, 13.0)
+    low, high = with_error(10.0, (7.0, 14.0), 2.0, ALPHA)
+    other = 2.0 * float(scipy_stats.norm.isf(0.025))
+    assert (10 - low, high - 10) == (pytest.approx(math.hypot(3, other)), pytest.approx(math.hypot(4, other)))
+    assert with_error(10.0, (-math.inf, math.inf), 1.0, ALPHA) == (-math.inf, math.inf)
+    generator, covered = np.random.default_rng(3), 0
+    for _ in range(500):
+        ours, theirs = generator.normal(0, 1, 20), generator.normal(0, 1, 20)
+        error = 1.2533 / 20**0.5
+        low, high = with_error(float(np.median(ours)), median_interval(ours, ALPHA), error, ALPHA)
+        covered += low <= float(np.median(theirs)) <= high
+    assert covered >= 500 * 0.95 - 3 * math.sqrt(500 * 0.95 * 0.05)
+
+
+@given(st.floats(1e-6, 0.999))
+def test_the_smallest_alpha_that_decides_is_found(threshold: float) -> None:
+    """To seven digits; 1 if none decides."""
+    assert smallest_alpha(lambda alpha: alpha >= threshold) == pytest.approx(threshold, rel=1e-6)
+    assert smallest_alpha(lambda alpha: False) == 1.0
+
+
+P_VALUES = st.lists(st.floats(0, 1), min_size=1, max_size=6)
+
+
+@given(P_VALUES)
 def test_holm_is_the_closure_of_bonferronis_tests(p: list[float]) -> None:
     """A hypothesis is rejected if every intersection of hypotheses that holds it is."""
     expected = [
@@ -121,7 +161,16 @@ def test_holm_is_the_closure_of_bonferronis_tests(p: list[float]) -> None:
         )
         for index in range(len(p))
     ]
-    assert holm(p) == pytest.approx(expected)
+    assert [adjusted for adjusted, _ in holm(p)] == pytest.approx(expected)
+
+
+@given(P_VALUES)
+def test_holms_alpha_rejects_what_its_p_rejects(p: list[float]) -> None:
+    """So an interval at that alpha excludes "no difference" exactly where the corrected p is at most 0.05."""
+    for value, (adjusted, alpha) in zip(p, holm(p), strict=True):
+        if not math.isclose(adjusted, ALPHA, rel_tol=1e-9):
+            assert (value <= alpha) == (adjusted <= ALPHA)
+        assert ALPHA / len(p) <= alpha <= ALPHA
 
 
 def test_how_many_pairs_are_needed() -> None:
@@ -129,3 +178,14 @@ def test_how_many_pairs_are_needed() -> None:
     assert smallest_p(6) * 7 > 0.05
     assert pairs_needed(7) == 9
     assert pairs_needed(1) == 6
+
+
+@pytest.mark.parametrize(("pairs", "family"), [(20, 1), (20, 8), (12, 3)])
+def test_the_smallest_effect_is_shown_as_often_as_it_says(pairs: int, family: int) -> None:
+    """With a probability of 80 %, within what 400 samples can tell; seed 11. Too few pairs show nothing."""
+    generator, shown = np.random.default_rng(11), 0
+    shift = smallest_effect(2.0, pairs, family)
+    for _ in range(400):
+        shown += contrast(generator.normal(shift, 2.0, pairs), np.zeros(pairs), "difference").p() <= ALPHA / family
+    assert 0.72 < shown / 400 < 0.9
+    assert smallest_effect(2.0, 6, 7) == math.inf

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_orchestrator.report.plots import style
-from deltaswarm_orchestrator.studies.charts import CHARTS, ellipse
-from deltaswarm_orchestrator.studies.evidence import courses_of, runs_of, windows_with_levels
+from deltaswarm_orchestrator.studies.page import CHARTS
+from deltaswarm_orchestrator.studies.planes import ellipse
+from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
 from tests.studying import LEVELS, MODES, OWN, made, series, table
 
 NONE = pd.DataFrame()
@@ -95,6 +96,25 @@ def test_the_plane_joins_the_medians_in_the_order_that_is_asked_for() -> None:
     [axes] = figure.axes
     assert sum(isinstance(patch, Ellipse) for patch in axes.patches) == 2
     assert [text.get_text() for text in axes.texts] == ["loss=0.9, hybrid 3", "loss=0.0, hybrid 3"]
+
+
+def test_a_frontier_joins_the_medians_of_each_path() -> None:
+    """Each labelled with its number; other variants stand alone; whiskers are the intervals along both axes."""
+    paths = 'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3", "loss=0.9, hybrid 3"] }\n'
+    alone = 'variants = ["loss=0.0, decentralised"]\n'
+    runs = runs_of(
+        made(OWN),
+        table(messages=lambda level, mode, replicate: LEVELS.index(level) + 1.05**replicate),
+        NONE,
+    )
+    figure = drawn(f'kind = "frontier"\nx = "waiting_all"\nmetric = "messages"\n{paths}{alone}', runs)
+    [axes] = figure.axes
+    assert [text.get_text() for text in axes.texts] == ["3", "3", "3"]
+    joined = [line for line in axes.lines if len(line.get_xdata()) == 3]  # type: ignore[arg-type]
+    medians = [float(np.median(1.05 ** np.arange(10))) + place for place in range(3)]
+    assert [list(line.get_ydata()) for line in joined] == [pytest.approx(medians)]
+    assert {text.get_text() for text in figure.legends[0].get_texts()} == {"loss", "loss=0.0, decentralised"}
+    assert len(axes.containers) == 4
 
 
 def test_the_ellipse_is_one_standard_deviation_wide() -> None:

@@ -17,6 +17,7 @@ schema = 1
 name = "own"
 base = "smoke"
 scenario.run.duration_s = 100.0
+scenario.metrics.horizon_s = 50.0
 
 [sweep]
 repeats = 7
@@ -95,11 +96,44 @@ def test_it_is_rendered_again_without_a_run(done: Path, capsys: Printed) -> None
     assert (done / "out" / "page.html").read_bytes() == before
 
 
-def test_tables_without_a_metric_of_the_study_are_refused(done: Path, capsys: Printed) -> None:
-    """As after the study file has gained one: only the sweep has it."""
-    (done / "more.toml").write_text(QUESTION.replace("metrics = [", 'metrics = ["trees", ', 1))
-    assert main(["study", str(done / "more.toml"), "--out", str(done / "out"), "--render"]) == 1
-    assert "trees" in capsys.readouterr().err
+def test_a_page_says_that_compared_runs_saw_the_same_arrivals(done: Path) -> None:
+    """By what was recorded of both, for times and places."""
+    page = (done / "out" / "page.md").read_text()
+    assert "number and times of arrivals are the same in 21 of 21 pairs of runs" in page
+    assert "places of arrivals are the same in 21 of 21 pairs of runs" in page
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("metrics = [", 'metrics = ["trees", '), "trees"),
+        (("repeats = 7", "repeats = 9"), "8 of 36 runs are missing: loss=0.0, decentralised (replicates 7 to 8)"),
+        (("radio.loss = [0.0, 0.9]", "radio.loss = [0.0, 0.9, 0.5]"), "14 of 42 runs are missing"),
+    ],
+)
+def test_what_tables_lack_stands_at_the_top_of_the_page(
+    done: Path, more: tuple[str, str], told: str, tmp_path: Path, capsys: Printed
+) -> None:
+    """As after the study file has gained a metric, replicates or variants: the page is made, with exit code 1."""
+    tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (tmp_path / "more.toml").write_text(QUESTION.replace(*more, 1))
+    assert main(["study", str(tmp_path / "more.toml"), "--out", str(tables), "--render"]) == 1
+    assert told in capsys.readouterr().err
+    assert told in (tables / "page.md").read_text().partition("## ")[0]
+
+
+def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """Exit code 0 if every number is the same, 3 if one differs in its last digit, 1 without tables."""
+    command = ["study", str(done / "own.toml"), "--check", "--out"]
+    assert main([*command, str(done / "out")]) == 0
+    assert "as published" in capsys.readouterr().out
+    tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    runs = pd.read_csv(tables / "runs.csv")
+    runs.assign(messages=runs["messages"] * (1 + 1e-15)).to_csv(tables / "runs.csv", index=False)
+    assert main([*command, str(tables)]) == 3
+    assert "messages was" in capsys.readouterr().out
+    assert main([*command, str(tmp_path / "nowhere")]) == 1
+    assert "runs.csv" in capsys.readouterr().err
 
 
 def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Printed) -> None:
@@ -165,6 +199,16 @@ def test_a_report_of_a_damaged_sweep_says_so(
     (damaged / name).write_text(content)
     assert main(["report", str(damaged)]) == 2
     assert name.partition(".")[0] in capsys.readouterr().err
+
+
+def test_a_report_of_a_sweep_with_missing_runs_says_so(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """At the top of its page, with exit code 1."""
+    sweep = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
+    table = pd.read_csv(sweep / "table.csv", dtype=str)
+    table.drop(index=[0, 5]).to_csv(sweep / "table.csv", index=False)
+    assert main(["report", str(sweep)]) == 1
+    assert "2 of 28 runs are missing" in capsys.readouterr().err
+    assert "2 of 28 runs are missing" in (sweep / "page.md").read_text().partition("## ")[0]
 
 
 @pytest.mark.parametrize("name", ["runs.csv", "provenance.csv"])

@@ -10,14 +10,18 @@ import pytest
 from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
+from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.report.page import render, table
-from deltaswarm_orchestrator.studies.page import Evidence, pages, write, write_index
+from deltaswarm_orchestrator.studies.evidence import Evidence
+from deltaswarm_orchestrator.studies.origin import CODE, QUESTIONS, RUNS
+from deltaswarm_orchestrator.studies.page import pages, write, write_index
 from deltaswarm_orchestrator.sweeps.table import read_table, write_table
-from tests.studying import OWN, made, series, spread
+from tests.studying import OWN, SWEEP, made, series, spread
 from tests.studying import table as runs_table
 
 ASKED = OWN + (
     '[[contrast]]\nid = "limit"\ntext = "Loss <b>against</b> none"\nfactor = "loss"\nreference = "loss=0.0"\n'
+    'metrics = ["waiting_all", "messages"]\n'
     '[[claim]]\nid = "c"\ntext = "Hybrid | waits less"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.0, decentralised"\n'
     '[[recovery]]\nmetric = "waiting_all"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
     'after_s = 300.0\n'
@@ -29,6 +33,8 @@ DRAWN = ASKED + (
     '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
     'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
     '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\ncaption = "Plane."\n'
+    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
+    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
 )
 PROVENANCE = pd.DataFrame({"what": ["runs"], "value": ["60"]})
 
@@ -41,8 +47,8 @@ def evidence() -> Evidence:
 def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
     """No script, nothing fetched; figures are in it; what a file says is text, not markup."""
     html, _, pictures = pages(made(DRAWN), evidence, PROVENANCE)
-    assert [picture.name for picture in pictures] == ["boxes", "levels", "time", "plane"]
-    assert html.count("data:image/") == 4
+    assert [picture.name for picture in pictures] == ["boxes", "levels", "time", "plane", "frontier"]
+    assert html.count("data:image/") == 5
     assert not re.search(r"<script|<link|(?:src|href)=\"(?!data:|#)", html)
     assert "Loss &lt;b&gt;against&lt;/b&gt; none" in html
     assert "<b>against" not in html
@@ -56,7 +62,7 @@ def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
     assert rendered.count("<tr>") == len(re.findall(r"<tr[ >]", html))
     for row in re.findall(r"<tr>(.*?)</tr>", rendered, flags=re.DOTALL):
         assert "<td></td>" * 3 not in row
-    assert [f"figures/{picture.name}.png" in markdown for picture in pictures] == [True] * 4
+    assert [f"figures/{picture.name}.png" in markdown for picture in pictures] == [True] * 5
 
 
 def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path: Path) -> None:
@@ -97,10 +103,47 @@ def test_a_surprise_is_a_claim_refuted_against_expectation() -> None:
 def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     """With how many are needed."""
     few = evidence.runs[evidence.runs["replicate"] < 3]
-    found = Evidence.of(made(ASKED), few, evidence.courses, evidence.recovery)
+    study = made(ASKED, SWEEP.replace("repeats = 10", "repeats = 3"))
+    found = Evidence.of(study, few, evidence.courses, evidence.recovery)
     assert len(found.doubts) == 1
     assert "at least 8" in found.doubts[0]
-    assert found.doubts[0] in pages(made(ASKED), found, PROVENANCE)[1]
+    assert found.doubts[0] in pages(study, found, PROVENANCE)[1]
+
+
+def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
+    """Runs by variant and replicate, and metrics that the tables do not have; the rest of the page is there."""
+    part = evidence.runs[evidence.runs["replicate"] < 7].drop(columns="messages")
+    found = Evidence.of(made(ASKED), part, evidence.courses, evidence.recovery)
+    _, markdown, _ = pages(made(ASKED), found, PROVENANCE)
+    top, _, rest = markdown.partition("## ")
+    assert "18 of 60 runs are missing" in top
+    assert "replicates 7 to 9" in top
+    assert "messages" in top
+    assert "no data" in rest
+
+
+def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: Evidence) -> None:
+    """What it runs and what it asks are told apart; a provenance of before says nothing of it."""
+    study = made(ASKED)
+    runs, questions = study.digests
+    known = pd.DataFrame({"what": [CODE, RUNS, QUESTIONS], "value": [provenance.code_digest(), runs, questions]})
+    assert pages(study, evidence, known)[1].count("unchanged since the runs") == 1
+    assert "not that of the runs" in pages(study, evidence, known.assign(value="0"))[1]
+    other_question = made(ASKED.replace("Nothing follows.", "Something follows."))
+    text = pages(other_question, evidence, known)[1]
+    assert "what it asks" in text
+    assert "what it runs" not in text.replace(RUNS, "")
+    other_runs = made(ASKED, SWEEP.replace("0.9]", "0.8]").replace("repeats = 10", "repeats = 9"))
+    assert other_runs.digests[0] != runs
+    assert "not known" in pages(study, evidence, PROVENANCE)[1]
+
+
+def test_a_number_of_fewer_replicates_says_so(evidence: Evidence) -> None:
+    """Beside the estimate that it is about."""
+    holed = evidence.runs.copy()
+    holed.loc[(holed["variant"] == holed["variant"].iloc[0]) & (holed["replicate"] > 5), "messages"] = float("nan")
+    found = Evidence.of(made(ASKED), holed, evidence.courses, evidence.recovery)
+    assert pages(made(ASKED), found, PROVENANCE)[1].count("(n = 6)") == 1
 
 
 def test_labels_that_look_like_something_else_are_text(tmp_path: Path) -> None:

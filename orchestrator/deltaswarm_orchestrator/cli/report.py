@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK, CommandError
+from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -23,8 +23,10 @@ def add(command: argparse.ArgumentParser) -> None:
 def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
     from deltaswarm_orchestrator.studies.bare import bare_study
+    from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.metrics import ID
-    from deltaswarm_orchestrator.studies.page import Evidence, provenance_of, write
+    from deltaswarm_orchestrator.studies.origin import provenance_of
+    from deltaswarm_orchestrator.studies.page import write
     from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
     from deltaswarm_orchestrator.sweeps.load import load_sweep
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
@@ -42,8 +44,11 @@ def report(arguments: argparse.Namespace) -> int:
         study = bare_study(
             sweep, table, has_series=len(series) > 0, reference=arguments.reference, more=arguments.metric
         )
-        files = write(study, Evidence.of_sweep(study, table, series), provenance_of(manifest), arguments.out or folder)
+        evidence = Evidence.of_sweep(study, table, series)
+        files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder)
     except (OSError, ValueError) as error:
         raise CommandError(str(error)) from None
     print(json.dumps([str(file) for file in files]) if arguments.json else files[0])
-    return OK
+    for line in evidence.warnings:
+        complain(line)
+    return FAILED if evidence.incomplete else OK

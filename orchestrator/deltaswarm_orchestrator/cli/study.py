@@ -12,16 +12,17 @@ from deltaswarm_orchestrator.exits import FAILED, MISSED, OK, USAGE, CommandErro
 if TYPE_CHECKING:
     import pandas as pd
 
-    from deltaswarm_orchestrator.studies.page import Evidence
+    from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.study import Study
 
 EXAMPLES = """\
 examples:
-  deltaswarm study paper --plan        the planned runs, and the smallest p-value they could reach
+  deltaswarm study paper --plan        the planned runs, how long they take, what they could show
   deltaswarm study paper               every number and claim of the paper, from 440 runs
   deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
   deltaswarm study my-study.toml       your own question
   deltaswarm study paper --render      make the page again from its tables
+  deltaswarm study paper --check       repeat one of its runs, and compare it with its row in the tables
 """
 
 
@@ -30,10 +31,17 @@ def add(command: argparse.ArgumentParser) -> None:
     command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
     command.add_argument("study", metavar="NAME|FILE", help="a built-in study (`deltaswarm list`) or a TOML file")
-    command.add_argument(
-        "--plan", action="store_true", help="print the planned runs and the smallest p-value they could reach"
+    instead = command.add_mutually_exclusive_group()
+    instead.add_argument(
+        "--plan", action="store_true", help="print the planned runs, their duration, what they could show"
     )
-    command.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
+    instead.add_argument("--render", action="store_true", help="run nothing: make the page from the study's tables")
+    instead.add_argument(
+        "--check", action="store_true", help="repeat one run, and compare it with its row in the tables"
+    )
+    command.add_argument(
+        "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
+    )
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
     command.add_argument("--json", action="store_true", help="print the verdicts as JSON")
@@ -42,9 +50,11 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
+    from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
     from deltaswarm_orchestrator.studies.plan import plan
-    from deltaswarm_orchestrator.studies.study import COLLECTIONS, load_study
+    from deltaswarm_orchestrator.sweeps.conduct import default_workers
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
+    from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES
     from deltaswarm_wire.checked import did_you_mean
 
     is_known = arguments.study in {*COLLECTIONS, *BUILT_IN} or Path(arguments.study).exists()
@@ -53,15 +63,20 @@ def study(arguments: argparse.Namespace) -> int:
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
     studies = [load_study(name, arguments.set, settings) for name in names]
-    if arguments.plan:
-        print("\n\n".join(map(plan, studies)))
-        return OK
     is_collection = len(studies) > 1
     out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
+    folders = [out / one.name if is_collection else out for one in studies]
+    if arguments.plan:
+        workers = arguments.jobs or default_workers(PROCESSES if arguments.processes else IN_PROCESS)
+        plans = [plan(one, arguments.pilot or folder, workers) for one, folder in zip(studies, folders, strict=True)]
+        print("\n\n".join(plans))
+        return OK
+    if arguments.check:
+        return max(_checked(one, folder) for one, folder in zip(studies, folders, strict=True))
     codes, told = [], []
-    for one in studies:
+    for one, folder in zip(studies, folders, strict=True):
         try:
-            code, found = _done(arguments, one, out / one.name if is_collection else out)
+            code, found = _done(arguments, one, folder)
         except CommandError as error:
             complain(str(error))
             codes.append(error.code)
@@ -84,7 +99,9 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
     Raises:
         CommandError: a run failed, or the page could not be made.
     """
-    from deltaswarm_orchestrator.studies.page import PROVENANCE, Evidence, write
+    from deltaswarm_orchestrator.studies.evidence import Evidence
+    from deltaswarm_orchestrator.studies.origin import PROVENANCE
+    from deltaswarm_orchestrator.studies.page import write
     from deltaswarm_orchestrator.sweeps.table import read_table
 
     try:
@@ -95,7 +112,7 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
             evidence, provenance = _conducted(arguments, one, folder)
         files = write(one, evidence, provenance, folder)
     except (OSError, ValueError) as error:
-        raise CommandError(f"{one.name}: {error}", FAILED) from None
+        raise CommandError(_why(one, error), FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
@@ -107,7 +124,33 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
     for line in evidence.surprises:
         complain(f"{one.name}: refuted, and expected to hold: {line}")
     is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
-    return MISSED if is_missed else OK, {"study": one.name, "page": str(files[0]), "claims": verdicts}
+    code = FAILED if evidence.incomplete else MISSED if is_missed else OK
+    return code, {"study": one.name, "page": str(files[0]), "claims": verdicts}
+
+
+def _checked(one: "Study", folder: Path) -> int:
+    """Repeat one run of a study, and say whether it is still as its tables say; return the exit code.
+
+    Raises:
+        CommandError: there are no tables, or the run failed.
+    """
+    from deltaswarm_orchestrator.studies.published import repeat
+    from deltaswarm_orchestrator.sweeps.work import RunError
+
+    try:
+        repeated = repeat(one, folder)
+    except (OSError, ValueError, RunError) as error:
+        raise CommandError(_why(one, error), FAILED) from None
+    differing = ", ".join(f"{name} was {was}, is {now}" for name, was, now in repeated.differing)
+    print(f"{one.name}: {repeated.run}: {differing or 'as published'}")
+    return MISSED if differing else OK
+
+
+def _why(one: "Study", error: Exception) -> str:
+    """Say why tables cannot be used."""
+    if isinstance(error, FileNotFoundError):
+        return f"{one.name}: {error.filename} is not there; `deltaswarm study {one.name}` makes it"
+    return f"{one.name}: {error}"
 
 
 def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
@@ -116,7 +159,8 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
     Raises:
         CommandError: the sweep could not start, or a run failed.
     """
-    from deltaswarm_orchestrator.studies.page import Evidence, provenance_of
+    from deltaswarm_orchestrator.studies.evidence import Evidence
+    from deltaswarm_orchestrator.studies.origin import provenance_of
     from deltaswarm_orchestrator.sweeps.shared import take_over
 
     runs = folder / "sweep"
@@ -127,4 +171,4 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
     result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
     if not result.is_well:
         raise CommandError(f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page", FAILED)
-    return Evidence.of_sweep(one, result.table, result.series), provenance_of(result.manifest)
+    return Evidence.of_sweep(one, result.table, result.series), provenance_of(one, result.manifest)

@@ -17,7 +17,7 @@ from deltaswarm_orchestrator.report.plots import style
 MAX_SVG_BYTES = 400_000
 """A drawing whose SVG is larger than this goes into the page as PNG."""
 
-MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "higher": "", "lower": "", "alike": "good"}
+MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "alike": "good"}
 """The colour of a row by its verdict; the row also shows the verdict as a word."""
 
 

@@ -4,21 +4,14 @@ from collections.abc import Sequence
 
 import pandas as pd
 
-from deltaswarm_orchestrator.studies.metrics import BUILT_IN, WAITING, WAITING_ALL, MetricSettings
-from deltaswarm_orchestrator.studies.study import (
-    ContrastSettings,
-    FigureSettings,
-    Study,
-    StudyFile,
-    StudySettings,
-    default_factors,
-    make_study,
-    numbers_in,
-)
+from deltaswarm_orchestrator.studies.load import make_study
+from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COMPLETION, WAITING, WAITING_ALL, MetricSettings
+from deltaswarm_orchestrator.studies.settings import ContrastSettings, FigureSettings, StudyFile, StudySettings
+from deltaswarm_orchestrator.studies.study import Study, default_factors, numbers_in
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 
-MAIN = (WAITING, WAITING_ALL, "messages", "frames_sent", "agents_in_trees")
-DRAWN = (WAITING, "messages")
+MAIN = (WAITING, WAITING_ALL, COMPLETION, "messages", "frames_sent", "agents_in_trees")
+DRAWN = (WAITING, COMPLETION, "messages")
 OVER_TIME = "agents_in_trees"
 
 

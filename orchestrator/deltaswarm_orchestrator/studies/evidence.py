@@ -1,290 +1,132 @@
-"""Turn runs into verdicts: from a row per run to a row per estimate, contrast, claim and finding."""
+"""All that a study's runs show, a table for each kind of result."""
 
-import itertools
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
 import pandas as pd
-from scipy.stats import t
 
-from deltaswarm_orchestrator.stats import ALPHA, RATIO, contrast, describe, holm
-from deltaswarm_orchestrator.studies.metrics import ID, WAITING, WAITING_ALL, is_over_time, values_of, windows_of
-from deltaswarm_orchestrator.studies.study import (
-    ALIKE,
-    HIGHER,
-    HOLDS,
-    LOWER,
-    REFUTED,
-    UNCLEAR,
-    UNDECIDED,
-    ClaimSettings,
-    ContrastSettings,
-    Study,
+from deltaswarm_orchestrator.stats import pairs_needed
+from deltaswarm_orchestrator.studies.claims import claims_of, findings_of, vacuous_claims
+from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
+from deltaswarm_orchestrator.studies.metrics import ID
+from deltaswarm_orchestrator.studies.recovery import recovery_of
+from deltaswarm_orchestrator.studies.settings import REFUTED
+from deltaswarm_orchestrator.studies.study import Study
+from deltaswarm_orchestrator.studies.tables import (
+    ORIGIN,
+    courses_of,
+    estimates_of,
+    missing_metrics,
+    missing_runs,
+    runs_of,
+    same_arrivals,
+    windows_with_levels,
 )
-
-Row = dict[str, Any]
-INTERACTION = " against "
+from deltaswarm_orchestrator.sweeps.table import read_table, write_table
 
 
-def runs_of(study: Study, table: pd.DataFrame, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run: columns that identify it, the level of each factor, every metric that the study uses.
+@dataclass(frozen=True)
+class Evidence:
+    """All results of a study's runs, a table each."""
 
-    Raises:
-        ValueError: If the tables lack a column that a metric needs.
-    """
-    runs = table[ID].copy()
-    for factor, levels in _levels(study).items():
-        runs[factor] = runs["variant"].map(levels)
-    for name in used_metrics(study):
-        runs[name] = values_of(study.metrics[name], table, series, study.step_s).to_numpy()
-    return runs
+    runs: pd.DataFrame
+    courses: pd.DataFrame
+    recovery: pd.DataFrame
+    estimates: pd.DataFrame
+    contrasts: pd.DataFrame
+    claims: pd.DataFrame
+    findings: pd.DataFrame
+    arrivals: list[str]
+    """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
+    incomplete: list[str]
+    """What the tables lack of what the study asks."""
+    contradictions: list[str]
+    """Comparisons of waiting whose direction reverses when events that were never sensed are counted."""
+    doubts: list[str]
+    """Contrasts with too few replicates, and claims that nothing could contradict."""
 
+    @classmethod
+    def of(cls, study: Study, runs: pd.DataFrame, courses: pd.DataFrame, recovery: pd.DataFrame) -> "Evidence":
+        """Evaluate the runs; `courses` and `recovery`, which need the time series, are given."""
+        contrasts, claims = contrasts_of(study, runs), claims_of(study, runs)
+        findings = findings_of(study, claims, contrasts)
+        lists = (
+            same_arrivals(study, runs),
+            [*missing_runs(study, runs), *missing_metrics(study, runs)],
+            disagreements(study, runs),
+            [*too_few(contrasts), *vacuous_claims(study, runs)],
+        )
+        return cls(runs, courses, recovery, estimates_of(study, runs), contrasts, claims, findings, *lists)
 
-def used_metrics(study: Study) -> list[str]:
-    """List every metric that the study names.
+    @classmethod
+    def of_sweep(cls, study: Study, table: pd.DataFrame, series: pd.DataFrame) -> "Evidence":
+        """Evaluate the tables of a sweep.
 
-    Add the other waiting metric if only one is named, to see whether both agree; not if the study takes them over a
-    part of the run only.
-    """
-    file = study.file
-    names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
-    names += [claim.metric for claim in file.claim]
-    for figure in file.figure:
-        names += [figure.metric] if figure.kind in ("boxes", "levels", "plane") else []
-        names += [figure.x] if figure.kind == "plane" else []
-    if {WAITING, WAITING_ALL} & set(names) and not is_over_time([study.metrics[WAITING_ALL]]):
-        names += [WAITING, WAITING_ALL]
-    return list(dict.fromkeys(names))
+        Raises:
+            ValueError: If the tables lack a column that the study needs.
+        """
+        windows = windows_with_levels(study, series)
+        return cls.of(study, runs_of(study, table, series), courses_of(study, windows), recovery_of(study, windows))
 
+    @classmethod
+    def of_folder(cls, study: Study, folder: Path) -> "Evidence":
+        """Evaluate the tables that `save` wrote, perhaps for an earlier version of the study.
 
-def _levels(study: Study) -> dict[str, dict[str, str]]:
-    """Map each factor to its level in each variant."""
-    places = list(itertools.product(*study.factors.values()))
-    labels = [variant.label for variant in study.sweep.variants]
-    return {
-        factor: {label: place[index] for label, place in zip(labels, places, strict=True)}
-        for index, factor in enumerate(study.factors)
-    }
+        Raises:
+            OSError: If there is no `runs.csv`.
+            ValueError: If a table cannot be read, or has none of the study's variants.
+        """
+        labels = ["variant", "metric", "level", "reference", "within", *ORIGIN, *study.factors]
+        runs = read_table(folder / "runs.csv", labels, needs=ID)
+        for name in ORIGIN:
+            runs[name] = runs[name].where(runs[name] != "") if name in runs else None
+        runs = runs[runs["variant"].isin(study.levels)].reset_index(drop=True)
+        if runs.empty:
+            raise ValueError(
+                f"{folder / 'runs.csv'} must have runs of the study's variants, such as {next(iter(study.levels))!r}"
+            )
+        for factor in study.factors:
+            runs[factor] = runs["variant"].map({label: levels[factor] for label, levels in study.levels.items()})
+        beside = [folder / f"{name}.csv" for name in ("courses", "recovery")]
+        return cls.of(study, runs, *(read_table(file, labels) if file.exists() else pd.DataFrame() for file in beside))
 
+    @property
+    def surprises(self) -> list[str]:
+        """Claims that are refuted unexpectedly."""
+        if self.claims.empty:
+            return []
+        wrong = self.claims[(self.claims["verdict"] == REFUTED) & (self.claims["expect"] != REFUTED)]
+        return [f"{row['claim']}: {row['text']}" for _, row in wrong.iterrows()]
 
-def windows_with_levels(study: Study, series: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per run and time window, with each factor's level and every built-in metric that has a series."""
-    windows = windows_of(series, study.file.study.window_s, study.step_s)
-    return windows.assign(**{factor: windows["variant"].map(levels) for factor, levels in _levels(study).items()})
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings that a reader must not miss."""
+        return [*self.incomplete, *self.contradictions, *self.doubts]
 
+    @property
+    def unsupported(self) -> list[str]:
+        """Findings that the results no longer support, with the reason."""
+        broken = self.findings[self.findings["broken"] != ""]
+        return [f"{row['broken']}: {row['text']}" for _, row in broken.iterrows()]
 
-def courses_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per variant, window and metric drawn over time: the mean and its 95 % t-interval."""
-    rows = []
-    for name in dict.fromkeys(figure.metric for figure in study.file.figure if figure.kind == "time"):
-        found = windows.groupby(["variant", *study.factors, "time_s"], sort=False)[name].agg(["count", "mean", "sem"])
-        half = found["sem"] * t.ppf(1 - ALPHA / 2, np.maximum(found["count"] - 1, 1))
-        found = found.assign(metric=name, low=found["mean"] - half, high=found["mean"] + half)
-        rows.append(found.drop(columns="sem").rename(columns={"count": "n"}).reset_index())
-    return pd.concat(rows, ignore_index=True) if rows else pd.DataFrame()
-
-
-def estimates_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per variant and metric: median with interval, and quartiles."""
-    rows: list[Row] = []
-    metrics = used_metrics(study)
-    for variant, own in runs.groupby("variant", sort=False):
-        head = {"variant": variant, **{factor: own[factor].iloc[0] for factor in study.factors}}
-        rows += [{**head, "metric": name, **asdict(describe(own[name]))} for name in metrics]
-    return pd.DataFrame(rows)
-
-
-def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per comparison. Each pair of contrast and metric is one family for Holm's correction.
-
-    `level` is compared with `reference` within the cell `within`; `verdict` says whether it is higher, lower, alike
-    (within the margin) or unclear.
-    """
-    rows: list[Row] = []
-    for settings in study.file.contrast:
-        for metric in study.metrics_of(settings):
-            rows += _corrected(list(_compared(study, settings, metric, runs)))
-    return pd.DataFrame(rows)
-
-
-def _compared(study: Study, settings: ContrastSettings, metric: str, runs: pd.DataFrame) -> Iterator[Row]:
-    levels = study.factors[settings.factor]
-    pairs = settings.pairs or [(level, settings.reference) for level in levels if level != settings.reference]
-    margin = settings.margin or None
-    for level, reference in pairs:
-        for cell in cells(study, [settings.factor, *([settings.across] if settings.across else [])]):
-            for within, a, b in _sides(study, settings, metric, runs, cell, level, reference):
-                if not a:  # these variants were not run
-                    continue
-                yield {
-                    "contrast": settings.id,
-                    "metric": metric,
-                    "level": level,
-                    "reference": reference,
-                    "within": within,
-                    **asdict(contrast(a, b, margin=margin)),
-                    "margin": settings.margin,
-                }
+    def save(self, folder: Path) -> list[Path]:
+        """Write every table that has rows, except the findings; return the files."""
+        frames = {
+            name: getattr(self, name) for name in ("runs", "courses", "recovery", "estimates", "contrasts", "claims")
+        }
+        return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
 
 
-def _sides(
-    study: Study,
-    settings: ContrastSettings,
-    metric: str,
-    runs: pd.DataFrame,
-    cell: Mapping[str, str],
-    level: str,
-    reference: str,
-) -> Iterator[tuple[str, Sequence[float], Sequence[float]]]:
-    """Yield the paired samples of a comparison with the name of its cell; for an interaction, samples are changes."""
-
-    def of(where: Mapping[str, str]) -> pd.Series:
-        chosen = runs[np.logical_and.reduce([runs[factor] == value for factor, value in where.items()])]
-        return chosen.set_index("replicate")[metric]
-
-    def paired(where: Mapping[str, str]) -> tuple[pd.Series, pd.Series]:
-        return _by_replicate(of({**where, settings.factor: level}), of({**where, settings.factor: reference}))
-
-    if not settings.across:
-        a, b = paired(cell)
-        yield ", ".join(cell.values()), a.tolist(), b.tolist()
-        return
-    for one, other in settings.across_pairs:
-        changes = []
-        for value in (one, other):
-            a, b = paired({**cell, settings.across: value})
-            is_ratio = bool(((a > 0) & (b > 0)).all())
-            changes.append(a / b if is_ratio else a - b)
-        a, b = _by_replicate(*changes)
-        yield ", ".join([*cell.values(), f"{one}{INTERACTION}{other}"]), a.tolist(), b.tolist()
-
-
-def _by_replicate(a: pd.Series, b: pd.Series) -> tuple[pd.Series, pd.Series]:
-    """Restrict two samples, indexed by replicate, to the replicates that both have."""
-    shared = a.index.intersection(b.index)
-    return a.loc[shared], b.loc[shared]
-
-
-def cells(study: Study, without: Sequence[str]) -> list[dict[str, str]]:
-    """List every combination of levels of all factors except `without`."""
-    others = {factor: levels for factor, levels in study.factors.items() if factor not in without}
-    return [dict(zip(others, place, strict=True)) for place in itertools.product(*others.values())]
-
-
-def _corrected(rows: list[Row]) -> list[Row]:
-    adjusted = holm([row["p"] for row in rows])
-    alike = holm([row["p_alike"] if row["p_alike"] is not None else 1.0 for row in rows])
-    for row, p, p_alike in zip(rows, adjusted, alike, strict=True):
-        row |= {"p_holm": p, "p_alike_holm": None if row["p_alike"] is None else p_alike, "family": len(rows)}
-        row["verdict"] = _direction(row)
-    return rows
-
-
-def _direction(row: Row) -> str:
-    if row["p_alike_holm"] is not None and row["p_alike_holm"] < ALPHA:
-        return ALIKE
-    if row["p_holm"] >= ALPHA or row["estimate"] is None:
-        return UNCLEAR
-    return HIGHER if _sign(row) > 0 else LOWER
-
-
-def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per claim, with its verdict. Holm's correction is over the claims of the same source.
-
-    - holds: the claim is significant, or the interval of a value lies within the tolerance;
-    - refuted: the opposite is significant, or the interval of a value lies entirely outside the tolerance;
-    - undecided: neither.
-    """
-    rows = [_judged(claim, runs) for claim in study.file.claim]
-    for source in dict.fromkeys(row["source"] for row in rows):
-        tested = [row for row in rows if row["source"] == source and not (row["p"] is row["p_opposite"] is None)]
-        for name, verdict in (("p", HOLDS), ("p_opposite", REFUTED)):
-            adjusted = holm([1.0 if row[name] is None else row[name] for row in tested])
-            for row, p in zip(tested, adjusted, strict=True):
-                row |= {f"{name}_holm": None if row[name] is None else p, "family": len(tested)}
-                row["verdict"] = verdict if p < ALPHA else row["verdict"]
-    return pd.DataFrame(rows)
-
-
-def _judged(claim: ClaimSettings, runs: pd.DataFrame) -> Row:
-    head = {"claim": claim.id, "text": claim.text, "source": claim.source, "says": claim.says}
-    tail = {"expect": claim.expect, "why": claim.why}
-    row: Row = {**head, "metric": claim.metric, "p": None, "p_holm": None, "p_opposite": None, "p_opposite_holm": None}
-    row |= {"verdict": UNDECIDED, "scale": "", "effect": None}
-
-    def of(variant: str) -> pd.Series:
-        return runs[runs["variant"] == variant].set_index("replicate")[claim.metric]
-
-    if claim.kind == "value":
-        described = describe(of(claim.of))
-        low, high = claim.within
-        if described.low is not None and described.high is not None:
-            if low <= described.low and described.high <= high:
-                row["verdict"] = HOLDS
-            elif described.high < low or high < described.low:
-                row["verdict"] = REFUTED
-        found = {"n": described.n, "estimate": described.median, "low": described.low, "high": described.high}
-        return row | found | {"criterion": f"{low:g} to {high:g}"} | tail
-    a, b = (of(claim.more), of(claim.less)) if claim.kind == "order" else (of(claim.a), of(claim.b))
-    first, second = (sample.tolist() for sample in _by_replicate(a, b))
-    if claim.kind == "alike":
-        shown = contrast(first, second, margin=claim.margin)
-        row |= {"p": shown.p_alike, "p_opposite": shown.p_beyond, "criterion": f"within {claim.margin:g} times"}
-    else:
-        shown = contrast(first, second)
-        tested = contrast(first, [claim.at_least * value for value in second])
-        row |= {"p" if _sign(asdict(tested)) > 0 else "p_opposite": tested.p}
-        row |= {"criterion": f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"}
-    return row | {name: getattr(shown, name) for name in ("scale", "n", "estimate", "low", "high", "effect")} | tail
-
-
-def findings_of(study: Study, claims: pd.DataFrame, contrasts: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do)."""
-    rows = []
-    for finding in study.file.finding:
-        broken = [told for result in finding.because if (told := _broken(result, claims, contrasts))]
-        rows.append({"text": finding.text, "broken": "; ".join(broken)})
-    return pd.DataFrame(rows, columns=["text", "broken"])
-
-
-def _broken(result: Mapping[str, Any], claims: pd.DataFrame, contrasts: pd.DataFrame) -> str:
-    """Say why a result does not support a finding; empty if it does."""
-    rows = claims if "claim" in result else contrasts
-    for name, value in result.items():
-        if name != "is":
-            rows = rows[rows[name] == value] if name in rows else rows.iloc[:0]
-    named = ", ".join(f"{name} {value!r}" for name, value in result.items() if name != "is")
-    if rows.empty:
-        return f"there is no result with {named}"
-    wrong = rows[rows["verdict"] != result["is"]]
-    return f"{named} is {wrong['verdict'].iloc[0]}, not {result['is']}" if len(wrong) else ""
-
-
-def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
-    """List comparisons of waiting whose direction reverses when events that were never sensed are counted too.
-
-    A swarm that never finds the difficult events would look fast by the events that it did find.
-    """
-    found: list[str] = []
-    if not {WAITING, WAITING_ALL} <= set(runs):
-        return found
-    for settings in study.file.contrast:
-        used = {WAITING, WAITING_ALL} & set(study.metrics_of(settings))
-        if settings.across or not used:
-            continue
-        by = {name: list(_compared(study, settings, name, runs)) for name in (WAITING, WAITING_ALL)}
-        for row, other in zip(by[WAITING], by[WAITING_ALL], strict=True):
-            signs = {_sign(one) for one in (row, other)}
-            if signs == {-1, 1} and min(row["p"], other["p"]) < ALPHA:
-                found.append(
-                    f"{row['level']} against {row['reference']} ({row['within']}): waiting by sensed events and by all "
-                    "events rank them in opposite order"
-                )
+def too_few(contrasts: pd.DataFrame) -> list[str]:
+    """List contrasts that could not have become significant, however large the effect."""
+    if contrasts.empty:
+        return []
+    found = []
+    for (name, family), rows in contrasts.groupby(["contrast", "family"], sort=False):
+        most, needed = rows["n"].max(), pairs_needed(int(str(family)))
+        if 0 < most < needed:
+            found.append(
+                f"{most} replicates can show nothing in the contrast {name!r}: Holm's correction over {family} "
+                f"comparisons needs at least {needed}."
+            )
     return found
-
-
-def _sign(row: Row) -> int:
-    """Return the direction of the estimate: 1 is higher, -1 is lower, 0 is neither."""
-    return 0 if row["estimate"] is None else int(np.sign(row["estimate"] - (1 if row["scale"] == RATIO else 0)))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -82,67 +83,103 @@ class MetricSettings:
         )
 
 
-WAITING, WAITING_ALL = "waiting", "waiting_all"
-"""Mean waiting time of sensed events, and of all events; events never sensed count until the run's end."""
+WAITING = "waiting"
+"""The paper's mean waiting time: of the events that were sensed, up to the end of the run."""
 
-BUILT_IN: Mapping[str, Metric] = {
-    WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
-    WAITING_ALL: Metric(
-        "Mean waiting time of all events", "s", "waiting_time_s.mean_with_never_sensed", "waiting_time_s"
-    ),
-    "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed"),
-    "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
-    "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
-    "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
-    "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
-    "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
-    "trees": Metric("Trees", "", "trees.mean", "trees"),
-    "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
-    "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
-    "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
-    "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
-    "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
-    "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
-    "person_unread": Metric("Unread items", "", "person.unread.mean"),
-    "person_missed": Metric("Items missed", "", "person.missed"),
-    "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
-    "person_commands": Metric("Commands", "", "person.commands"),
-    "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
-    "person_fan_out": Metric("Fan-out", "", "person.fan_out"),
-}
+WAITING_ALL, COMPLETION = "waiting_all", "completion_s"
+"""Means over all events that could be followed for the horizon, which bounds each of them."""
+
+BUILT_IN: Mapping[str, Metric] = MappingProxyType(
+    {
+        WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
+        WAITING_ALL: Metric("Mean waiting time of all events", "s", "waiting_time_s.restricted_mean", "waiting_time_s"),
+        COMPLETION: Metric("Mean time to complete an event", "s", "completion_s.mean", "completion_time_s"),
+        "completed": Metric("Events completed", "", "completed", "completed"),
+        "open_events": Metric("Open events", "", "open_events.mean", "events_open"),
+        "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed", "never_sensed"),
+        "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
+        "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
+        "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
+        "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
+        "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
+        "trees": Metric("Trees", "", "trees.mean", "trees"),
+        "root_distance": Metric(
+            "Distance of roots from the densest place", "m", "roots_from_densest_m.mean", "roots_from_densest_m"
+        ),
+        "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
+        "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
+        "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
+        "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
+        "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
+        "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
+        "person_unread": Metric("Unread items", "", "person.unread.mean"),
+        "person_missed": Metric("Items missed", "", "person.missed"),
+        "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
+        "person_commands": Metric("Commands", "", "person.commands"),
+        "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
+        "person_fan_out": Metric("Fan-out", "", "person.fan_out"),
+    }
+)
 PER_STEP = ("messages", "frames_sent", "frames_received")
 """Metrics per second whose time series has numbers per step."""
 
+PER_EVENT = (WAITING_ALL, COMPLETION)
+"""Metrics whose time series has means over the events that arrived in a window, and that the horizon bounds."""
 
-def windows_of(series: pd.DataFrame, window_s: float, step_s: float) -> pd.DataFrame:
+COUNTS = ("completed", "never_sensed")
+"""Metrics that are numbers of events: sums over time, where others are means."""
+
+FOLLOWED = "events_followed"
+"""Column of the time series: the number of these events."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """Lengths of time in a sweep's runs."""
+
+    step_s: Mapping[str, float]
+    """Length of a step by variant [s]."""
+    every_s: float
+    """Length of a window of the time series [s]."""
+
+    def windows(self, time_s: float) -> int:
+        """Return the number of whole windows in a time."""
+        return math.floor(time_s / self.every_s + 1e-9)
+
+    def index(self, times_s: pd.Series) -> pd.Series:
+        """Return the number of each window, by its start."""
+        return (times_s / self.every_s).round().astype(int)
+
+    def per_second(self, name: str, values: pd.Series, variants: pd.Series) -> pd.Series:
+        """Turn a metric's numbers per step into numbers per second."""
+        return values / variants.map(self.step_s) if name in PER_STEP else values
+
+
+def windows_of(series: pd.DataFrame, window_s: float, timing: Timing) -> pd.DataFrame:
     """Make a row per run and window of `window_s` seconds: run, `time_s`, `events`, every metric with a series.
 
-    Waiting is averaged over the events that arrived in the window, other metrics over time. An incomplete last window
-    is left out.
-
-    Raises:
-        ValueError: If `window_s` is not a multiple of the length of the series' own windows.
+    Means over events are over those that arrived in the window, other means over time. An incomplete last window is
+    left out.
     """
     if series.empty:
         return pd.DataFrame(columns=[*ID, "time_s", "events"])
-    times_s = np.sort(series["time_s"].unique())
-    every_s = float(np.min(np.diff(times_s))) if len(times_s) > 1 else window_s
-    if window_s % every_s:
-        raise ValueError(f"study.window_s must be a multiple of sweep.series_every_s (got {window_s:g}, {every_s:g})")
-    rows = series[ID].assign(time_s=(series["time_s"] // window_s) * window_s, events=series["events_arrived"])
+    width = timing.windows(window_s)
+    rows = series[ID].assign(window=timing.index(series["time_s"]) // width, events=series[FOLLOWED])
     there = {name: metric for name, metric in BUILT_IN.items() if metric.series in series and metric.series}
     for name, metric in there.items():
-        rows[name] = series[metric.series] / (step_s if name in PER_STEP else 1.0)
-    rows[WAITING_ALL] = (rows[WAITING_ALL] * rows["events"]).fillna(0.0)
-    groups = rows.groupby([*ID, "time_s"], sort=False)
-    found = groups.agg({"events": "sum", **{name: "sum" if name == WAITING_ALL else "mean" for name in there}})
-    found[WAITING_ALL] = found[WAITING_ALL] / found["events"].where(found["events"] > 0)
-    size = groups.size()
-    whole: pd.DataFrame = found[size == size.max()].reset_index()
+        rows[name] = timing.per_second(name, series[metric.series], series["variant"])
+    events = [name for name in there if name in PER_EVENT]
+    rows[events] = rows[events].mul(rows["events"], axis=0).fillna(0.0)
+    groups = rows.groupby([*ID, "window"], sort=False)
+    sums = (*events, *COUNTS)
+    found = groups.agg({"events": "sum", **{name: "sum" if name in sums else "mean" for name in there}})
+    found[events] = found[events].div(found["events"].where(found["events"] > 0), axis=0)
+    whole = found[groups.size() == width].reset_index()
+    whole.insert(len(ID), "time_s", whole.pop("window") * window_s)
     return whole
 
 
-def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, step_s: float) -> pd.Series:
+def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:
     """Compute the metric for each row of the table.
 
     Raises:
@@ -154,29 +191,36 @@ def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, step_s:
         return pd.to_numeric(table[metric.column])
     if series.empty or metric.series not in series:
         raise ValueError(f"{metric.title!r} needs a time series: sweep.series_every_s must be above 0")
+    rows = series.assign(
+        window=timing.index(series["time_s"]),
+        value=timing.per_second(metric.of, series[metric.series], series["variant"]),
+    )
     find = _mean_within if metric.kind == WINDOW else _time_to_converge
-    found = {run: find(metric, rows, step_s) for run, rows in series.groupby(["variant", "replicate"])}
+    found = {run: find(metric, own, timing) for run, own in rows.groupby(["variant", "replicate"])}
     return pd.Series([found.get(run, math.nan) for run in zip(table["variant"], table["replicate"], strict=True)])
 
 
-def _mean_within(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
-    """Average from `from_s` until `until_s`: waiting over events, other metrics over time."""
-    inside = rows[(rows["time_s"] >= metric.from_s) & (rows["time_s"] < metric.until_s)]
-    values = inside[metric.series] / (step_s if metric.of in PER_STEP else 1.0)
-    if metric.of != WAITING_ALL:
+def _mean_within(metric: Metric, rows: pd.DataFrame, timing: Timing) -> float:
+    """Average from `from_s` until `until_s`: means over events by event, others over time; count events."""
+    inside = rows["window"] >= timing.windows(metric.from_s)
+    if math.isfinite(metric.until_s):
+        inside &= rows["window"] < timing.windows(metric.until_s)
+    values, events = rows["value"][inside], rows[FOLLOWED][inside]
+    if metric.of in COUNTS:
+        return float(values.sum())
+    if metric.of not in PER_EVENT:
         return float(values.mean())
-    events = float(inside["events_arrived"].sum())
-    return float((values * inside["events_arrived"]).sum()) / events if events else math.nan
+    return float((values * events).sum()) / float(events.sum()) if events.sum() else math.nan
 
 
-def _time_to_converge(metric: Metric, rows: pd.DataFrame, step_s: float) -> float:
+def _time_to_converge(metric: Metric, rows: pd.DataFrame, timing: Timing) -> float:
     """Return when the running mean first reaches a share of the mean of the last third [s]; NaN if never."""
-    ordered = rows.sort_values("time_s")
-    times_s, values = ordered["time_s"].to_numpy(float), ordered[metric.series].to_numpy(float)
-    window = max(1, round(metric.smooth_s / (times_s[1] - times_s[0]))) if len(times_s) > 1 else 1
-    smooth = np.convolve(values, np.ones(window) / window, mode="valid")
+    ordered = rows.sort_values("window")
+    times_s, values = ordered["time_s"].to_numpy(float), ordered["value"].to_numpy(float)
+    width = max(1, timing.windows(metric.smooth_s))
+    smooth = np.convolve(values, np.ones(width) / width, mode="valid")
     reached = np.nonzero(smooth >= metric.share * values[len(values) * 2 // 3 :].mean())[0]
-    return float(times_s[reached[0] + window // 2]) if len(reached) else math.nan
+    return float(times_s[reached[0] + width // 2]) if len(reached) else math.nan
 
 
 def is_over_time(metrics: Sequence[Metric]) -> bool:

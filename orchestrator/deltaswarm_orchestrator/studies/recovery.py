@@ -7,12 +7,14 @@ import numpy as np
 import numpy.typing as npt
 import pandas as pd
 
-from deltaswarm_orchestrator.studies.evidence import cells
-from deltaswarm_orchestrator.studies.metrics import WAITING_ALL
-from deltaswarm_orchestrator.studies.study import RecoverySettings, Study
+from deltaswarm_orchestrator.studies.metrics import PER_EVENT
+from deltaswarm_orchestrator.studies.settings import RecoverySettings
+from deltaswarm_orchestrator.studies.study import Study
 
 RESAMPLES = 999
 TAIL = 0.025
+
+FEWER_IS_BETTER = (*PER_EVENT, "open_events")
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,8 +24,9 @@ def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
     In each window, the mean over the replicates is compared with the mean of the same replicates without the fault,
     which saw the same arrivals. The swarm is back at the end of the first of `windows` consecutive windows that lie
-    within the tolerance: waiting is not longer, other metrics are neither more nor less. `back_s` is inf if the swarm
-    is not back before the end, NaN if nothing is known. The interval is a percentile bootstrap over replicates.
+    within the tolerance: times and open events are not more, other metrics are neither more nor less. `back_s` is inf
+    if the swarm is not back before the end, NaN if nothing is known. The interval is a percentile bootstrap over
+    replicates.
     """
     rows = [
         {
@@ -34,13 +37,13 @@ def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
             **_cell(settings, cell, windows, study.file.study.window_s),
         }
         for settings in study.file.recovery
-        for cell in cells(study, [settings.factor])
+        for cell in study.cells([settings.factor])
     ]
     return pd.DataFrame(rows)
 
 
 def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFrame, window_s: float) -> dict[str, Any]:
-    after = windows[windows["time_s"] >= settings.after_s]
+    after = windows[windows["time_s"] >= settings.after_s - 1e-9 * window_s]
     for factor, level in cell.items():
         after = after[after[factor] == level]
     own, reference = (after[after[settings.factor] == one] for one in (settings.level, settings.reference))
@@ -65,8 +68,8 @@ def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFram
 
 
 def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return sums and weights (replicates, windows): waiting is weighted by events, other metrics by 1."""
-    weights = rows["events"] if metric == WAITING_ALL else pd.Series(1.0, index=rows.index)
+    """Return sums and weights (replicates, windows): means over events are weighted by events, other metrics by 1."""
+    weights = rows["events"] if metric in PER_EVENT else pd.Series(1.0, index=rows.index)
     known = rows.assign(weight=weights.where(rows[metric].notna(), 0.0), total=(rows[metric] * weights).fillna(0.0))
     total, weight = (
         known.pivot_table(index="replicate", columns="time_s", values=column, dropna=False).fillna(0.0)
@@ -86,7 +89,7 @@ def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], ends_s: Floa
     with np.errstate(divide="ignore", invalid="ignore"):
         own, base = (frames[i].sum(axis=0) / frames[i + 1].sum(axis=0) for i in (0, 2))
         ratios = np.where((own == 0) & (base == 0), 1.0, own / base)
-    least = 0.0 if settings.metric == WAITING_ALL else 1 / settings.tolerance
+    least = 0.0 if settings.metric in FEWER_IS_BETTER else 1 / settings.tolerance
     well = (ratios <= settings.tolerance) & (ratios >= least)
     for first in range(len(well) - settings.windows + 1):
         if well[first : first + settings.windows].all():

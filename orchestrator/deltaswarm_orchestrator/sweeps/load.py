@@ -5,7 +5,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -89,6 +89,12 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
     variants, found = _variants({**base, "record": "off"}, rows)
     problems += found if rows else scenarios.check_table(base)[1]
+    problems += [
+        Problem("sweep.series_every_s", f"{every_s:g}", f"must be a whole number of steps of {step_s:g} s")
+        for every_s in [file.sweep.series_every_s]
+        for step_s in dict.fromkeys(variant.scenario.run.step_s for variant in variants)
+        if not math.isclose(every_s / step_s, round(every_s / step_s), rel_tol=1e-9)
+    ]
     if problems:
         raise SettingsError(list(dict.fromkeys(problems)))
     # The sweep's record must show all that its runs had in common, including overrides from the command line.
@@ -115,10 +121,13 @@ def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
     Raises:
         SettingsError: the file is not valid even without its wrong keys.
     """
-    file, problems = checked.check(SweepFile, table)
+    known = {spec.name for spec in fields(SweepFile)}
+    unknown = [checked.unknown_key(name, [*known, *STUDY_TABLES]) for name in table if name not in known]
+    file, problems = checked.check(SweepFile, {name: value for name, value in table.items() if name in known})
+    problems = [*unknown, *problems]
     if file is None:
         wrong = {problem.path for problem in problems}
-        rest = {name: value for name, value in table.items() if name not in wrong}
+        rest = {name: value for name, value in table.items() if name in known and name not in wrong}
         if isinstance(rest.get("sweep"), dict):
             rest["sweep"] = {name: value for name, value in rest["sweep"].items() if f"sweep.{name}" not in wrong}
         file, _ = checked.check(SweepFile, rest)

@@ -41,9 +41,18 @@ def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
     for job, result in runs:
         digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
         origin = {name: result.get(name) for name in ORIGIN}
-        whole = {name: value for name, value in flattened(result["summary"]) if not name.startswith(PER_SENDER)}
-        rows.append({**_head(job), **origin, **digests, **whole})
+        rows.append({**_head(job), **origin, **digests, **metrics_of(result)})
     return pd.DataFrame(rows)
+
+
+def row_of(job: Job, result: Result) -> pd.DataFrame:
+    """Make the table's row of one run, without its origin."""
+    return pd.DataFrame([{**_head(job), **metrics_of(result)}])
+
+
+def metrics_of(result: Result) -> dict[str, Any]:
+    """Return a run's metrics by dotted names."""
+    return {name: value for name, value in flattened(result["summary"]) if not name.startswith(PER_SENDER)}
 
 
 def senders_of(runs: Finished) -> pd.DataFrame:

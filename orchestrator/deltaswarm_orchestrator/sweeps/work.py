@@ -9,6 +9,8 @@ import subprocess
 import sys
 import tempfile
 import time
+from bisect import bisect_right
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,9 +23,12 @@ from deltaswarm_orchestrator import provenance
 from deltaswarm_orchestrator.exits import OK, USAGE
 from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.results import OPERATOR_COLUMNS, Outcome
+from deltaswarm_orchestrator.run.metrics import FollowedEvent, followed
+from deltaswarm_orchestrator.run.outcome import Outcome
+from deltaswarm_orchestrator.run.results import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
+from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Tally
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
@@ -83,7 +88,7 @@ def work(task: Task) -> Result:
         "code": provenance.code_digest(),
         "commit": provenance.commit(),
         "summary": {name: value for name, value in summary.items() if name not in WALL_CLOCK + PRINTED},
-        "series": series_of(outcome, scenario.run.step_s, task.job.series_every_s),
+        "series": series_of(outcome, scenario, task.job.series_every_s),
         "cost": {
             "wall_s": time.monotonic() - began,
             "steps_per_s": summary["steps_per_s"],
@@ -134,15 +139,17 @@ def _ended(code: int) -> str:
     return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
-def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list[float | None]]:
+def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str, list[float | None]]:
     """Average every column of `series.csv` over windows of `every_s` seconds; `time_s` is each window's start [s].
 
-    Add `events_arrived`, the number of events that arrived in the window, and `waiting_time_s`, their mean waiting
-    time [s]. An event that was never sensed waits until the end of the run.
+    Add the numbers of events that were completed in the window (`completed`), that arrived in it and were never sensed
+    (`never_sensed`), and that arrived in it and could be followed for the horizon (`events_followed`); of the last, the
+    restricted means `waiting_time_s` and `completion_time_s` [s].
     """
     if every_s == 0:
         return {}
-    width = max(1, round(every_s / step_s))
+    step_s = scenario.run.step_s
+    width = round(every_s / step_s)
     starts = range(0, len(outcome.tallies), width)
     columns: dict[str, list[float | None]] = {"time_s": [index * step_s for index in starts]}
     rows: Sequence[tuple[str, str, Sequence[Any]]] = [
@@ -152,13 +159,21 @@ def series_of(outcome: Outcome, step_s: float, every_s: float) -> dict[str, list
     for column, name, source in rows:
         values = np.array([getattr(row, name) for row in source], dtype=float)
         columns[column] = [_mean(values[start : start + width]) for start in starts]
-    end_s = len(outcome.tallies) * step_s
-    waits: list[list[float]] = [[] for _ in starts]
-    for event in outcome.events:
-        until_s = end_s if event.sensed_s is None else event.sensed_s
-        waits[min(int(event.arrived_s / (width * step_s)), len(starts) - 1)].append(until_s - event.arrived_s)
-    columns["events_arrived"] = [float(len(window)) for window in waits]
-    columns["waiting_time_s"] = [_mean(np.array(window)) for window in waits]
+    edges_s = [start * step_s for start in starts]
+
+    def window_of(time_s: float) -> int:
+        return bisect_right(edges_s, time_s) - 1
+
+    completed = Counter(window_of(event.completed_s) for event in outcome.events if event.completed_s is not None)
+    never_sensed = Counter(window_of(event.arrived_s) for event in outcome.events if event.sensed_s is None)
+    for column, counts in (("completed", completed), ("never_sensed", never_sensed)):
+        columns[column] = [float(counts[index]) for index in range(len(edges_s))]
+    windows: list[list[FollowedEvent]] = [[] for _ in starts]
+    for event in followed(outcome.events, len(outcome.tallies) * step_s, scenario.metrics.horizon_s):
+        windows[window_of(event.arrived_s)].append(event)
+    columns["events_followed"] = [float(len(window)) for window in windows]
+    columns["waiting_time_s"] = [_mean(np.array([event.waiting_s for event in window])) for window in windows]
+    columns["completion_time_s"] = [_mean(np.array([event.completion_s for event in window])) for window in windows]
     return columns
 
 

@@ -1,0 +1,241 @@
+"""Check what a study's tables say of each other and of its sweep: names, times, and what can be compared."""
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Collection, Iterator, Sequence
+
+from deltaswarm_orchestrator.run.outcome import Outcome
+from deltaswarm_orchestrator.run.results import summary
+from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
+from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST
+from deltaswarm_orchestrator.studies.study import Study
+from deltaswarm_orchestrator.sweeps.table import flattened
+from deltaswarm_wire.checked import Problem, did_you_mean
+from deltaswarm_wire.settings import Scenario
+
+PER_STEP = ("frames_sent", "frames_received", "senders")
+"""Metrics that count what an agent does at most once a step."""
+
+REPORT_EVERY = "report_every_s"
+"""The option by which a controller reports at times that do not depend on the step, if it has one."""
+
+
+def problems_of(study: Study) -> Iterator[Problem]:
+    """Yield all mistakes; further ones only if all names refer to something."""
+    named = [*_unknown_names(study), *_repeated_names(study)]
+    yield from named
+    if not named:
+        yield from _results(study)
+        yield from _times(study)
+        yield from _columns(study)
+        yield from _incomparable(study)
+
+
+def used_metrics(study: Study) -> list[str]:
+    """List every metric that the study tabulates, tests or draws by run."""
+    file = study.file
+    names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
+    names += [claim.metric for claim in file.claim]
+    for figure in file.figure:
+        names += [figure.metric] if figure.kind in ("boxes", "levels", "plane", "frontier") else []
+        names += [figure.x] if figure.kind in ("plane", "frontier") else []
+    return list(dict.fromkeys(names))
+
+
+def _unknown_names(study: Study) -> Iterator[Problem]:
+    for where, names, known in _references(study):
+        for name in names:
+            if name not in known:
+                hint = did_you_mean(name, known).rstrip()
+                allowed = f"must be one of {', '.join(map(repr, known)) or 'none that is declared'}"
+                yield Problem(where, repr(name) + (hint and f"; {hint}"), allowed)
+
+
+def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[str]]]:
+    """Yield each place that refers to something by name: the place, its names, and the names that exist."""
+    file, factors, metrics = study.file, study.factors, study.metrics
+    variants = list(study.levels)
+    yield "study.metrics", file.study.metrics, metrics
+    for i, contrast in enumerate(file.contrast):
+        where, levels = f"contrast[{i}]", factors.get(contrast.factor, ())
+        yield f"{where}.metrics", contrast.metrics, metrics
+        yield f"{where}.factor", [contrast.factor], factors
+        yield f"{where}.reference", [contrast.reference] if contrast.reference else [], levels
+        yield f"{where}.pairs", [*itertools.chain(*contrast.pairs)], levels
+        if contrast.across:
+            yield f"{where}.across", [contrast.across], [name for name in factors if name != contrast.factor]
+            yield f"{where}.across_pairs", [*itertools.chain(*contrast.across_pairs)], factors.get(contrast.across, ())
+    for i, claim in enumerate(file.claim):
+        yield f"claim[{i}].metric", [claim.metric], metrics
+        yield f"claim[{i}] ({claim.id})", claim.variants, variants
+    for i, recovery in enumerate(file.recovery):
+        yield f"recovery[{i}].metric", [recovery.metric], _over_time()
+        yield f"recovery[{i}].factor", [recovery.factor], factors
+        yield f"recovery[{i}].level", [recovery.level, recovery.reference], factors.get(recovery.factor, ())
+    for i, figure in enumerate(file.figure):
+        where, kind = f"figure[{i}]", figure.kind
+        known = _over_time() if kind == "time" else metrics
+        yield f"{where}.metric", [figure.metric] if kind != "swarm" else [], known
+        yield f"{where}.x", [figure.x] if kind in ("plane", "frontier") else [], metrics
+        named = [figure.hue, figure.facet, *([figure.x] if kind in ("boxes", "levels") else [])]
+        yield where, [name for name in named if name], factors
+        paths = itertools.chain(*figure.paths.values())
+        yield f"{where}.variants", [*figure.variants, *figure.path, *paths], variants
+        levels, hues = factors.get(figure.x, ()), factors.get(figure.hue, ())
+        boxes = [f"{level}, {hue}" for level in levels for hue in hues] if figure.hue else levels
+        yield f"{where}.published", list(figure.published), boxes
+    ids = {CLAIM: [claim.id for claim in file.claim], CONTRAST: [contrast.id for contrast in file.contrast]}
+    for i, finding in enumerate(file.finding):
+        for j, result in enumerate(finding.because):
+            kind = CLAIM if CLAIM in result else CONTRAST
+            yield f"finding[{i}].because[{j}].{kind}", [str(result[kind])], ids[kind]
+
+
+def _over_time() -> list[str]:
+    return [name for name, metric in BUILT_IN.items() if metric.series]
+
+
+def _repeated_names(study: Study) -> Iterator[Problem]:
+    file = study.file
+    for table, name, values in (
+        ("metric", "name", [*BUILT_IN, *(metric.name for metric in file.metric)]),
+        ("contrast", "id", [contrast.id for contrast in file.contrast]),
+        ("claim", "id", [claim.id for claim in file.claim]),
+        ("figure", "name", [figure.name for figure in file.figure]),
+    ):
+        for value, times in Counter(values).items():
+            if times > 1:
+                yield Problem(f"{table}.{name}", f"{times} called {value!r}", "must be different names")
+
+
+def _results(study: Study) -> Iterator[Problem]:
+    """Report parts of contrasts that findings name and that do not exist."""
+    contrasts = {contrast.id: contrast for contrast in study.file.contrast}
+    for i, finding in enumerate(study.file.finding):
+        for j, result in enumerate(finding.because):
+            if CONTRAST not in result:
+                continue
+            contrast = contrasts[str(result[CONTRAST])]
+            rows = list(study.comparisons(contrast))
+            known = {"metric": list(study.metrics_of(contrast))}
+            known |= {name: [getattr(row, name) for row in rows] for name in ("level", "reference", "within")}
+            for name, values in known.items():
+                if name in result and result[name] not in values:
+                    hint = did_you_mean(result[name], values).rstrip()
+                    allowed = f"must be one of {', '.join(map(repr, dict.fromkeys(values)))}"
+                    where = f"finding[{i}].because[{j}].{name}"
+                    yield Problem(where, repr(result[name]) + (hint and f"; {hint}"), allowed)
+
+
+# Times
+
+
+def _times(study: Study) -> Iterator[Problem]:
+    file, own = study.file, study.file.study
+    every_s = study.sweep.file.sweep.series_every_s
+    scenarios = [variant.scenario for variant in study.sweep.variants]
+    end_s = min(scenario.run.duration_s for scenario in scenarios)
+    windowed = [f"figure[{i}]" for i, figure in enumerate(file.figure) if figure.kind == "time"]
+    windowed += [f"recovery[{i}]" for i in range(len(file.recovery))]
+    needy = [*windowed, *(name for name in used_metrics(study) if study.metrics[name].kind != COLUMN)]
+    if needy and not every_s:
+        yield Problem("sweep.series_every_s", "0", f"must be above 0 for {needy[0]}")
+        return
+    if windowed:
+        yield from _not_whole("study.window_s", own.window_s, every_s)
+    stretches = [("study", own.from_s, own.until_s)]
+    stretches += [(f"metric[{i}]", one.from_s, one.until_s) for i, one in enumerate(file.metric) if one.kind == WINDOW]
+    for where, from_s, until_s in stretches:
+        yield from _stretch(where, from_s, until_s, every_s, end_s)
+    moments = [(f"recovery[{i}].after_s", recovery.after_s) for i, recovery in enumerate(file.recovery)]
+    for i, figure in enumerate(file.figure):
+        moments += [(f"figure[{i}].at_s", figure.at_s)] if figure.kind == "swarm" else []
+        moments += [(f"figure[{i}].spans[{j}].from_s", span.from_s) for j, span in enumerate(figure.spans)]
+    yield from (_past_the_end(where, time_s, end_s) for where, time_s in moments if time_s >= end_s)
+    if own.from_s or own.until_s is not None:
+        for name in used_metrics(study):
+            if study.metrics[name].kind == COLUMN:
+                yield Problem(
+                    "study.from_s", f"{own.from_s:g}", f"cannot be applied to {name!r}, which has no time series"
+                )
+    horizon_s = max(scenario.metrics.horizon_s for scenario in scenarios)
+    for name in used_metrics(study):
+        metric = study.metrics[name]
+        of = metric.of or name
+        if of in PER_EVENT and metric.from_s + horizon_s >= end_s:
+            allowed = (
+                f"must be less than {end_s - metric.from_s:g} for {name!r}: no event could be followed for so long"
+            )
+            yield Problem("metrics.horizon_s", f"{horizon_s:g}", allowed)
+
+
+def _stretch(where: str, from_s: float, until_s: float | None, every_s: float, end_s: float) -> Iterator[Problem]:
+    ends = {"from_s": from_s, "until_s": until_s}
+    for name, time_s in ends.items():
+        if time_s is not None and every_s:
+            yield from _not_whole(f"{where}.{name}", time_s, every_s)
+    if from_s >= end_s:
+        yield _past_the_end(f"{where}.from_s", from_s, end_s)
+    elif until_s is not None and until_s <= from_s:
+        yield Problem(f"{where}.until_s", f"{until_s:g}", f"must be after {where}.from_s, {from_s:g} s")
+
+
+def _not_whole(where: str, time_s: float, every_s: float) -> Iterator[Problem]:
+    if not math.isclose(time_s / every_s, round(time_s / every_s), rel_tol=1e-9, abs_tol=1e-9):
+        yield Problem(where, f"{time_s:g}", f"must be a multiple of sweep.series_every_s, {every_s:g} s")
+
+
+def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
+    return Problem(where, f"{time_s:g}", f"must be before the end of the runs, {end_s:g} s")
+
+
+# Columns and comparisons
+
+
+def _columns(study: Study) -> Iterator[Problem]:
+    """Report metrics that some variant's runs do not have."""
+    for name in used_metrics(study):
+        metric = study.metrics[name]
+        for variant in study.sweep.variants:
+            if metric.kind == COLUMN and not _has_column(metric, variant.scenario, study.sweep.swept):
+                allowed = f"must be a column of the sweep's table; {variant.label!r} has none"
+                yield Problem(f"metric {name!r}", repr(metric.column), allowed)
+                break
+
+
+def _has_column(metric: Metric, scenario: Scenario, swept: Sequence[str]) -> bool:
+    if metric.column.startswith("person."):
+        return scenario.operator.person.is_on
+    found = {name for name, _ in flattened(summary(Outcome(), scenario))}
+    return metric.column in found or metric.column in swept
+
+
+def _incomparable(study: Study) -> Iterator[Problem]:
+    """Report comparisons of numbers that depend on the step between variants with different steps."""
+    scenarios = {variant.label: variant.scenario for variant in study.sweep.variants}
+    if len({scenario.run.step_s for scenario in scenarios.values()}) == 1:
+        return
+    compared: list[tuple[str, str, Sequence[str]]] = [
+        (f"contrast[{i}].metrics", name, side)
+        for i, contrast in enumerate(study.file.contrast)
+        for row in study.comparisons(contrast)
+        for side in row.sides
+        for name in study.metrics_of(contrast)
+    ]
+    compared += [(f"claim[{i}].metric", claim.metric, claim.variants) for i, claim in enumerate(study.file.claim)]
+    for where, name, variants in compared:
+        of = study.metrics[name].of or name
+        intervals_s = {_interval_s(of, scenarios[variant]) for variant in variants}
+        if len(intervals_s) > 1:
+            allowed = f"must not be compared between {' and '.join(map(repr, variants))}: it depends on run.step_s"
+            yield Problem(where, repr(name), allowed)
+
+
+def _interval_s(metric: str, scenario: Scenario) -> float:
+    """Return the time between an agent's messages of this metric if the step bounds it [s]; 0 if it does not."""
+    step_s = scenario.run.step_s
+    if metric == "messages":
+        every_s = scenario.control.options.get(REPORT_EVERY, 0.0)
+        return step_s if step_s > every_s else 0.0
+    return step_s if metric in PER_STEP else 0.0

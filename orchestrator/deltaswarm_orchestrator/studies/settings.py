@@ -1,0 +1,247 @@
+"""The tables of a study file besides its sweep, each with what its own keys must hold."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from deltaswarm_orchestrator.studies.metrics import MetricSettings
+from deltaswarm_wire.checked import Problem, key
+
+HOLDS, REFUTED, UNDECIDED, NO_DATA = "holds", "refuted", "undecided", "no data"
+CLAIM_VERDICTS = (HOLDS, REFUTED, UNDECIDED, NO_DATA)
+HIGHER, LOWER, ALIKE, UNCLEAR = "higher", "lower", "alike", "unclear"
+SLIGHTLY_HIGHER, SLIGHTLY_LOWER = "slightly higher", "slightly lower"
+"""Higher or lower, and within the margin: there is a difference, and it is small."""
+CONTRAST_VERDICTS = (HIGHER, LOWER, ALIKE, UNCLEAR, SLIGHTLY_HIGHER, SLIGHTLY_LOWER, NO_DATA)
+
+CLAIM, CONTRAST, IS = "claim", "contrast", "is"
+RESULT_KEYS = {CLAIM: (CLAIM, IS), CONTRAST: (CONTRAST, IS, "metric", "level", "reference", "within")}
+"""The keys of a result that supports a finding, by its kind."""
+VERDICTS = {CLAIM: CLAIM_VERDICTS, CONTRAST: CONTRAST_VERDICTS}
+
+Pairs = tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """The table `[study]`."""
+
+    title: str = key("", "of the page (default: the file's name)")
+    question: str = key("", "what the study asks, in a sentence or two")
+    factors: dict[str, Any] = key(dict, "what varies, in the sweep's order: a name for each with its title")
+    metrics: tuple[str, ...] = key(("waiting", "messages"), "names of metrics to tabulate, the main one first")
+    from_s: float = key(0.0, "start of the time over which metrics with a time series are taken [s]", low=0)
+    until_s: float | None = key(None, "end of that time [s]; default: the end of the run", low=0)
+    window_s: float = key(300.0, "length of the windows of time in figures and for recovery [s]", above=0)
+
+
+@dataclass(frozen=True)
+class ContrastSettings:
+    """A table `[[contrast]]`: levels of a factor, compared within each combination of the others."""
+
+    id: str = key("", "by which findings refer to it")
+    text: str = key("", "what is compared, in a few words")
+    factor: str = key("", "the factor whose levels are compared")
+    reference: str = key("", "compare each other level with this one")
+    pairs: Pairs = key((), "instead: pairs of levels to compare")
+    across: str = key("", "compare these contrasts between the levels of another factor (an interaction)")
+    across_pairs: Pairs = key((), "across: pairs of its levels")
+    metrics: tuple[str, ...] = key((), "names of metrics (default: all of the study)")
+    margin: float = key(0.0, "differences below this count as none: a ratio above 1, such as 1.1; 0: not tested", low=0)
+
+    def problems(self) -> list[Problem]:
+        """List what is missing or impossible."""
+        found = [*_problem_of_id(self.id), *_problems_of_pairs("pairs", self.pairs)]
+        found += _problems_of_pairs("across_pairs", self.across_pairs)
+        if self.margin != 0 and not self.margin > 1:
+            found.append(Problem("margin", f"{self.margin:g}", "must be a ratio above 1, or 0"))
+        if bool(self.reference) == bool(self.pairs):
+            found.append(Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs"))
+        if self.across and not self.across_pairs:
+            found.append(Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`"))
+        if self.across_pairs and not self.across:
+            found.append(Problem("across", "missing", "must name the factor of across_pairs"))
+        return found
+
+
+@dataclass(frozen=True)
+class ClaimSettings:
+    """A table `[[claim]]`: a statement about the runs that the study tests."""
+
+    id: str = key("", "by which findings refer to it")
+    text: str = key("", "the claim, in a sentence")
+    source: str = key("", "who says so, and where")
+    says: str = key("", "what the source says, as it says it")
+    kind: str = key("order", "order, value or alike", choices=("order", "value", "alike"))
+    metric: str = key("waiting", "the metric's name")
+    less: str = key("", "of an order: the variant that has less")
+    more: str = key("", "of an order: the variant that has more")
+    at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
+    of: str = key("", "of a value: the variant")
+    within: tuple[float, ...] = key((), "of a value: the tolerance, two numbers [metric's unit]")
+    above: float | None = key(None, "of a value, instead of the tolerance: the value is higher than this")
+    iqr: float = key(0.0, "of a value: the interquartile range that the source gives; 0: none", low=0)
+    n: int = key(0, "of a value: the replicates behind the source's number, if it gives an interquartile range", low=0)
+    a: str = key("", "of alike: a variant")
+    b: str = key("", "of alike: the other variant")
+    margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
+    expect: str = key(HOLDS, "the verdict that is no surprise", choices=(HOLDS, REFUTED, UNDECIDED))
+    why: str = key("", "why it is expected not to hold, as far as is known")
+
+    def problems(self) -> list[Problem]:
+        """List what the claim's kind needs and does not have."""
+        has_tolerance = len(self.within) == 2 and self.within[0] < self.within[1]
+        needed: dict[str, dict[str, Any]] = {
+            "order": {"less": self.less, "more": self.more},
+            "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
+            "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
+        }
+        found = [
+            Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
+            for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items()
+            if not value
+        ]
+        if bool(self.iqr) != bool(self.n):
+            found.append(Problem("iqr", f"iqr {self.iqr:g}, n {self.n}", "must be given together with n"))
+        if len(set(self.variants)) < len(self.variants):
+            found.append(Problem("more" if self.kind == "order" else "b", self.variants[0], "must be another variant"))
+        return found
+
+    @property
+    def variants(self) -> list[str]:
+        """The variants that the claim is about."""
+        return [name for name in (self.less, self.more, self.of, self.a, self.b) if name]
+
+    @property
+    def region(self) -> tuple[float, float]:
+        """Where the tested quantity must be: a ratio of `more` to `less` or of `a` to `b`, or a value."""
+        if self.kind == "order":
+            return self.at_least, math.inf
+        if self.kind == "alike":
+            return 1 / self.margin, self.margin
+        return (self.within[0], self.within[1]) if self.above is None else (self.above, math.inf)
+
+
+@dataclass(frozen=True)
+class RecoverySettings:
+    """A table `[[recovery]]`: how long a metric needs to recover after a fault."""
+
+    metric: str = key("waiting_all", "the metric's name")
+    factor: str = key("", "the factor that has the fault among its levels")
+    level: str = key("", "the level with the fault")
+    reference: str = key("", "the level without it: the same swarm to which nothing happened")
+    after_s: float = key(0.0, "when it can begin to recover [s]", low=0)
+    tolerance: float = key(1.25, "largest ratio to the reference that counts as recovered", above=1)
+    windows: int = key(2, "number of consecutive windows in which it must be back", low=1)
+
+
+@dataclass(frozen=True)
+class SpanSettings:
+    """A stretch of time that a figure marks."""
+
+    text: str = key("", "what it is")
+    from_s: float = key(0.0, "start [s]", low=0)
+    until_s: float | None = key(None, "end [s]; default: the same as the start", low=0)
+
+
+@dataclass(frozen=True)
+class FigureSettings:
+    """A table `[[figure]]`."""
+
+    name: str = key("", "of its files")
+    kind: str = key("boxes", "what is drawn", choices=("boxes", "levels", "time", "plane", "frontier", "swarm"))
+    caption: str = key("", "below the figure")
+    metric: str = key("waiting", "of the vertical axis")
+    x: str = key("", "boxes, levels: the factor along the axis; plane, frontier: the metric of the horizontal axis")
+    hue: str = key("", "the factor told apart by colour")
+    facet: str = key("", "the factor with a panel for each level")
+    variants: tuple[str, ...] = key((), "only these, in this order")
+    path: tuple[str, ...] = key((), "plane: variants whose medians are joined by a line, in this order")
+    paths: dict[str, Any] = key(dict, "frontier: variants whose medians are joined by a line, a list for each name")
+    published: dict[str, Any] = key(dict, "boxes: a published median and interquartile range by level or variant")
+    lines: dict[str, Any] = key(dict, "horizontal lines: what is written beside them, and where")
+    spans: tuple[SpanSettings, ...] = key((), "time: stretches to mark")
+    at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
+    seed: int = key(1, "swarm: the run's seed", low=0)
+
+    def problems(self) -> list[Problem]:
+        """List tables with values of the wrong form."""
+        found = [Problem("name", "missing", "a figure needs a name")] if not self.name else []
+        found += [
+            Problem(f"published.{name}", repr(value)[:60], "must be a list of a median and an interquartile range")
+            for name, value in self.published.items()
+            if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)))
+        ]
+        found += [
+            Problem(f"lines.{name}", repr(value)[:60], "must be a number")
+            for name, value in self.lines.items()
+            if not _is_number(value)
+        ]
+        found += [
+            Problem(f"paths.{name}", repr(value)[:60], "must be a list of variants")
+            for name, value in self.paths.items()
+            if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value))
+        ]
+        if self.kind == "frontier" and not self.paths:
+            found.append(Problem("paths", "missing", "a figure of kind 'frontier' needs it"))
+        return found
+
+
+@dataclass(frozen=True)
+class FindingSettings:
+    """A table `[[finding]]`: a sentence written by a person, and the results that support it."""
+
+    text: str = key("", "the sentence")
+    because: tuple[dict[str, Any], ...] = key((), "results: {claim, is} or {contrast, metric, level, within, is}")
+
+    def problems(self) -> list[Problem]:
+        """List results that name no claim or contrast, no verdict, or something else."""
+        found = [] if self.text else [Problem("text", "missing", "a finding needs a sentence")]
+        if not self.because:
+            found.append(Problem("because", "missing", "a finding must name the results that support it"))
+        for i, result in enumerate(self.because):
+            where = f"because[{i}]"
+            kinds = [kind for kind in RESULT_KEYS if kind in result]
+            if len(kinds) != 1:
+                found.append(Problem(where, ", ".join(result) or "nothing", "must name one claim or one contrast"))
+                continue
+            (kind,) = kinds
+            found += [
+                Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(RESULT_KEYS[kind])}")
+                for name in result
+                if name not in RESULT_KEYS[kind]
+            ]
+            if result.get(IS) not in VERDICTS[kind]:
+                allowed = f"must be one of {', '.join(VERDICTS[kind])}"
+                found.append(Problem(f"{where}.is", repr(result[IS]) if IS in result else "nothing", allowed))
+        return found
+
+
+@dataclass(frozen=True)
+class StudyFile:
+    """The content of a study file besides its sweep."""
+
+    study: StudySettings = key(StudySettings, "title, question, factors, metrics")
+    metric: tuple[MetricSettings, ...] = key((), "metrics of the study's own")
+    contrast: tuple[ContrastSettings, ...] = key((), "what is compared with what")
+    claim: tuple[ClaimSettings, ...] = key((), "what is said and judged")
+    recovery: tuple[RecoverySettings, ...] = key((), "times to come back after a fault")
+    figure: tuple[FigureSettings, ...] = key((), "what is drawn")
+    finding: tuple[FindingSettings, ...] = key((), "what follows, in words")
+
+
+def _problem_of_id(name: str) -> Sequence[Problem]:
+    return [] if name else [Problem("id", "missing", "findings refer to it by its id")]
+
+
+def _problems_of_pairs(name: str, pairs: Pairs) -> Sequence[Problem]:
+    return [
+        Problem(f"{name}[{i}]", repr(list(pair))[:60], "must be two different levels")
+        for i, pair in enumerate(pairs)
+        if len(pair) != 2 or pair[0] == pair[1]
+    ]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
