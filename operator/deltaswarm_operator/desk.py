@@ -218,6 +218,7 @@ class Desk:
             **picture.rows(),
             inbox=_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
             unread=len(picture.unread),
+            closed={"events": len(picture.closed), "after_s": round(picture.closed_after_s or 0.0, 1)},
             workload={
                 "messages": self._messages,
                 "rate_1s_hz": round(workload.rate_1s_hz, 3) if workload else 0.0,

@@ -72,6 +72,8 @@ class Picture:
         self.agents: dict[int, KnownAgent] = {}
         self.events: dict[int, KnownEvent] = {}
         """By the picture's own numbers; the first reported event is 1."""
+        self.closed: dict[int, tuple[float, float]] = {}
+        """Events that nobody reports any more: times of the first and the last report [s]. Complete, or forsaken."""
         self.inbox: list[Item] = []
         """All items, oldest first; item n is at index n."""
         self.unread: set[int] = set()
@@ -93,7 +95,7 @@ class Picture:
         items = [item for report in reports if (item := self._take(report)) is not None]
         oldest_s = now_s - EVENT_MEMORY_S
         for event in [event for event, known in self.events.items() if known.seen_s < oldest_s]:
-            del self.events[event]
+            self._close(event)
         return items
 
     def _take(self, report: Report) -> Item | None:
@@ -159,14 +161,28 @@ class Picture:
         events = self.events
         for event in before.difference(places):  # its last reporter no longer reports it
             if (known := events.get(event)) is not None and known.by == agent:
-                del events[event]
+                self._close(event)
         for event, (x_m, y_m) in places.items():
             known = events.get(event)
             if known is None:
                 if len(events) < MAX_EVENTS:
-                    events[event] = KnownEvent(x_m, y_m, said_s, said_s, agent)
+                    first_s, _ = self.closed.pop(event, (said_s, said_s))
+                    events[event] = KnownEvent(x_m, y_m, first_s, said_s, agent)
             elif known.seen_s <= said_s:  # else this report was delayed, and the event has been seen since
                 events[event] = KnownEvent(x_m, y_m, known.first_s, said_s, agent)
+
+    def _close(self, event: int) -> None:
+        known = self.events.pop(event)
+        self.closed[event] = (known.first_s, known.seen_s)
+        if len(self.closed) > MAX_NUMBERS:
+            del self.closed[next(iter(self.closed))]
+
+    @property
+    def closed_after_s(self) -> float | None:
+        """Mean time from the first to the last report of the events that nobody reports any more [s]."""
+        if not self.closed:
+            return None
+        return sum(last_s - first_s for first_s, last_s in self.closed.values()) / len(self.closed)
 
     def read(self, numbers: Iterable[int]) -> list[int]:
         """Mark items as read; return those that were unread."""
@@ -185,6 +201,7 @@ class Picture:
             "numbers": list(self._numbers.items()),
             "agents": [[agent, *known] for agent, known in self.agents.items()],
             "events": [[event, *known] for event, known in self.events.items()],
+            "closed": [[event, *times] for event, times in self.closed.items()],
             "inbox": self.inbox,
             "unread": sorted(self.unread),
             "newest_s": list(self._newest_s.items()),
@@ -197,6 +214,7 @@ class Picture:
         self._numbers = dict(state["numbers"])
         self.agents = {agent: KnownAgent(*known) for agent, *known in state["agents"]}
         self.events = {event: KnownEvent(*known) for event, *known in state["events"]}
+        self.closed = {event: (first_s, last_s) for event, first_s, last_s in state["closed"]}
         self.inbox = [item_of(row) for row in state["inbox"]]
         self.unread = set(state["unread"])
         self._newest_s = dict(state["newest_s"])

@@ -92,6 +92,8 @@ export interface Picture {
   events: EventRow[];
   inbox: InboxRow[];
   unread: number;
+  /** Events that nobody reports any more, and the mean time for which they were reported [s]. */
+  closed?: { events: number; after_s: number };
   workload: Workload;
   commands: CommandRow[];
   pace: { paused: boolean; speed: number };

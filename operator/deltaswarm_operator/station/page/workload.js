@@ -113,6 +113,9 @@ export class WorkloadPanel {
     setText(element("messages"), String(messages));
     setText(element("unread"), String(picture.unread));
     setText(element("residue"), number(residue, 2));
+    setText(element("events-open"), String(picture.events.length));
+    const { events: closed, after_s } = picture.closed ?? { events: 0, after_s: 0 };
+    setText(element("events-closed"), closed ? `${closed} in ${number(after_s)} s` : "0");
     const thresholds = hello?.thresholds_hz ?? [];
     const above = thresholds.map((limit, at) => `above ${number(limit, 2)} /s for ${clock(above_s[at] ?? 0)}`);
     setText(element("above"), above.join(" · "));
