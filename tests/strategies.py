@@ -83,6 +83,8 @@ statuses = st.builds(
     agents,
     agents,
     times_s,
+    ids,
+    ids,
     st.sampled_from(om.STATUS_PHASES),
 )
 
@@ -122,9 +124,10 @@ event_states = st.builds(
 )
 tallies = st.builds(
     truth.Tally,
-    **{name: ids for name in truth.Tally._fields if name not in ("time_s", "covered_area_m2")},
+    **{name: ids for name, hint in truth.Tally.__annotations__.items() if hint is int},
     time_s=times_s,
     covered_area_m2=st.none() | st.floats(0.0, MAX_ABS_M**2),
+    roots_from_densest_m=st.none() | st.floats(0.0, MAX_ABS_M),
 )
 truths = st.builds(
     truth.Truth,

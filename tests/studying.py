@@ -95,3 +95,15 @@ def series(waiting: Callable[[str, str, int, float], float], end_s: float = 1000
         for time_s in [100.0 * window for window in range(int(end_s // 100))]
     ]
     return pd.DataFrame(rows)
+
+
+LIMIT = '[[contrast]]\nid = "limit"\nfactor = "loss"\nreference = "loss=0.0"\nmargin = 1.1\n'
+
+
+def worse_at_90(level: str, mode: str, replicate: int) -> float:
+    """Under loss 0.9 hybrid swarms wait twice as long, decentralised ones as long as ever."""
+    return spread(level, mode, replicate) * (2 if (level, mode) == ("loss=0.9", "hybrid 3") else 1)
+
+
+FAST, SLOW, SAME = "loss=0.9, decentralised", "loss=0.9, hybrid 3", "loss=0.0, hybrid 3"
+"""Variants that `worse_at_90` tells apart."""

@@ -22,7 +22,7 @@ from tests.swarms import COMMAND, PATIENCE_S, is_running, wait_until
 MARK = "DELTASWARM_TEST_MARK"
 """Processes inherit it whatever they do to their sessions and groups: by it a test finds all that it caused."""
 
-SHORT: dict[str, Any] = {"run": {"duration_s": 60.0}}
+SHORT: dict[str, Any] = {"run": {"duration_s": 60.0}, "metrics": {"horizon_s": 20.0}}
 LOSSES = (0.0, 0.2, 0.4)
 
 TEXT = """
@@ -32,6 +32,7 @@ base = "smoke"
 
 [scenario]
 run.duration_s = {duration_s}
+metrics.horizon_s = 20.0
 
 [sweep]
 repeats = {repeats}

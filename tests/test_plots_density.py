@@ -9,7 +9,8 @@ import pytest
 from deltaswarm_orchestrator.report.plots.density import level_holding, phi
 from deltaswarm_wire.settings import ArenaSettings, Scenario
 from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
-from deltaswarm_world.density import sampler
+from deltaswarm_world.density import Places
+from deltaswarm_world.obstacles import Obstacles
 
 ARENA = ArenaSettings(80.0, 40.0)
 MIXTURE = (
@@ -42,8 +43,8 @@ def test_what_is_drawn_is_what_the_world_draws_from(kind: str, tmp_path: Path) -
     shown = scenario(densities(tmp_path)[kind])
     field = phi(shown, 160)
     assert field.sum() * ARENA.width_m * ARENA.height_m / 160**2 == pytest.approx(1)
-    draw, rng, count = sampler(shown.events.density, ARENA), np.random.default_rng(7), 20_000
-    places = np.array([draw(rng) for _ in range(count)])
+    drawn, rng, count = Places(shown.events.density, ARENA, Obstacles([])), np.random.default_rng(7), 20_000
+    places = np.array([drawn.draw(rng) for _ in range(count)])
     bounds = [(0, ARENA.height_m), (0, ARENA.width_m)]
     seen, _, _ = np.histogram2d(places[:, 1], places[:, 0], bins=8, range=bounds)
     expected = field.reshape(8, 20, 8, 20).sum(axis=(1, 3)) / field.sum()

@@ -160,7 +160,10 @@ def test_the_sweeps_own_record_makes_it_again(done: Path) -> None:
     """The same runs, by their content."""
     again, first = (load_sweep(str(file)) for file in (done / "sweep.toml", done.parent / "mine.toml"))
     assert [job.key for job in again.jobs()] == [job.key for job in first.jobs()]
-    assert tomllib.loads((done / "sweep.toml").read_text())["scenario"] == {"run.duration_s": 150.0}
+    assert tomllib.loads((done / "sweep.toml").read_text())["scenario"] == {
+        "run.duration_s": 150.0,
+        "metrics.horizon_s": 20.0,
+    }
 
 
 # Whoever did the runs
@@ -251,12 +254,18 @@ def test_a_sweeps_digest_depends_on_each_run(tmp_path: Path) -> None:
     assert len({digest_of(runs), digest_of(runs[:1]), digest_of(runs[::-1])}) == 3
 
 
-def test_windows_have_the_waiting_of_the_events_that_arrived_in_them(tmp_path: Path) -> None:
-    """Put together they are the run's: every event is in one, those never sensed wait to the end of the run."""
-    kept, planned = finished(tmp_path, {"axes": {"radio.loss": [0.5]}, "repeats": 1, "series_every_s": 25.0})
+def test_windows_have_the_times_of_the_events_that_arrived_in_them(tmp_path: Path) -> None:
+    """Put together they are the run's: every event that could be followed is in one; completed ones are counted."""
+    kept, planned = finished(tmp_path, {"axes": {"events.rate_hz": [0.5]}, "repeats": 1, "series_every_s": 20.0})
     ((_, result),) = finished_runs(planned, kept)
-    series, waiting = result["series"], result["summary"]["waiting_time_s"]
-    pairs = zip(series["events_arrived"], series["waiting_time_s"], strict=True)
-    waited_s = sum(events * mean_s for events, mean_s in pairs if events)
-    assert sum(series["events_arrived"]) == waiting["n"] + waiting["never_sensed"] > 0
-    assert waited_s / sum(series["events_arrived"]) == pytest.approx(waiting["mean_with_never_sensed"])
+    series, summary = result["series"], result["summary"]
+    counts = series["events_followed"]
+    assert sum(counts) == summary["arrivals"]["followed"] > 0
+    for column, mean in (
+        ("waiting_time_s", summary["waiting_time_s"]["restricted_mean"]),
+        ("completion_time_s", summary["completion_s"]["mean"]),
+    ):
+        total = sum(events * mean_s for events, mean_s in zip(counts, series[column], strict=True) if events)
+        assert total / sum(counts) == pytest.approx(mean)
+    assert sum(series["completed"]) == summary["completed"]
+    assert sum(series["never_sensed"]) == summary["waiting_time_s"]["never_sensed"]

@@ -94,7 +94,7 @@ def test_the_tables_have_a_line_for_each() -> None:
 def test_the_summary_says_what_is_known() -> None:
     """Of a run that is recorded, and of one that is not."""
     text = summary(HELLO, shown(Seen()))
-    for words in ("7 of 300 s", "4 of 5, 3 busy, 1 roots", "1 not complete", "24.5 s", "3.0 per s", "41 in all"):
+    for words in ("7 of 300 s", "4 of 5, 3 busy, 1 roots", "1 open", "1 events", "24.5 s", "3.0 per s", "41 in all"):
         assert words in text
     bare = summary(HELLO, shown(Seen(STATUS, None, None, None)))
     assert "25 of 5, 11 in trees" in bare

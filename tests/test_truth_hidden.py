@@ -15,7 +15,8 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire import seeds
 from deltaswarm_wire.seeds import agent_seed
-from deltaswarm_world.environment import ARRIVALS_STREAM, START_STREAM, Environment
+from deltaswarm_world.arrivals import PLACES_STREAM, TIMES_STREAM
+from deltaswarm_world.environment import START_STREAM, Environment
 from deltaswarm_world.event_ids import EventIds
 
 RUN_SEED = 1
@@ -48,17 +49,14 @@ def test_no_start_place_follows_from_what_an_agent_knows() -> None:
 
 
 def test_no_arrival_follows_either() -> None:
-    """The first event's place is in no generator that can be built from what an agent is told."""
+    """Neither time nor place of the first event is in a generator that can be built from what an agent is told."""
     environment = world()
-    while not environment.arrived:
-        environment.arrive(0.0)
+    environment.arrive(100.0)
     first = environment.arrived[0]
-    for seed, steps in product(told_seeds()[-20:], range(3)):
-        rng = np.random.default_rng([seed, ARRIVALS_STREAM])
-        for _ in range(steps):
-            rng.poisson(0.5)
-        draws = rng.standard_normal(40)
-        assert not np.isclose(first.x_m, 50 + 50**0.5 * draws).any()
+    for seed, words in product(told_seeds()[-20:], ([TIMES_STREAM], [PLACES_STREAM], [PLACES_STREAM, 0], [])):
+        places, times = (np.random.default_rng([seed, *words]) for _ in range(2))
+        assert not np.isclose(first.x_m, 50 + 50**0.5 * places.standard_normal(40)).any()
+        assert not np.isclose(first.arrived_s * 0.5, times.standard_exponential(40)).any()
 
 
 def test_what_an_agent_is_told_does_not_fix_the_world(monkeypatch: pytest.MonkeyPatch) -> None:

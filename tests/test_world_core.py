@@ -67,8 +67,9 @@ def test_changes_that_nobody_asks_for_are_not_kept() -> None:
     """Without a recorder they would pile up: at most one step's are held."""
     crew = swarm("smoke", "events.rate_hz=2")
     for tally in play(crew, 30):
-        changed = {(event.arrived_s, event.sensed_s, event.completed_s) for event in crew.world.environment.changed}
-        assert all(tally.time_s in times for times in changed)
+        now_s = tally.time_s
+        for event in crew.world.environment.changed:
+            assert abs(now_s - event.arrived_s) < 1 or now_s in (event.sensed_s, event.completed_s)
     assert len(crew.world.environment.states()) > 30
 
 

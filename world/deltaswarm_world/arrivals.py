@@ -13,7 +13,7 @@ from deltaswarm_world.chance import generator
 from deltaswarm_world.density import Places
 from deltaswarm_world.event_ids import EventIds
 
-TIMES_STREAM, PLACES_STREAM = 1, 3
+TIMES_STREAM, PLACES_STREAM = 1, 4
 
 
 class Arrival(NamedTuple):
