@@ -207,7 +207,7 @@ def test_a_sweep_by_real_processes_has_the_same_table(done: Path, tmp_path: Path
 
 def finished(folder: Path, settings: dict[str, Any]) -> tuple[SweepFolder, Any]:
     """A folder with the results of a sweep that was done in this process."""
-    planned = made(settings, scenario={"run.duration_s": 30.0})
+    planned = made(settings, scenario={"run.duration_s": 30.0, "metrics.horizon_s": 10.0})
     kept = SweepFolder(folder)
     kept.runs.mkdir()
     for task in tasks_of(planned):
@@ -256,7 +256,7 @@ def test_a_sweeps_digest_depends_on_each_run(tmp_path: Path) -> None:
 
 def test_windows_have_the_times_of_the_events_that_arrived_in_them(tmp_path: Path) -> None:
     """Put together they are the run's: every event that could be followed is in one; completed ones are counted."""
-    kept, planned = finished(tmp_path, {"axes": {"events.rate_hz": [0.5]}, "repeats": 1, "series_every_s": 20.0})
+    kept, planned = finished(tmp_path, {"axes": {"events.rate_hz": [0.5]}, "repeats": 1, "series_every_s": 10.0})
     ((_, result),) = finished_runs(planned, kept)
     series, summary = result["series"], result["summary"]
     counts = series["events_followed"]
