@@ -33,7 +33,7 @@ ROUGH = (
 )
 """A small arena, a busy swarm, an air that loses most of what is said."""
 
-SEEDS = (28, 16, *range(1, 28))
+SEEDS = (29, 33, *range(1, 28))
 """The first two show nearly all; more are taken until all is seen."""
 
 ROUGH_STEPS, KILL_EVERY_STEPS, RECALL_EVERY_S = 1500, 100, 50
@@ -120,7 +120,7 @@ def recalled(watch: Watch) -> None:
         for at_s in range(100, ROUGH_STEPS, RECALL_EVERY_S)
         for root in range(12)
     ]
-    crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
+    crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=2)
     for step, tally in enumerate(play(crew, ROUGH_STEPS)):
         crew.close(Clock(step, tally.time_s, last=False))
         watch.check(crew)

@@ -15,7 +15,7 @@ from tests.swarms import BOUND_S, UNHURRIED, is_running, run, running, wait_unti
 
 pytestmark = pytest.mark.processes
 
-SHORT = ("--set", "run.duration_s=80", "--set", "events.rate_hz=0.3")
+SHORT = ("--set", "run.duration_s=80", "--set", "events.rate_hz=0.3", "--set", "control.delta=1")
 TIMELINES = {
     "kill": 'kind="kill", at_s=30, agents=[1, 4]',
     "kill-the-roots": 'kind="kill", at_s=60, roots=true',

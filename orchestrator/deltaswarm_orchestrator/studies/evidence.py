@@ -121,12 +121,13 @@ def too_few(contrasts: pd.DataFrame) -> list[str]:
     """List contrasts that could not have become significant, however large the effect."""
     if contrasts.empty:
         return []
+    families = contrasts.groupby(["contrast", "family", "metric"], sort=False)["n"].max().reset_index()
     found = []
-    for (name, family), rows in contrasts.groupby(["contrast", "family"], sort=False):
-        most, needed = rows["n"].max(), pairs_needed(int(str(family)))
-        if 0 < most < needed:
+    for (name, family, most), rows in families.groupby(["contrast", "family", "n"], sort=False):
+        needed = pairs_needed(int(str(family)))
+        if 0 < int(str(most)) < needed:
             found.append(
-                f"{most} replicates can show nothing in the contrast {name!r}: Holm's correction over {family} "
-                f"comparisons needs at least {needed}."
+                f"{most} replicates can show nothing of {', '.join(rows['metric'])} in the contrast {name!r}: Holm's "
+                f"correction over {family} comparisons needs at least {needed}."
             )
     return found
