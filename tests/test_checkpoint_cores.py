@@ -38,6 +38,7 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
     [
         [*BUSY, "control.mode=decentralised"],
         [*BUSY, "control.mode=hierarchical", "events.density={kind='uniform'}"],
+        [*BUSY, "control.mode=hybrid", "events.density={path_m=[[5, 5], [30, 10]], path_s=[50, 250]}"],
         [*BUSY, "control.mode=hybrid", FAULTS],
         [*BUSY, "control.mode=hybrid", *EVERYTHING],
         [*BUSY, "control.mode=hybrid", UPLINK],

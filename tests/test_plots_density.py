@@ -17,6 +17,7 @@ MIXTURE = (
     ComponentSettings(3.0, (20.0, 30.0), ((60.0, 25.0), (25.0, 40.0))),
     ComponentSettings(1.0, (78.0, 5.0), ((90.0, 0.0), (0.0, 30.0))),  # much of it falls outside
 )
+WAY_M, WAY_S = ((20.0, 30.0), (70.0, 10.0), (10.0, 5.0)), (1000.0, 5000.0, 5000.0)
 
 
 def scenario(density: DensitySettings, arena: ArenaSettings = ARENA) -> Scenario:
@@ -31,20 +32,21 @@ def densities(folder: Path) -> dict[str, DensitySettings]:
     return {
         "gaussian": DensitySettings("gaussian", (30.0, 8.0), ((120.0, -20.0), (-20.0, 40.0))),
         "mixture": DensitySettings("mixture", components=MIXTURE),
+        "moving": DensitySettings("gaussian", covariance_m2=((60.0, 25.0), (25.0, 40.0)), path_m=WAY_M, path_s=WAY_S),
         "uniform": DensitySettings("uniform"),
         "npy": DensitySettings("grid", file=str(folder / "weights.npy")),
         "csv": DensitySettings("grid", file=str(folder / "weights.csv")),
     }
 
 
-@pytest.mark.parametrize("kind", ["gaussian", "mixture", "uniform", "npy", "csv"])
+@pytest.mark.parametrize("kind", ["gaussian", "mixture", "moving", "uniform", "npy", "csv"])
 def test_what_is_drawn_is_what_the_world_draws_from(kind: str, tmp_path: Path) -> None:
-    """20,000 of the world's own draws fall into coarse cells as often as phi says, within 5 standard errors."""
+    """20,000 of the world's draws over a run fall into coarse cells as often as phi says, within 5 standard errors."""
     shown = scenario(densities(tmp_path)[kind])
     field = phi(shown, 160)
     assert field.sum() * ARENA.width_m * ARENA.height_m / 160**2 == pytest.approx(1)
     drawn, rng, count = Places(shown.events.density, ARENA, Obstacles([])), np.random.default_rng(7), 20_000
-    places = np.array([drawn.draw(rng) for _ in range(count)])
+    places = np.array([drawn.draw(rng, number * shown.run.duration_s / count) for number in range(count)])
     bounds = [(0, ARENA.height_m), (0, ARENA.width_m)]
     seen, _, _ = np.histogram2d(places[:, 1], places[:, 0], bins=8, range=bounds)
     expected = field.reshape(8, 20, 8, 20).sum(axis=(1, 3)) / field.sum()

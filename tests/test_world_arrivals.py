@@ -18,6 +18,8 @@ from deltaswarm_world.density import Places
 from deltaswarm_world.environment import Environment
 from deltaswarm_world.obstacles import Obstacles
 
+STANDS = {"mean_m": [20.0, 20.0], "covariance_m2": [[30.0, 0.0], [0.0, 30.0]]}
+MOVES = {**STANDS, "path_m": [[5.0, 5.0], [35.0, 5.0], [20.0, 35.0]], "path_s": [0.0, 100.0, 150.0]}
 BLOCK = {"corners_m": [[10.0, 10.0], [22.0, 10.0], [22.0, 22.0], [10.0, 22.0]]}
 
 
@@ -25,7 +27,7 @@ def scenario(seed: int, **tables: Any) -> Scenario:
     base: dict[str, Any] = {
         "seed": seed,
         "arena": {"width_m": 40.0, "height_m": 40.0},
-        "events": {"rate_hz": 0.2, "density": {"mean_m": [20.0, 20.0], "covariance_m2": [[30.0, 0.0], [0.0, 30.0]]}},
+        "events": {"rate_hz": 0.2, "density": STANDS},
     }
     for name, table in tables.items():
         base[name] = {**base.get(name, {}), **table}
@@ -37,12 +39,16 @@ def arrivals(of: Scenario, until_s: float = 200.0) -> list[Arrival]:
     return list(Arrivals(of, places).until(until_s))
 
 
-@given(seed=st.integers(0, 2**31), step_s=st.sampled_from([0.1, 0.25, 0.5, 2.0, 5.0, 20.0]))
+@given(
+    seed=st.integers(0, 2**31),
+    step_s=st.sampled_from([0.1, 0.25, 0.5, 2.0, 5.0, 20.0]),
+    density=st.sampled_from([STANDS, MOVES]),
+)
 @settings(max_examples=25, deadline=None)
-def test_the_step_changes_no_arrival(seed: int, step_s: float) -> None:
+def test_the_step_changes_no_arrival(seed: int, step_s: float, density: dict[str, Any]) -> None:
     """Neither number, time nor place; each event is there from the first step that is not before its time."""
-    expected = arrivals(scenario(seed))
-    environment = Environment(scenario(seed))
+    expected = arrivals(scenario(seed, events={"density": density}))
+    environment = Environment(scenario(seed, events={"density": density}))
     for step in range(round(200.0 / step_s) + 1):
         before = len(environment.arrived)
         environment.arrive(step * step_s)

@@ -1,5 +1,6 @@
 """Where events occur: each density gives the places that it promises, all of them in the arena."""
 
+import pickle
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,12 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.settings import ArenaSettings
+from deltaswarm_wire.settings import ArenaSettings, Scenario
 from deltaswarm_wire.settings_density import DensitySettings
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
 from deltaswarm_world.arrays import Floats
-from deltaswarm_world.density import Places, load_grid
+from deltaswarm_world.density import DENSEST_EVERY_S, Places, load_grid
+from deltaswarm_world.environment import Environment
 from deltaswarm_world.obstacles import Obstacles
 
 PAPER = [[50.0, 0.0], [0.0, 50.0]]
@@ -31,12 +33,13 @@ def places(
     draws: int = DRAWS,
     seed: int = 7,
     obstacles: Sequence[ObstacleSettings] = (),
+    time_s: float = 0.0,
     **arena: float,
 ) -> Floats:
-    """Many draws, (n, 2) [m]."""
+    """Many draws at one time, (n, 2) [m]."""
     found = made(density, obstacles, **arena)
     rng = np.random.default_rng(seed)
-    return np.array([found.draw(rng) for _ in range(draws)])
+    return np.array([found.draw(rng, time_s) for _ in range(draws)])
 
 
 def are_inside(found: Floats, width_m: float = 100.0, height_m: float = 100.0) -> bool:
@@ -119,7 +122,7 @@ def test_the_densest_position(
     density: dict[str, Any], obstacles: list[ObstacleSettings], densest_m: tuple[float, float] | None
 ) -> None:
     """A free one, within the mesh's 1 m; none where events are equally dense everywhere."""
-    found = made(density, obstacles).densest_m()
+    found = made(density, obstacles).densest_m(0.0)
     assert (found is None) == (densest_m is None)
     if found is not None and densest_m is not None:
         assert found == pytest.approx(densest_m, abs=1.0)
@@ -146,6 +149,100 @@ def test_a_uniform_density_is_even() -> None:
     assert np.allclose(np.bincount(fields[:, 0] + 4 * fields[:, 1]) / DRAWS, 1 / 8, atol=0.025)
 
 
+# Densities that move
+
+PATH: dict[str, Any] = {"path_m": [[20, 30], [80, 30], [80, 70], [40, 20]], "path_s": [100, 200, 200, 400]}
+"""Two straight ways with a jump between them."""
+MOVING_MIXTURE = {"kind": "mixture", "components": [{**a_component(1, 90, 90), **PATH}, a_component(2, 50, 90)]}
+KEPT = {"path_m": [[48, 52]] * 3, "path_s": [0, 50, 50]}
+"""A path that stays where it is."""
+
+
+@pytest.mark.parametrize(
+    ("time_s", "mean_m"),
+    [(0, (20, 30)), (100, (20, 30)), (125, (35, 30)), (199.9, (79.94, 30)), (200, (80, 70)), (300, (60, 45))],
+)
+def test_events_follow_the_path(time_s: float, mean_m: tuple[float, float]) -> None:
+    """The mean of 4,000 draws at a time is where the path is; at the time of a jump that is after it."""
+    found = places({"covariance_m2": [[9, 0], [0, 9]], **PATH}, time_s=time_s)
+    assert np.allclose(found.mean(axis=0), mean_m, atol=0.25)
+    assert np.allclose(np.cov(found.T), 9 * np.eye(2), atol=0.8)
+
+
+@given(
+    path=st.lists(st.tuples(st.floats(0, 40), st.floats(0, 25), st.floats(0, 100)), min_size=1, max_size=6),
+    time_s=st.floats(0, 120),
+    variance=st.sampled_from([1e-4, 30.0, 1e5]),
+)
+@settings(max_examples=60, deadline=None)
+def test_at_each_time_it_is_a_density_that_stands(
+    path: list[tuple[float, float, float]], time_s: float, variance: float
+) -> None:
+    """Narrow or much wider than the arena: the draws are those of the same density with the mean of that time."""
+    times_s = sorted({place[2] for place in path})
+    way_m = np.array([place[:2] for place in path])[: len(times_s)]
+    mean_m = [float(np.interp(time_s, times_s, axis)) for axis in way_m.T]
+    base = {"covariance_m2": [[variance, 0], [0, variance]]}
+    moving = {**base, "path_m": way_m.tolist(), "path_s": times_s}
+    found = places(moving, 20, time_s=time_s, width_m=40.0, height_m=25.0)
+    assert np.allclose(found, places({**base, "mean_m": mean_m}, 20, width_m=40.0, height_m=25.0), atol=1e-6)
+
+
+@pytest.mark.parametrize("variance", [50.0, 1e6])
+@pytest.mark.parametrize("time_s", [0.0, 20.0, 50.0, 1e6])
+def test_a_path_that_stays_changes_no_draw(variance: float, time_s: float) -> None:
+    """To the last bit, of a gaussian and of a mixture; nor does it change the densest place."""
+    base = {"mean_m": [48, 52], "covariance_m2": [[variance, 0], [0, variance]]}
+    wall = [ObstacleSettings(((0.0, 40.0), (100.0, 40.0), (100.0, 55.0), (0.0, 55.0)))]
+    other = a_component(2, 80, 30)
+    for stands, moves in (
+        (base, {**base, **KEPT}),
+        (
+            {"kind": "mixture", "components": [base, other]},
+            {"kind": "mixture", "components": [{**base, **KEPT}, other]},
+        ),
+    ):
+        assert np.array_equal(places(moves, 200, time_s=time_s), places(stands, 200))
+        for obstacles in ([], wall):
+            assert made(moves, obstacles).densest_m(time_s) == made(stands, obstacles).densest_m(0.0)
+
+
+@pytest.mark.parametrize("density", [PATH, MOVING_MIXTURE], ids=["gaussian", "mixture"])
+@given(times_s=st.lists(st.floats(0, 500), min_size=1, max_size=6))
+@settings(max_examples=20, deadline=None)
+def test_the_densest_position_depends_on_the_time_alone(density: dict[str, Any], times_s: list[float]) -> None:
+    """Not on what was asked before, nor on a checkpoint in between; it is that of the last multiple of 10 s."""
+    asked = made(density)
+    for time_s in times_s:
+        found = asked.densest_m(time_s)
+        assert found == made(density).densest_m(time_s // DENSEST_EVERY_S * DENSEST_EVERY_S)
+        assert found == pickle.loads(pickle.dumps(asked)).densest_m(time_s)
+
+
+def test_the_densest_position_follows_the_path() -> None:
+    """It is the mean, and where an obstacle covers that, the nearest free place (within the mesh's 1 m)."""
+    wall = [ObstacleSettings(((60.0, 0.0), (100.0, 0.0), (100.0, 50.0), (60.0, 50.0)))]
+    for time_s, free_m, blocked_m in ((120, (32, 30), (32, 30)), (180, (68, 30), (60, 30)), (200, (80, 70), (80, 70))):
+        assert made(PATH).densest_m(time_s) == pytest.approx(free_m)
+        assert made(PATH, wall).densest_m(time_s) == pytest.approx(blocked_m, abs=1.0)
+
+
+def test_a_world_with_a_moving_density_goes_on_from_its_checkpoint() -> None:
+    """The same arrivals and the same distances, wherever it was saved."""
+    density = {"covariance_m2": [[9, 0], [0, 9]], **PATH}
+    table = {"events": {"density": density, "rate_hz": 0.5}, "agents": {"count": 3}}
+    straight = Environment(load(Scenario, table))
+    saved = Environment(load(Scenario, table))
+    for step in range(300):
+        straight.arrive(step)
+        saved.arrive(step)
+        assert saved.from_densest_m([0, 2], step) == straight.from_densest_m([0, 2], step)
+        if step % 37 == 0:
+            saved = pickle.loads(pickle.dumps(saved))
+    assert saved.states() == straight.states()
+    assert len(saved.arrived) > 100
+
+
 # Grids
 
 GRID = np.array([[1.0, 0.0, 2.0], [0.0, 4.0, 1.0]])
@@ -170,7 +267,8 @@ def test_a_grids_rows_go_up_and_its_columns_right(tmp_path: Path, name: str) -> 
     counts = np.bincount(cells[:, 1] * 3 + cells[:, 0], minlength=6).reshape(2, 3)
     assert np.allclose(counts / DRAWS, GRID / 8, atol=0.03)
     assert np.all((counts == 0) == (GRID == 0))
-    assert made({"kind": "grid", "file": written(tmp_path, name)}, width_m=90.0, height_m=40.0).densest_m() == (45, 30)
+    grid = made({"kind": "grid", "file": written(tmp_path, name)}, width_m=90.0, height_m=40.0)
+    assert grid.densest_m(0.0) == (45, 30)
     within = found[(cells == [1, 1]).all(axis=1)]
     assert np.allclose(within.mean(axis=0), [45, 30], atol=1.0)
 

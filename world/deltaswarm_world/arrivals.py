@@ -2,7 +2,8 @@
 
 Times are a Poisson process in continuous time with a generator of its own, so the step cannot shift them; another rate
 scales them. Each event's place has a generator of its own, so an obstacle or another density moves the events that it
-must, and no other. Neither depends on the swarm, the radio or a fault.
+must, and no other. It is drawn from the density at the time of arrival. Neither depends on the swarm, the radio or a
+fault.
 """
 
 from collections.abc import Iterator
@@ -41,7 +42,8 @@ class Arrivals:
     def until(self, time_s: float) -> Iterator[Arrival]:
         """Yield the events that have arrived since the last call, up to a time [s]."""
         while self._next <= time_s * self._rate_hz:
-            place_m = self._places.draw(generator(self._seed, PLACES_STREAM, self._count))
-            yield Arrival(self._ids.of(self._count), *place_m, self._next / self._rate_hz)
+            arrived_s = self._next / self._rate_hz
+            place_m = self._places.draw(generator(self._seed, PLACES_STREAM, self._count), arrived_s)
+            yield Arrival(self._ids.of(self._count), *place_m, arrived_s)
             self._count += 1
             self._next += float(self._times.standard_exponential())

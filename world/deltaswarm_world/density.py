@@ -1,5 +1,6 @@
 """Where events occur: positions drawn from the paper's density phi(x, y)."""
 
+from copy import copy
 from pathlib import Path
 from typing import Protocol
 
@@ -14,6 +15,9 @@ from deltaswarm_world.obstacles import Obstacles
 MAX_BATCH = 4096
 MAX_BATCHES = 3000
 """12 million draws: enough for every density that the scenario's check lets pass (`settings_density.MIN_SHARE`)."""
+
+DENSEST_EVERY_S = 10.0
+"""The densest position of a density that moves is found anew at multiples of this time."""
 
 MESH = 100
 """Positions along each side of the arena among which the densest is looked for."""
@@ -43,12 +47,16 @@ class Places:
         self._size_m = np.array([arena.width_m, arena.height_m])
         self._obstacles = obstacles
         self._density = _density(settings, self._size_m)
+        self._moving = settings if settings.moves else None
+        self._densest: tuple[float, tuple[float, float] | None] | None = None
+        """A time [s] and the densest position then [m]."""
 
-    def draw(self, rng: np.random.Generator) -> tuple[float, float]:
-        """Draw one position (x_m, y_m): the first of the proposed ones that is free."""
+    def draw(self, rng: np.random.Generator, time_s: float) -> tuple[float, float]:
+        """Draw one position (x_m, y_m) at a time [s]: the first of the proposed ones that is free."""
+        density = self._density_at(time_s)
         batch = 1
         for _ in range(MAX_BATCHES):
-            places_m = self._density.propose(rng, batch)
+            places_m = density.propose(rng, batch)
             is_free = self._free(places_m)
             if is_free.any():
                 x_m, y_m = places_m[is_free.argmax()].tolist()
@@ -56,17 +64,36 @@ class Places:
             batch = min(8 * batch, MAX_BATCH)
         raise ValueError("events.density must reach into the arena and outside obstacles")
 
-    def densest_m(self) -> tuple[float, float] | None:
-        """Return the free position with the highest density [m]; None if the density is the same everywhere."""
+    def densest_m(self, time_s: float) -> tuple[float, float] | None:
+        """Return the free position with the highest density [m]; None if the density is the same everywhere.
+
+        For a density that moves, the result is that of the last multiple of `DENSEST_EVERY_S`.
+        """
+        found_s = time_s // DENSEST_EVERY_S * DENSEST_EVERY_S if self._moving else 0.0
+        if self._densest is None or self._densest[0] != found_s:
+            self._densest = found_s, self._find_densest(self._density_at(found_s))
+        return self._densest[1]
+
+    def _find_densest(self, density: Density) -> tuple[float, float] | None:
+        if self._moving and len(density.centres_m) == 1 and self._free(density.centres_m).all():
+            x_m, y_m = density.centres_m[0].tolist()  # a single normal distribution peaks at its mean: no search
+            return x_m, y_m
         along = (np.arange(MESH) + 0.5) / MESH
         mesh_m = np.stack(np.meshgrid(along, along), axis=-1).reshape(-1, 2) * self._size_m
-        places_m = np.concatenate([self._density.centres_m, mesh_m])
+        places_m = np.concatenate([density.centres_m, mesh_m])
         places_m = places_m[self._free(places_m)]
-        values = self._density.at(places_m)
+        values = density.at(places_m)
         if not len(values) or np.ptp(values) <= 1e-9 * values.max():
             return None
         x_m, y_m = places_m[values.argmax()].tolist()
         return x_m, y_m
+
+    def _density_at(self, time_s: float) -> Density:
+        if self._moving is None:
+            return self._density
+        moved = copy(self._density)
+        moved.centres_m = np.array([mean for _, mean, _ in self._moving.normals_at(time_s)])
+        return moved
 
     def _free(self, places_m: Floats) -> Mask:
         inside = (places_m >= 0.0) & (places_m <= self._size_m)
@@ -75,9 +102,9 @@ class Places:
 
 
 def _density(settings: DensitySettings, size_m: Floats) -> Density:
-    if settings.kind == "uniform":
-        return Uniform(size_m)
-    return Grid(load_grid(settings.file), size_m) if settings.kind == "grid" else Normals(settings.normals, size_m)
+    if settings.kind == "grid":
+        return Grid(load_grid(settings.file), size_m)
+    return Uniform(size_m) if settings.kind == "uniform" else Normals(settings.normals_at(0.0), size_m)
 
 
 class Uniform:

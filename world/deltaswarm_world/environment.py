@@ -62,10 +62,8 @@ class Environment:
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
-        places = Places(scenario.events.density, scenario.arena, self._obstacles)
-        self._arrivals = Arrivals(scenario, places)
-        self.densest_m = places.densest_m()
-        """The position at which events are densest [m]; None if they are equally dense everywhere."""
+        self._density = Places(scenario.events.density, scenario.arena, self._obstacles)
+        self._arrivals = Arrivals(scenario, self._density)
         self._places_m: Floats = np.zeros((0, 2))
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
@@ -144,11 +142,15 @@ class Environment:
             self.active = [record for record in self.active if record.completed_s is None]
             self._place_active()
 
-    def from_densest_m(self, agents: Sequence[int]) -> float | None:
-        """Return the mean distance of agents from the densest position [m]; None if there are none or it is nowhere."""
-        if not agents or self.densest_m is None:
+    def from_densest_m(self, agents: Sequence[int], time_s: float) -> float | None:
+        """Return the mean distance of agents from the position at which events are densest at a time [m].
+
+        None if there are no agents, or events are equally dense everywhere.
+        """
+        densest_m = self._density.densest_m(time_s) if agents else None
+        if densest_m is None:
             return None
-        return float(np.hypot(*(self.positions_m[agents] - self.densest_m).T).mean())
+        return float(np.hypot(*(self.positions_m[agents] - densest_m).T).mean())
 
     def states(self) -> list[EventState]:
         """Return all events so far in order of arrival, by id within a step."""

@@ -1,5 +1,6 @@
 """The paper's event density phi(x, y) as a field to draw, for every kind that a scenario may name."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,17 +8,22 @@ import numpy.typing as npt
 from scipy import stats
 
 from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_density import Component
 
 Floats = npt.NDArray[np.float64]
 
 CELLS = 200
 """Cells along each side of the arena."""
 
+MOMENTS = 100
+"""Number of times in a run over which a density that moves is averaged."""
+
 
 def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
     """Return the density of events (cells, cells) [1/m2] at the cells' centres, rows from y = 0, columns from x = 0.
 
-    Its integral over the arena is 1, because an event outside the arena is drawn again. A grid is read from its file.
+    For a density that moves, this is the mean over the run. Its integral over the arena is 1, because an event outside
+    the arena is drawn again. A grid is read from its file.
 
     Raises:
         OSError: the grid's file cannot be read.
@@ -26,21 +32,25 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
     arena, density = scenario.arena, scenario.events.density
     shares = (np.arange(cells) + 0.5) / cells
     if density.kind == "uniform":
-        found = np.ones((cells, cells))
+        found = [np.ones((cells, cells))]
     elif density.kind == "grid":
         weights = _weights(density.file)
         rows, columns = ((shares * side).astype(int) for side in weights.shape)
-        found = weights[np.ix_(rows, columns)]
+        found = [weights[np.ix_(rows, columns)]]
     else:
         places_m = np.stack(np.meshgrid(shares * arena.width_m, shares * arena.height_m), axis=-1)
-        parts = [(1.0, density.mean_m, density.covariance_m2)]
-        if density.kind == "mixture":
-            parts = [(part.weight, part.mean_m, part.covariance_m2) for part in density.components]
-        found = np.zeros((cells, cells))
-        for weight, mean_m, covariance_m2 in parts:
-            found += weight * stats.multivariate_normal(mean_m, covariance_m2).pdf(places_m)
-    normed: Floats = found / (found.sum() * arena.width_m * arena.height_m / cells**2)
-    return normed
+        moments = MOMENTS if density.moves else 1
+        times_s = (np.arange(moments) + 0.5) / moments * scenario.run.duration_s
+        found = [_mixture(density.normals_at(float(time_s)), places_m) for time_s in times_s]
+    mean: Floats = np.mean([field / field.sum() for field in found], axis=0)
+    return mean * cells**2 / (arena.width_m * arena.height_m)
+
+
+def _mixture(normals: Sequence[Component], places_m: Floats) -> Floats:
+    field: Floats = np.zeros(places_m.shape[:-1])
+    for weight, mean_m, covariance_m2 in normals:
+        field += weight * stats.multivariate_normal(mean_m, covariance_m2).pdf(places_m)
+    return field
 
 
 def level_holding(field: Floats, share: float) -> float | None:

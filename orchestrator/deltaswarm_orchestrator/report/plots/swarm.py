@@ -26,7 +26,10 @@ _SHADES = ListedColormap(matplotlib.colormaps["Greys"](np.linspace(0.0, 0.5, 256
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A swarm at one time. Positions are in m, world frame; `phi` (rows, columns) is the event density [1/m2]."""
+    """A swarm at one time. Positions are in m, world frame; `phi` (rows, columns) is the event density [1/m2].
+
+    For a density that moves, `phi` is the mean over the run.
+    """
 
     time_s: float
     width_m: float
