@@ -292,6 +292,7 @@ KIN = [(ROOT,), (ROOT, PARENT), (ROOT, 8), (ROOT, PARENT, ME, 4), (ROOT, PARENT,
 
 pulses = st.integers(0, 60)
 near_cm = st.integers(3500, 6500)
+some_averages = st.none() | strategies.averages
 near_events = st.builds(Event, st.integers(1, 4), st.floats(45, 55), st.floats(45, 55))
 
 
@@ -314,6 +315,7 @@ def near_members(draw: st.DrawFn, places_cm: st.SearchStrategy[int] = near_cm) -
         draw(strategies.tuples_of(sightings, 3)),
         draw(strategies.tuples_of(st.builds(Gone, st.integers(1, 4), st.integers(0, 40)), 2)),
         draw(st.none() | orders),
+        draw(some_averages),
     )
 
 
@@ -323,7 +325,7 @@ def near_frames(places_cm: st.SearchStrategy[int] = near_cm) -> st.SearchStrateg
     return st.one_of(
         near_members(places_cm),
         near_members(places_cm),
-        st.builds(Attending, *head, st.integers(1, 4), places_cm, places_cm),
+        st.builds(Attending, *head, st.integers(1, 4), places_cm, places_cm, some_averages),
         st.builds(Relocating, *head),
         st.builds(Leaving, *head),
     )

@@ -105,7 +105,7 @@ class Swarm:
             parent, root = PARENTS.get(same, -1 - base) + base, ROOTS.get(same, -1 - base) + base
             own = 0 if same in (2, 3) else 1
             role = ROLES.get(same, "free")
-            rows.append([number, round(x_m, 2), round(y_m, 2), role, parent, root, round(said_s, 1), own])
+            rows.append([number, round(x_m, 2), round(y_m, 2), role, parent, root, round(said_s, 1), own, 3])
         return rows
 
     def event_rows(self, time_s: float) -> list[list[Any]]:
@@ -160,7 +160,7 @@ class Swarm:
         if self.kind == "replay":
             picture["replay"] = {"from_s": 0, "to_s": 600, "speed": self.speed, "paused": self.paused}
         if self.kind == "researcher":
-            agents = [row[:6] for row in self.agent_rows(time_s)]
+            agents = [[*row[:6], row[8]] for row in self.agent_rows(time_s)]
             picture["truth"] = {"agents": agents, "events": [row[:4] for row in self.event_rows(time_s)]}
             picture |= {"agents": [], "events": [], "inbox": []}
         return picture | changes

@@ -43,7 +43,8 @@ frames = st.builds(
 )
 roles = st.sampled_from(["free", "attending", "root", "member", "orphan", "leaving", "relocating", "my own role 1"])
 nobody = st.just(messages.NOBODY)
-standings = st.builds(messages.Standing, roles, agents, agents | nobody, agents | nobody)
+deltas = st.integers(0, messages.MAX_DELTA)
+standings = st.builds(messages.Standing, roles, agents, agents | nobody, agents | nobody, deltas)
 
 
 @st.composite
@@ -70,6 +71,7 @@ reports = st.builds(
     tuples_of(events, 6),
     tuples_of(st.builds(om.ReportedMember, agents, agents, centimetres, centimetres), 6),
     tuples_of(st.builds(om.Answer, ids, st.integers(om.HEARD, om.REFUSED)), 4),
+    deltas,
 )
 printable = st.text(st.characters(categories=["L", "M", "N", "P", "S"], include_characters=" "), max_size=20)
 healths = st.builds(om.Health, printable)
@@ -89,7 +91,8 @@ statuses = st.builds(
 )
 
 _heads = (agents, centimetres, centimetres)
-attendings = st.builds(paper.Attending, *_heads, ids, centimetres, centimetres)
+averages = st.builds(paper.Averages, ids, ids, ids, ids, st.integers(0, 1000))
+attendings = st.builds(paper.Attending, *_heads, ids, centimetres, centimetres, averages)
 descendants = st.builds(paper.Descendant, agents, agents, centimetres, centimetres, scores)
 sightings = st.builds(paper.Sighting, ids, centimetres, centimetres, ages)
 departures = st.builds(paper.Gone, ids, ages)
@@ -111,13 +114,21 @@ def members(draw: st.DrawFn) -> paper.Member:
         draw(tuples_of(sightings, 4)),
         draw(tuples_of(departures, 4)),
         draw(st.none() | orders),
+        draw(averages),
     )
 
 
-paper_frames = st.one_of(members(), attendings, st.builds(paper.Relocating, *_heads), st.builds(paper.Leaving, *_heads))
+paper_frames = st.one_of(
+    members(),
+    members().map(lambda frame: frame._replace(averages=None)),
+    attendings,
+    attendings.map(lambda frame: frame._replace(averages=None)),
+    st.builds(paper.Relocating, *_heads),
+    st.builds(paper.Leaving, *_heads),
+)
 
 bodies = st.builds(
-    truth.Body, agents, metres, metres, roles | st.just(truth.DEAD), agents, agents | nobody, agents | nobody
+    truth.Body, agents, metres, metres, roles | st.just(truth.DEAD), agents, agents | nobody, agents | nobody, deltas
 )
 event_states = st.builds(
     truth.EventState, ids, metres, metres, times_s, st.none() | times_s, st.none() | times_s, times_s
@@ -128,6 +139,7 @@ tallies = st.builds(
     time_s=times_s,
     covered_area_m2=st.none() | st.floats(0.0, MAX_ABS_M**2),
     roots_from_densest_m=st.none() | st.floats(0.0, MAX_ABS_M),
+    delta=st.none() | st.floats(0.0, messages.MAX_DELTA),
 )
 truths = st.builds(
     truth.Truth,
@@ -165,7 +177,7 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
 
 
 FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
-_ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", "role", "level", "parent", "root", "until")
+_ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", *messages.Standing._fields, "until")
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
 REPORT = Codec(
     "report",
@@ -173,7 +185,7 @@ REPORT = Codec(
     om.encode_report,
     om.decode_report,
     _in_map(om.Report._fields),
-    optional=("members", "answers"),
+    optional=("members", "answers", "delta"),
 )
 HEALTH = Codec(
     "health",
@@ -237,7 +249,7 @@ ATTENDING = Codec(
     attendings.map(_from_sender),
     paper.encode,
     _decode_paper,
-    {"x_cm": 1, "y_cm": 2, "event": 3, "event_x_cm": 4, "event_y_cm": 5},
+    _in_array(paper.Attending._fields[1:], 1),
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 

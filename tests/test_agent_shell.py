@@ -287,7 +287,7 @@ def test_own_frames_are_dropped() -> None:
 
 
 @pytest.mark.parametrize(
-    "data", [b"", b"\xc1", b"\x93\x01\x00\xc4\x00", b"\x93\x02\x00\xa0", bytes(MAX_RADIO_BYTES + 1)]
+    "data", [b"", b"\xc1", b"\x93\x01\x00\xc4\x00", b"\x93\x03\x00\xa0", bytes(MAX_RADIO_BYTES + 1)]
 )
 def test_malformed_frames_are_counted_and_dropped(data: bytes) -> None:
     """Not MessagePack, another version, a payload that is not bytes, too long: the others are heard."""

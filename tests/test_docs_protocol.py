@@ -122,6 +122,7 @@ EXAMPLES = {
             (Event(3, 52.5, 47.0),),
             (ReportedMember(7, 4, 5200, 4650), ReportedMember(11, 7, 4810, 5100)),
             (Answer(5, DONE),),
+            3,
         ),
         encode_report,
         decode_report,

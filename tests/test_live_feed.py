@@ -34,7 +34,7 @@ def test_a_picture_has_the_truth_and_no_report() -> None:
     """Every agent with role, parent and root, to a millimetre; every event that is not complete; nothing reported."""
     said = shown(Seen())
     assert (said["type"], said["step"], said["time_s"], said["over"]) == ("picture", 7, 7.0, False)
-    assert said["truth"]["agents"][:2] == [[0, 10.0, 20.0, "root", -1, 0], [1, 11.0, 20.0, "member", 0, 0]]
+    assert said["truth"]["agents"][:2] == [[0, 10.0, 20.0, "root", -1, 0, 0], [1, 11.0, 20.0, "member", 0, 0, 0]]
     assert len(said["truth"]["agents"]) == len(BODIES)
     assert said["truth"]["events"] == [[EVENTS[0].event, 92.0, 70.0, 3.0]]
     assert (said["agents"], said["events"], said["inbox"], said["commands"]) == ([], [], [], [])

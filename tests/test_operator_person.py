@@ -207,15 +207,15 @@ def test_the_time_at_high_load_is_exact() -> None:
     assert HIGH_LOAD == 0.7
 
 
-def test_fan_out_follows_from_neglect_and_interaction() -> None:
-    """NT / IT + 1: two items of one agent, 30 s apart, 4 s each."""
+def test_agents_in_turn_follow_from_the_times_on_and_between_items() -> None:
+    """Two items of one agent, 30 s apart, 4 s each."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
     live(one, [([(0, (1,), True)], 0.0), *[([], 0.0)] * 33, ([(0, (2,), True)], 0.0), *[([], 0.0)] * 10])
     totals = one.totals
-    assert (totals["interaction_s"], totals["neglect_s"]) == (pytest.approx(4.0), pytest.approx(30.0))
-    assert totals["fan_out"] == pytest.approx(30 / 4 + 1)
+    assert (totals["interaction_s"], totals["between_items_s"]) == (pytest.approx(4.0), pytest.approx(30.0))
+    assert totals["agents_in_turn"] == pytest.approx(30 / 4 + 1)
     assert totals["acknowledge_s"] == pytest.approx(4.0)
-    assert person().totals["fan_out"] is None
+    assert person().totals["agents_in_turn"] is None
 
 
 @pytest.mark.parametrize(

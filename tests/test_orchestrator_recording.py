@@ -23,6 +23,7 @@ from deltaswarm_wire.messages import MAX_TIME_S, Event
 from deltaswarm_wire.operator_messages import HEARD, REFUSED, Answer, Report, ReportedMember, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Tally, Truth
+from tests.strategies import deltas, tallies
 from tests.swarms import PATIENCE_S
 from tests.truths import recorded, steps
 
@@ -47,6 +48,7 @@ reports = st.builds(
     st.lists(st.builds(Event, counts, places, places), max_size=3).map(tuple),
     st.lists(st.builds(ReportedMember, agents, agents, centimetres, centimetres), max_size=3).map(tuple),
     st.lists(st.builds(Answer, counts, st.integers(HEARD, REFUSED)), max_size=3).map(tuple),
+    deltas,
 )
 events = st.builds(EventState, st.integers(0, 5), places, places, times, times | not_yet, times | not_yet, times)
 
@@ -57,8 +59,7 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
     made = []
     for step in range(draw(st.integers(0, 4))):
         now_s = draw(times)
-        head, tail = [draw(counts) for _ in range(5)], [draw(counts) for _ in Tally._fields[8:]]
-        tally = Tally(step, now_s, *head, draw(st.floats(0, MAX_ABS_M**2) | not_yet), *tail)
+        tally = draw(tallies)._replace(step=step, time_s=now_s)
         shown = draw(st.lists(events, max_size=4, unique_by=lambda event: event.event))
         rates = [draw(st.floats(0, MAX_ID)) for _ in range(2)]
         workload = Workload(step, now_s, draw(counts), draw(counts), *rates, draw(times), *[draw(counts)] * 3)

@@ -33,7 +33,7 @@ from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
 from tests.strategies import event_states, tallies, workloads
 
 STEP_S = 0.5
-UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None}
+UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None, "delta": None}
 
 
 def tally(step: int, **more: Any) -> Tally:
@@ -80,6 +80,7 @@ KEYS = {
     "agents_in_trees": {"mean", "last_third_mean"},
     "trees": {"mean"},
     "roots_from_densest_m": {"mean"},
+    "delta": {"mean"},
     "covered_area_m2": {"mean", "mean_while_trees"},
     "transport_lost": None,
     "steps": None,

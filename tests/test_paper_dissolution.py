@@ -142,3 +142,30 @@ def test_leaving_comes_before_anything_else() -> None:
     said = [lone.step(leaving(PARENT, PARENT_AT), events=here)]
     said += lone.steps(6, events=here)
     assert [type(decision.radio).__name__ for decision in said] == ["Leaving"] * 4 + ["Attending"] * 3
+
+
+# A root of its own
+
+
+@pytest.mark.parametrize("step_s", [0.5, 1.0, 4.0])
+def test_an_idle_root_leaves_if_it_may(step_s: float) -> None:
+    """After gamma_max seconds without an event or a follower; the paper's root stays."""
+    goes, stays = (a_root(idle_root=what, gamma_max=40, step_s=step_s) for what in ("leaves", "stays"))
+    for root in (goes, stays):
+        root.steps(round(40 / step_s) - 1)
+        assert root.core.state is State.ROOT
+        root.step()
+    assert goes.core.state is State.WALKING
+    assert stays.core.state is State.ROOT
+
+
+def test_a_root_with_a_follower_or_an_event_is_not_idle() -> None:
+    """Its time begins anew when the last of both is gone."""
+    root = a_root(idle_root="leaves", gamma_max=40)
+    root.steps(100, member((ME, 2), (58, 50)))
+    root.steps(30)
+    root.step(events=[event(1, 50, 50)])
+    root.steps(39)
+    assert root.core.state is State.ROOT
+    root.step()
+    assert root.core.state is State.WALKING

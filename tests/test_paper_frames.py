@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from deltaswarm_agent.controllers.paper import frames
 from deltaswarm_agent.controllers.paper.frames import (
     Attending,
+    Averages,
     Descendant,
     Gone,
     Leaving,
@@ -51,6 +52,7 @@ FULL = Member(
     (Sighting(MAX_ID, -MAX_ABS_CM, -MAX_ABS_CM, frames.MAX_AGE),) * frames.MAX_EVENTS,
     (Gone(MAX_ID, frames.MAX_AGE),) * frames.MAX_GONE,
     RecruitmentOrder(MAX_AGENT_ID, -MAX_ABS_CM, -MAX_ABS_CM, MAX_STEP, frames.MAX_TTL),
+    Averages(MAX_ID, MAX_ID, MAX_ID, MAX_ID, 1000),
 )
 
 
@@ -108,7 +110,7 @@ def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
         assert_field_is_named(codec, frame, field, data.draw(st.sampled_from(NASTY)))
 
 
-@given(MEMBER.strategy, st.sampled_from(["table", "events", "gone", "order", "path"]), st.data())
+@given(MEMBER.strategy, st.sampled_from(["table", "events", "gone", "order", "path", "averages"]), st.data())
 def test_one_bad_number_in_a_row_is_found(frame: Member, field: str, data: st.DataObject) -> None:
     """Rows are checked all at once for speed; a single bad value among good ones is found all the same."""
     raw: Any = msgpack.unpackb(encode(frame))

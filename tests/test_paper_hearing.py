@@ -74,6 +74,7 @@ def test_an_agents_own_frames_mean_nothing_to_it() -> None:
 
 BEGINNINGS = {
     "free": lambda: Lone(mode="hybrid", delta=2),
+    "adaptive": lambda: Lone(mode="adaptive"),
     "decentralised": lambda: Lone(mode="decentralised"),
     "hierarchical": lambda: Lone(mode="hierarchical"),
     "member": a_member,

@@ -149,7 +149,10 @@ class TreeProtocol(RuleBasedStateMachine):
         seed=seeds,
         latency_steps=st.integers(0, 3),
         started=st.integers(2, AGENTS),
-        mode=st.sampled_from(["hybrid", "hierarchical"]),
+        mode=st.sampled_from(["hybrid", "hierarchical", "adaptive"]),
+        idle_root=st.sampled_from(["stays", "leaves"]),
+        recruitment_places=st.sampled_from(["with-events", "any"]),
+        root_succession=st.booleans(),
         recruitment_interval_s=st.sampled_from([13, 60]),
         d_min_m=st.sampled_from([1.0, 4.0, 6.0]),
     )

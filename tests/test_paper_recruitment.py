@@ -2,6 +2,7 @@
 
 import math
 import random
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -17,7 +18,7 @@ from deltaswarm_agent.controllers.paper.frames import (
     Relocating,
     Sighting,
 )
-from deltaswarm_agent.controllers.paper.recruitment import best_place, weakest_leaf
+from deltaswarm_agent.controllers.paper.recruitment import Legal, best_place, weakest_leaf
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_wire.messages import Event
 from tests.cores import (
@@ -62,8 +63,8 @@ def is_legal(place: Place, members: Iterable[Place], slack_m: float = 0.0) -> bo
 
 
 def chosen(leaf: Place, members: list[Place], events: list[Event], taken: Sequence[Place] = ()) -> Place | None:
-    limits = {"sensing_range_m": SENSING_M, "range_m": RANGE_M, "d_min_m": D_MIN_M}
-    return best_place(leaf, members, taken, events, **limits, size_m=SIZE_M)
+    legal = Legal(members, taken, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+    return best_place(leaf, legal, events, SENSING_M)
 
 
 # The place
@@ -230,13 +231,50 @@ def test_places_taken_only_block(leaf: Place, members: list[Place], taken: list[
         assert all(distance(place, other) >= D_MIN_M - EPSILON for other in taken)
 
 
-def test_a_place_is_blocked_for_60_s() -> None:
-    """Then the mover has arrived or is lost; either way its place is free again."""
-    root = a_root(recruitment_interval_s=12)
-    root.steps(12, leaf_frame(), WEAK)
+def test_a_place_is_blocked_until_the_mover_must_have_arrived() -> None:
+    """After the times to get the order, to travel 4.5 m at 0.5 m/s and to find a parent its place is free again."""
+    root = a_root(recruitment_interval_s=12, speed_mps=0.5)
+    ordered = next(order for order in orders(root.steps(14, leaf_frame(), WEAK)) if order)
+    travel_s = math.dist((58, 50), (ordered.x_cm / 100, ordered.y_cm / 100)) / 0.5
+    free_at = 12 + STEPS.order + travel_s + STEPS.arrival
     said = orders(root.steps(70, relocating(LEAF, (58, 50)), WEAK))
-    assert [order.leaf for order in said if order and order.number == 72] == [3] * 11
-    assert {order.number for order in said if order} == {12, 72}
+    second = next(order for order in said if order and order.number > 12)
+    assert second.leaf == 3
+    assert free_at <= second.number < free_at + 12
+
+
+@given(st.lists(in_arena, min_size=1, max_size=4), st.lists(in_arena, max_size=3), st.integers(0, 2**32))
+@settings(max_examples=100)
+def test_any_legal_place_may_be_drawn(members: list[Place], taken: list[Place], seed: int) -> None:
+    """Within the arena, in range of a member, far enough from all; None only if hardly any place is legal."""
+    legal = Legal(members, taken, range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+    place = legal.draw(random.Random(seed))
+    grid = [(x, y) for x in range(31) for y in range(25) if (x, y) in legal]
+    if place is None:
+        assert len(grid) < 5
+        return
+    assert (round(place[0]), round(place[1])) in grid
+    assert is_legal(place, members, EPSILON)
+
+
+def test_each_legal_place_is_drawn_as_often() -> None:
+    """Also those within range of two members, which are proposed twice as often."""
+    legal = Legal([(8.0, 12.0), (15.0, 12.0)], [], range_m=RANGE_M, d_min_m=D_MIN_M, size_m=SIZE_M)
+    grid = [(x, y) for x in range(31) for y in range(25) if (x, y) in legal]
+    rng = random.Random(3)
+    draws = Counter(legal.draw(rng) for _ in range(60 * len(grid)))
+    near_both = [cell for cell in grid if math.dist(cell, (8, 12)) <= RANGE_M and math.dist(cell, (15, 12)) <= RANGE_M]
+    near_one = [cell for cell in grid if cell not in near_both]
+    means = [sum(draws[float(x), float(y)] for x, y in cells) / len(cells) for cells in (near_both, near_one)]
+    assert means[0] == pytest.approx(means[1], rel=0.1)
+
+
+def test_with_no_event_to_sense_a_leaf_goes_to_any_place_if_it_may() -> None:
+    """By default it stays."""
+    for places, expected in (("with-events", 0), ("any", 1)):
+        root = a_root(recruitment_interval_s=12, recruitment_places=places)
+        said = orders(root.steps(20, child(LEAF, (ME,), (58, 50))))
+        assert len({order.number for order in said if order}) == expected
 
 
 # The order on its way

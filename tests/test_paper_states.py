@@ -4,6 +4,7 @@ import random
 import re
 from collections import Counter
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import pytest
@@ -35,6 +36,13 @@ ROUGH = (
 
 SEEDS = (29, 33, *range(1, 28))
 """The first two show nearly all; more are taken until all is seen."""
+
+READINGS = (
+    (),
+    ("control.patience_finds=0.05",),
+    ("control.idle_root=leaves", "control.root_succession=true", "control.mode=hierarchical", "control.rho=2"),
+)
+"""Options, of which each allows other ways in the table."""
 
 ROUGH_STEPS, KILL_EVERY_STEPS, RECALL_EVERY_S = 1500, 100, 50
 
@@ -84,10 +92,10 @@ class Watch:
             assert (agent.state in FREE) == (agent.membership is None), (swarm.scenario.seed, number)
 
 
-def rough(seed: int, watch: Watch) -> None:
+def rough(seed: int, watch: Watch, *more: str) -> None:
     """A rough run, in which a member of a tree is killed now and then."""
     rng = random.Random(seed)
-    crew = swarm("smoke", *ROUGH, seed=seed)
+    crew = swarm("smoke", *ROUGH, *more, seed=seed)
     lockstep = crew.world.lockstep
 
     def before(step: int) -> None:
@@ -134,8 +142,8 @@ def taken() -> Iterator[dict[Step, int]]:
         watch.install(patch)
         two_roots(watch)
         recalled(watch)
-        for seed in SEEDS:
-            rough(seed, watch)
+        for seed, reading in product(SEEDS, READINGS):
+            rough(seed, watch, *reading)
             if len(watch.steps) >= len(TRANSITIONS):
                 break
         yield watch.steps

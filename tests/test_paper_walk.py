@@ -119,7 +119,7 @@ def test_headings_are_uniform() -> None:
     legs = Walk(settings, LEG_MAX_S, random.Random(4))
     headings = []
     for now in range(4000):
-        legs.turn(now)
+        legs.turn(now, 5e4, 5e4)
         vx_mps, vy_mps = legs.velocity(now, 5e4, 5e4)
         headings.append(math.atan2(vy_mps, vx_mps) % math.tau)
     eighths = [int(heading / math.tau * 8) for heading in headings]

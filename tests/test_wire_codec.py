@@ -156,7 +156,7 @@ def test_a_map_has_exactly_its_fields() -> None:
 
 def test_of_a_field_given_twice_the_last_counts() -> None:
     """As in most decoders; the map has each name once in the end."""
-    data = b"\x83\xa1v\x02\xa1a\x02\xa1a\x03"
+    data = b"\x83\xa1v\x03\xa1a\x02\xa1a\x03"
     assert codec.fields(codec.unpack(data), ("a",), "m")["a"] == 3
 
 

@@ -192,7 +192,7 @@ def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
     """Also where a sender writes an integer wider than needed."""
     stage = Stage(2)
     stage.begin()
-    odd = b"\x93\x02\xcd\x00\x00\xc5\x00\x02hi"
+    odd = b"\x93\x03\xcd\x00\x00\xc5\x00\x02hi"
     assert stage.core.inbox.hear_radio(0, odd) is None
     stage.end()
     assert stage.begin()[1].heard == ((0, odd),)

@@ -14,6 +14,7 @@ from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.commands import Command
 from deltaswarm_wire.messages import (
     FREE,
+    MAX_DELTA,
     MAX_POSES,
     MAX_SENSED,
     MAX_SPEED_MPS,
@@ -100,6 +101,7 @@ class Decision(NamedTuple):
         until: the step of the next percept, later than this one; None: the next step. The percept comes earlier if the
             agent senses an event, receives a frame or a command, or has a fault.
         done, refused: numbers of the operator commands that it has carried out, or cannot.
+        delta: the number of events sensed at once that would make it a root now, if it has one (see `Standing`).
     """
 
     velocity: Velocity = STAND
@@ -113,6 +115,7 @@ class Decision(NamedTuple):
     until: int | None = None
     done: tuple[int, ...] = ()
     refused: tuple[int, ...] = ()
+    delta: int = 0
 
 
 class Controller(Protocol):
@@ -185,12 +188,15 @@ def checked_act(decision: Any, step: int) -> Act:
         raise TypeError(f"report must be an OperatorReport or None (got {type(report).__name__})")
     if type(observed) is not tuple or observed:
         _check_observed(observed)
-    standing = Standing(role_name(role, "role"), level, parent, root)
+    delta = decision.delta
+    standing = Standing(role_name(role, "role"), level, parent, root, delta)
     if not (
-        type(level) is type(parent) is type(root) is int
+        type(level) is type(parent) is type(root) is type(delta) is int
         and (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID)
+        and 0 <= delta <= MAX_DELTA
     ):
-        raise ValueError(f"level, parent and root must be whole numbers (got {level!r}, {parent!r}, {root!r})")
+        given = f"{level!r}, {parent!r}, {root!r}, {delta!r}"
+        raise ValueError(f"level, parent, root and delta must be whole numbers (got {given})")
     until = step + 1 if until is None else _until(until, step)
     return Act(step, float(vx_mps), float(vy_mps), tuple(observed), standing, until)
 

@@ -158,6 +158,7 @@ class Shell:
                 self._rows(told.events, MAX_REPORTED, "events"),
                 self._rows(told.members, MAX_MEMBERS, "members"),
                 answers,
+                act.standing.delta,
             )
             report_bytes = encode_report(report)
             report = decode_report(report_bytes)  # a controller may be third-party code

@@ -68,6 +68,12 @@ def key(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def with_default(cls: Any, name: str, default: Any) -> Any:
+    """Declare the field of a base class anew with another default."""
+    spec = next(spec for spec in dataclasses.fields(cls) if spec.name == name)
+    return dataclasses.field(default=default, metadata=spec.metadata)
+
+
 def rest(doc: str) -> Any:
     """Declare a dict field for all other keys of the table; its user checks them."""
     return dataclasses.field(default_factory=dict, metadata={"doc": doc, "rest": True})

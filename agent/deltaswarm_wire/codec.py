@@ -9,7 +9,7 @@ from typing import Any
 
 import msgpack
 
-PROTOCOL_VERSION = 2
+PROTOCOL_VERSION = 3
 
 MAX_SAMPLE_BYTES = 32 * 1024
 """Largest sample on a low-latency link: such a link does not fragment, and dies without an error."""

@@ -142,6 +142,8 @@ def _event(row: Any, field: str) -> Event:
 NOBODY = -1
 """Stands for "no agent" where an id is expected."""
 
+MAX_DELTA = 1_000_000
+
 FREE = "free"
 """The role of an agent outside every tree."""
 
@@ -150,13 +152,15 @@ class Standing(NamedTuple):
     """An agent's own account of its role and its place in a tree.
 
     `root` is the root of its tree (its own id if it is the root), NOBODY outside a tree. `level` is the number of
-    agents above it, `parent` the next agent above it or NOBODY.
+    agents above it, `parent` the next agent above it or NOBODY. `delta` is the number of events sensed at once that
+    would make it a root now; 0 if it has no such number.
     """
 
     role: str = FREE
     level: int = 0
     parent: int = NOBODY
     root: int = NOBODY
+    delta: int = 0
 
 
 class Act(NamedTuple):
@@ -175,14 +179,14 @@ class Act(NamedTuple):
 
 
 def encode_act(act: Act) -> bytes:
-    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, until]`."""
+    """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`."""
     step, vx_mps, vy_mps, observed, standing, until = act
     return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *standing, until))
 
 
 def decode_act(data: bytes) -> Act:
     """Check and decode. Raises WireError."""
-    known, step, vx_mps, vy_mps, observed, role, level, parent, root, until = array(unpack(data), 10, "act")
+    known, step, vx_mps, vy_mps, observed, role, level, parent, root, delta, until = array(unpack(data), 11, "act")
     version(known)
     return Act(
         integer(step, 0, MAX_STEP, "act.step"),
@@ -194,6 +198,7 @@ def decode_act(data: bytes) -> Act:
             integer(level, 0, MAX_AGENT_ID, "act.level"),
             integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),
             integer(root, NOBODY, MAX_AGENT_ID, "act.root"),
+            integer(delta, 0, MAX_DELTA, "act.delta"),
         ),
         integer(until, step + 1, MAX_STEP + 1, "act.until"),
     )

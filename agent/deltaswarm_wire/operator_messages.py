@@ -27,7 +27,7 @@ from deltaswarm_wire.codec import (
     unpack,
     version,
 )
-from deltaswarm_wire.messages import MAX_TIME_S, Event, read_events, role_name
+from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, Event, read_events, role_name
 
 MAX_REPORTED = 64
 """Events in one report."""
@@ -72,6 +72,8 @@ class Report(NamedTuple):
     events: tuple[Event, ...]
     members: tuple[ReportedMember, ...] = ()
     answers: tuple[Answer, ...] = ()
+    delta: int = 0
+    """See `Standing`."""
 
 
 _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
@@ -85,16 +87,21 @@ _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
 }
 """Fields of rows in a flat array, which a report without any leaves out: rows, most of them, C types that their
 items fit, and their bounds."""
-_REPORT_FIELDS = tuple(name for name in Report._fields if name not in _ROWS)
+_REPORT_FIELDS = tuple(name for name in Report._fields if name not in (*_ROWS, "delta"))
 
 
 def encode_report(report: Report) -> bytes:
-    """A map with the fields of `Report` and the version `v`; `members` and `answers` are flat, and absent if empty."""
+    """A map with the fields of `Report` and the version `v`. `members` and `answers` are flat, and absent if empty.
+
+    So is `delta` if it is 0.
+    """
     raw = {"v": PROTOCOL_VERSION, **dict(zip(_REPORT_FIELDS, report, strict=False))}
     if report.members:
         raw["members"] = tuple(chain.from_iterable(report.members))
     if report.answers:
         raw["answers"] = tuple(chain.from_iterable(report.answers))
+    if report.delta:
+        raw["delta"] = report.delta
     return pack(raw)
 
 
@@ -102,9 +109,10 @@ def encode_report(report: Report) -> bytes:
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
     raw = unpack(data)
-    rows = {}
+    rows, delta = {}, 0
     if type(raw) is dict and len(raw) > len(_REPORT_FIELDS) + 1:
         rows = {name: _rows(raw.pop(name), name) for name in _ROWS if name in raw}
+        delta = integer(raw.pop("delta", 0), 0, MAX_DELTA, "report.delta")
     raw = fields(raw, _REPORT_FIELDS, "report")
     return Report(
         integer(raw["agent"], 0, MAX_AGENT_ID, "report.agent"),
@@ -115,6 +123,7 @@ def decode_report(data: bytes) -> Report:
         number(raw["y_m"], -MAX_ABS_M, MAX_ABS_M, "report.y_m"),
         integer(raw["followers"], 0, MAX_AGENT_ID, "report.followers"),
         read_events(raw["events"], MAX_REPORTED, "report.events"),
+        delta=delta,
         **rows,
     )
 

@@ -19,6 +19,7 @@ CONTROLLERS = {
     "decentralised": PAPER,
     "hierarchical": PAPER,
     "hybrid": PAPER,
+    "adaptive": "deltaswarm_agent.controllers.paper.adaptive:AdaptiveController",
     "potential": "deltaswarm_agent.controllers.potential:PotentialController",
 }
 """The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""

@@ -23,7 +23,7 @@ from deltaswarm_wire.codec import (
     unpack,
 )
 from deltaswarm_wire.digest import REPORT
-from deltaswarm_wire.messages import MAX_TIME_S, NOBODY, role_name
+from deltaswarm_wire.messages import MAX_DELTA, MAX_TIME_S, NOBODY, role_name
 
 DEAD = "dead"
 """The role of an absent agent."""
@@ -72,6 +72,7 @@ class Body(NamedTuple):
     level: int
     parent: int
     root: int = NOBODY
+    delta: int = 0
 
 
 class EventState(NamedTuple):
@@ -97,7 +98,7 @@ class Tally(NamedTuple):
 
     `events_open` have arrived and are not complete at the end of the step; `events_completed` counts from the start of
     the run. `roots_from_densest_m` is the mean distance of roots from the place where events are densest; None without
-    roots, and where events are equally dense everywhere.
+    roots, and where events are equally dense everywhere. `delta` is the mean of the agents that have one; else None.
 
     Reports, exactly (without an uplink model each arrives in the step in which it is sent):
 
@@ -113,6 +114,7 @@ class Tally(NamedTuple):
     trees: int
     covered_area_m2: float | None
     roots_from_densest_m: float | None
+    delta: float | None
     events_open: int
     events_completed: int
     frames_sent: int
@@ -183,7 +185,7 @@ def decode_truth(data: bytes) -> Truth:
 
 
 def _body(row: Any) -> Body:
-    array(row, 7, "truth.bodies")
+    array(row, 8, "truth.bodies")
     return Body(
         integer(row[0], 0, MAX_AGENT_ID, "truth.bodies.agent"),
         number(row[1], -MAX_ABS_M, MAX_ABS_M, "truth.bodies.x_m"),
@@ -192,6 +194,7 @@ def _body(row: Any) -> Body:
         integer(row[4], 0, MAX_AGENT_ID, "truth.bodies.level"),
         integer(row[5], NOBODY, MAX_AGENT_ID, "truth.bodies.parent"),
         integer(row[6], NOBODY, MAX_AGENT_ID, "truth.bodies.root"),
+        integer(row[7], 0, MAX_DELTA, "truth.bodies.delta"),
     )
 
 
@@ -223,14 +226,17 @@ def _link(row: Any) -> tuple[int, int]:
 def _tally(row: Any) -> Tally:
     array(row, len(Tally._fields), "truth.tally")
     named = dict(zip(Tally._fields, row, strict=True))
-    area, distance = named.pop("covered_area_m2"), named.pop("roots_from_densest_m")
-    time_s = number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.tally.time_s")
-    counts = {name: integer(value, 0, MAX_ID, f"truth.tally.{name}") for name, value in named.items()}
-    covered = None if area is None else number(area, 0.0, MAX_ABS_M**2, "truth.tally.covered_area_m2")
-    from_densest = (
-        None if distance is None else number(distance, 0.0, 2 * MAX_ABS_M, "truth.tally.roots_from_densest_m")
-    )
-    return Tally(time_s=time_s, covered_area_m2=covered, roots_from_densest_m=from_densest, **counts)
+    found: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.tally.time_s")}
+    for name, most in _MEASURED.items():
+        value = named.pop(name)
+        found[name] = None if value is None else number(value, 0.0, most, f"truth.tally.{name}")
+    for name, value in named.items():
+        found[name] = integer(value, 0, MAX_ID, f"truth.tally.{name}")
+    return Tally(**found)
+
+
+_MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}
+"""Fields of `Tally` that may be None, and their greatest values."""
 
 
 Said = tuple[int, int, bytes]

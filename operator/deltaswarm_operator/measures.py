@@ -1,9 +1,10 @@
 """Measures of a simulated person: how busy it was, what it missed, how soon it answered.
 
-Fan-out is an outcome, never an input: NT / IT + 1 (Crandall et al. 2005, doi 10.1109/tsmca.2005.850587; after Olsen &
-Wood 2004, activity time / interaction time). The interaction time IT is the mean time that the person spends on an item
-of an agent. The neglect time NT is the mean time from the end of an item to the beginning of the next item of the same
-agent. Commands address the swarm as a whole and count in neither.
+`agents_in_turn` is how many agents' items the person could read in turn at the pace at which each agent has some: 1 +
+the mean time from the end of an item to the beginning of the next one of the same agent, by the mean time spent on an
+item. It has the form of fan-out (Olsen & Wood 2004; Crandall et al. 2005, doi 10.1109/tsmca.2005.850587), and is none:
+the time between items depends on what agents report, and is no neglect time, for which an agent does well unattended.
+Commands address the swarm as a whole and count in neither.
 """
 
 from collections.abc import Mapping
@@ -34,8 +35,8 @@ class Measures:
     unread_sum: int = 0
     unread_max: int = 0
     interaction_s: float = 0.0
-    neglects: int = 0
-    neglect_s: float = 0.0
+    returns: int = 0
+    between_items_s: float = 0.0
     isa: list[int] = field(default_factory=list)
     last_s: dict[int, float] = field(default_factory=dict)
     """Time at which the person finished the last item of each agent [s]."""
@@ -63,14 +64,14 @@ class Measures:
         """Add the time that the person spent on an item of an agent."""
         self.interaction_s += ended_s - began_s
         if agent in self.last_s:
-            self.neglects += 1
-            self.neglect_s += began_s - self.last_s[agent]
+            self.returns += 1
+            self.between_items_s += began_s - self.last_s[agent]
         self.last_s[agent] = ended_s
 
     def totals(self, unread: int) -> dict[str, Any]:
         """Return the metrics of the run so far, for JSON; `unread` items still wait."""
         interaction_s = _share(self.interaction_s, self.read)
-        neglect_s = _share(self.neglect_s, self.neglects)
+        between_s = _share(self.between_items_s, self.returns)
         return {
             "utilisation": _share(self.busy_s, self.time_s),
             "load": _share(self.load_s, self.time_s),
@@ -85,8 +86,8 @@ class Measures:
             "commands": self.commands,
             "isa": _share(sum(self.isa), len(self.isa)),
             "interaction_s": interaction_s,
-            "neglect_s": neglect_s,
-            "fan_out": neglect_s / interaction_s + 1 if interaction_s and neglect_s is not None else None,
+            "between_items_s": between_s,
+            "agents_in_turn": between_s / interaction_s + 1 if interaction_s and between_s is not None else None,
         }
 
     def state(self) -> dict[str, Any]:

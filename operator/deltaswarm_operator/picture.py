@@ -26,7 +26,7 @@ LEFT = "left its tree"
 
 
 class KnownAgent(NamedTuple):
-    """The last known state of an agent. `is_own`: from its own report, else from its root's."""
+    """The last known state of an agent. `is_own`: from its own report, else from its root's. `delta`: 0 if unknown."""
 
     x_m: float
     y_m: float
@@ -35,6 +35,7 @@ class KnownAgent(NamedTuple):
     root: int
     said_s: float
     is_own: bool
+    delta: int = 0
 
 
 class KnownEvent(NamedTuple):
@@ -145,7 +146,7 @@ class Picture:
         before = agents.get(root)
         if before is None or before.said_s <= said_s:
             its_root = root if is_root else NOBODY
-            agents[root] = KnownAgent(report.x_m, report.y_m, report.role, NOBODY, its_root, said_s, True)
+            agents[root] = KnownAgent(report.x_m, report.y_m, report.role, NOBODY, its_root, said_s, True, report.delta)
         if not report.members:
             return
         members = self._members.setdefault(root, set())
@@ -227,7 +228,7 @@ class Picture:
         """Return agents and events in the page's format."""
         return {
             "agents": [
-                [agent, round(k.x_m, 2), round(k.y_m, 2), k.role, k.parent, k.root, round(k.said_s, 2), int(k.is_own)]
+                [agent, round(k.x_m, 2), round(k.y_m, 2), *k[2:5], round(k.said_s, 2), int(k.is_own), k.delta]
                 for agent, k in sorted(self.agents.items())
             ],
             "events": [

@@ -257,7 +257,8 @@ class WorldCore:
             agents_in_trees=len(in_trees),
             trees=len(roots),
             covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
-            roots_from_densest_m=self.environment.from_densest_m(roots),
+            roots_from_densest_m=self.environment.from_densest_m(roots, self._time_s),
+            delta=self._mean_delta(),
             events_open=len(self.environment.active),
             events_completed=self.environment.completed,
             frames_sent=len(self.inbox.spoken),
@@ -273,6 +274,10 @@ class WorldCore:
             reports_in_flight=uplink.under_way if uplink else 0,
             reports_dropped=uplink.dropped if uplink else {},
         )
+
+    def _mean_delta(self) -> float | None:
+        deltas = [standing.delta for standing in self._standings.values() if standing.delta]
+        return sum(deltas) / len(deltas) if deltas else None
 
     def truth(self, row: Tally) -> Truth:
         """Return the full state of the last closed step for the recorder. Call it once per step, or never."""

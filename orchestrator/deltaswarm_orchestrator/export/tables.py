@@ -13,7 +13,7 @@ def write(film: Film, out: Path) -> None:
     """Write a folder with the three tables; a cell is empty where there is no time yet, no parent or no root."""
     out.mkdir()
     poses = (
-        (view.step, view.time_s, *body[:-2], *("" if agent == NOBODY else agent for agent in body[-2:]))
+        (view.step, view.time_s, *("" if value == NOBODY and type(value) is int else value for value in body))
         for view in film.snapshots()
         for body in view.bodies
     )

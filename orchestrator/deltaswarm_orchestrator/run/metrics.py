@@ -61,6 +61,7 @@ def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "roots_from_densest_m": {
             "mean": _mean([t.roots_from_densest_m for t in tallies if t.roots_from_densest_m is not None])
         },
+        "delta": {"mean": _mean([t.delta for t in tallies if t.delta is not None])},
         "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},
         "transport_lost": sum(t.transport_lost for t in tallies) + sum(w.lost for w in workloads),
         "samples_rejected": sum(t.rejected for t in tallies) + sum(w.rejected for w in workloads),

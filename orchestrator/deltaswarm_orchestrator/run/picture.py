@@ -79,9 +79,9 @@ def _truth(truth: Truth) -> dict[str, Any]:
     }
 
 
-def _agent(body: Body) -> tuple[int, float, float, str, int, int]:
+def _agent(body: Body) -> tuple[int, float, float, str, int, int, int]:
     x_m, y_m = round(body.x_m, PLACE_DIGITS), round(body.y_m, PLACE_DIGITS)
-    return body.agent, x_m, y_m, body.role, body.parent, body.root
+    return body.agent, x_m, y_m, body.role, body.parent, body.root, body.delta
 
 
 def _event(event: EventState) -> tuple[int, float, float, float]:

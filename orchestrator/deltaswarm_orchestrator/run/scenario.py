@@ -279,8 +279,11 @@ def _keys(settings: Any, prefix: str) -> Iterator[tuple[str, "dataclasses.Field[
 
 
 def _controller_rows(prefix: str) -> Iterator[str]:
-    """Yield the options of each shipped controller, with the modes that have them."""
+    """Yield each shipped controller's options, with its modes; of others than hybrid what differs from that."""
+    known = set(_reference_rows(find_controller("hybrid").Settings(), prefix))
     for target in dict.fromkeys(CONTROLLERS.values()):
         modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        settings = find_controller(modes[0]).Settings()
         whose = "" if "hybrid" in modes else f"{', '.join(modes)}: "
-        yield from _reference_rows(find_controller(modes[0]).Settings(), prefix, whose)
+        rows = zip(_reference_rows(settings, prefix), _reference_rows(settings, prefix, whose), strict=True)
+        yield from (named for row, named in rows if not whose or row not in known)

@@ -106,6 +106,7 @@ BUILT_IN: Mapping[str, Metric] = MappingProxyType(
         "root_distance": Metric(
             "Distance of roots from the densest place", "m", "roots_from_densest_m.mean", "roots_from_densest_m"
         ),
+        "delta": Metric("Delta that agents use", "", "delta.mean", "delta"),
         "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
         "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
         "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
@@ -117,7 +118,7 @@ BUILT_IN: Mapping[str, Metric] = MappingProxyType(
         "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
         "person_commands": Metric("Commands", "", "person.commands"),
         "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
-        "person_fan_out": Metric("Fan-out", "", "person.fan_out"),
+        "person_agents_in_turn": Metric("Agents whose items could be read in turn", "", "person.agents_in_turn"),
     }
 )
 PER_STEP = ("messages", "frames_sent", "frames_received")

@@ -61,7 +61,7 @@ def draw_map(
         grid[cell(*hello["base_m"])] = BASE
     for _, x_m, y_m, _ in truth["events"]:
         grid[cell(x_m, y_m)] = EVENT
-    for _, x_m, y_m, role, _, root in sorted(truth["agents"], key=_rank):
+    for _, x_m, y_m, role, _, root, *_ in sorted(truth["agents"], key=_rank):
         grid[cell(x_m, y_m)] = glyph(role, root, letters)
     text = Text("┌" + "─" * across + "┐\n", no_wrap=True)
     for row in range(down):
@@ -88,7 +88,7 @@ def glyph(role: str, root: int, letters: Mapping[int, str]) -> Glyph:
 def agents_table(truth: Mapping[str, Any], letters: Mapping[int, str]) -> Text:
     """Make a table with a line for each agent."""
     text = Text("agent role       tree parent      x      y", style="bold", no_wrap=True)
-    for agent, x_m, y_m, role, parent, root in truth["agents"]:
+    for agent, x_m, y_m, role, parent, root, *_ in truth["agents"]:
         tree = letters.get(root, "-") if role != DEAD else "-"
         above = "-" if parent == NOBODY else str(parent)
         text.append(f"\n{agent:5} ", "not bold")

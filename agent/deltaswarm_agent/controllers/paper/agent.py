@@ -2,12 +2,15 @@
 
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.beliefs import Beliefs
+from deltaswarm_agent.controllers.paper.delta import delta_for
+from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.hybrid import strategy_of
 from deltaswarm_agent.controllers.paper.membership import Former, Membership
+from deltaswarm_agent.controllers.paper.returning import FoundPlaces
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.controllers.paper.states import TRANSITIONS, WALKING, Cause
-from deltaswarm_agent.controllers.paper.timers import timers
+from deltaswarm_agent.controllers.paper.timers import steps_of, timers
 from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from deltaswarm_agent.recurring import Recurring
@@ -26,7 +29,17 @@ class Agent:
         self.strategy = strategy_of(context.mode, settings)
         self.timers = timers(context.shared.step_s, context.shared.latency_s)
         self.here = Whereabouts(context.shared, settings.d_min_m, self.timers.trail)
-        self.walk = Walk(context.shared, settings.leg_max_s, context.rng)
+        self.finds: Finds | None = None
+        """What it knows of finding events, if any rule asks."""
+        if settings.patience_finds or settings.return_to_finds or self.strategy.adapts:
+            self.finds = Finds(context.shared)
+        self.found: FoundPlaces | None = None
+        if self.finds is not None and settings.return_to_finds:
+            self.found = FoundPlaces(steps_of(settings.find_memory_s, context.shared.step_s), self.finds, context)
+        self.walk = Walk(context.shared, settings.leg_max_s, context.rng, self.found)
+        self.sensed: set[int] = set()
+        self.sensed_step = -1
+        """The events that it sensed in its last step, and that step, kept for `learning.py`."""
         self.beliefs = Beliefs(context.shared.sensing_range_m, self.timers)
         self.reporting = Recurring(settings.report_every_s)
         self.now = 0
@@ -36,6 +49,8 @@ class Agent:
         self.membership: Membership | None = None
         self.gamma = 0.0
         """The dissolution parameter."""
+        self.idle_s = 0.0
+        """Time without an event in its tree (`patience.py`)."""
         self.contested = 0
         """Steps in which this root has stayed beside an equal one."""
         self.order: RecruitmentOrder | None = None
@@ -62,6 +77,13 @@ class Agent:
         self.refused: list[int] = []
         """Numbers of the operator's commands that it carried out, or could not, in this step."""
 
+    @property
+    def delta(self) -> int | None:
+        """Events sensed at once that make it a root (delta, or rho); None: never."""
+        if self.strategy.adapts and self.finds is not None:
+            return delta_for(self.finds.busy)
+        return self.strategy.founds_at
+
     def steps(self, seconds: float | str) -> int:
         """A time in steps."""
         return round(float(seconds) / self.shared.step_s)
@@ -71,18 +93,25 @@ class Agent:
         self.state = TRANSITIONS[self.state, cause]
         if self.state is WALKING:
             self.target = None
-            self.walk.turn(self.now)
+            if self.found is not None:
+                self.found.give_up_goal()
+            self.walk.turn(self.now, self.here.x_m, self.here.y_m)
 
     def enter_tree(self, parent: Member | None, cause: Cause) -> Membership:
         """Become a member below `parent`, or a root."""
         self.change(cause)
         self.membership = Membership(self.id, parent, self.now, self.timers)
-        self.gamma = self.settings.gamma_max
+        self.stay()
         self.contested = 0
         self.target = self.order = self.followed_order = None
         self.movers.clear()
         self.farewells = 0
         return self.membership
+
+    def stay(self) -> None:
+        """Begin to wait for events anew."""
+        self.gamma = self.settings.gamma_max
+        self.idle_s = 0.0
 
     def leave_tree(self, cause: Cause) -> None:
         """Become free; the whole subtree follows, since children hear it and leave, too."""

@@ -57,7 +57,7 @@ def obey(agent: Agent, commands: Sequence[Command]) -> None:
 def _set_delta(agent: Agent, command: Command) -> bool:
     if not agent.strategy.has_delta:
         return False
-    agent.strategy = replace(agent.strategy, founds_at=int(command.arguments["delta"]))
+    agent.strategy = replace(agent.strategy, founds_at=int(command.arguments["delta"]), adapts=False)
     return True
 
 

@@ -10,6 +10,7 @@ from deltaswarm_agent.controllers.paper import (
     commands,
     dissolution,
     growth,
+    learning,
     orphans,
     recruitment,
     root_contest,
@@ -32,11 +33,11 @@ from deltaswarm_agent.controllers.paper.states import ATTENDING, GOING, MEMBER, 
 from deltaswarm_agent.controllers.paper.walk import towards
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import CommandForm
-from deltaswarm_wire.messages import NOBODY, Event, Standing
+from deltaswarm_wire.messages import FREE, NOBODY, Event
 from deltaswarm_wire.operator_messages import ReportedMember
 
 _member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple.__new__, ReportedMember)
-_SILENT, _ATTENDING, _LEAVING = Standing(), Standing("attending"), Standing("leaving")
+_ROLES = {type(None): FREE, Attending: "attending", Leaving: "leaving"}
 
 
 class PaperController:
@@ -66,6 +67,8 @@ class PaperController:
         agent.now = percept.step
         agent.here.move_to(percept.pose, percept.poses)
         heard = self._decoded(percept.heard) if percept.heard else []
+        if agent.finds is not None:
+            learning.learn(agent, agent.finds, percept.events, heard)
         if percept.commands:
             commands.obey(agent, percept.commands)
         if agent.membership is None:
@@ -103,7 +106,7 @@ class PaperController:
         agent.beliefs.forget(agent.now)
         times = agent.timers
         if agent.state is ROOT:
-            if not root_contest.yields(agent, membership, heard):
+            if not (root_contest.yields(agent, membership, heard) or dissolution.dissolve(agent, membership, sensed)):
                 membership.beat(agent.now)
                 recruitment.recruit(agent, membership, carried)
         elif agent.state is MEMBER:
@@ -113,7 +116,7 @@ class PaperController:
         elif recruitment.has_arrived(agent) and orphans.find_parent(
             agent, membership, heard, times.arrival_strict, times.arrival
         ):
-            agent.gamma = agent.settings.gamma_max
+            agent.stay()
 
     def _step_member(self, membership: Membership, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
         agent, parent = self.agent, membership.parent
@@ -131,14 +134,22 @@ class PaperController:
     def _decision(self, sensed: tuple[Event, ...]) -> Decision:
         agent = self.agent
         velocity, until = self._motion()
+        observed = self._observed(sensed) if sensed else ()
+        if agent.finds is not None:
+            learning.begin(agent, agent.finds, bool(observed))
         frame = self._frame(len(sensed))
+        role, level, parent, root = self._place(frame)
         decision = Decision(
             velocity,
-            self._observed(sensed) if sensed else (),
+            observed,
             None if frame is None else encode(frame),
             self._report(frame),
-            *self._standing(frame),
+            role,
+            level,
+            parent,
+            root,
             agent.now + 1 if frame is not None else until,
+            delta=agent.delta or 0,
         )
         if agent.done or agent.refused:
             decision = decision._replace(done=tuple(agent.done), refused=tuple(agent.refused))
@@ -184,6 +195,7 @@ class PaperController:
         head = (agent.id, to_cm(agent.here.x_m), to_cm(agent.here.y_m))
         if agent.state is RELOCATING:
             return Relocating(*head)
+        averages = None if agent.finds is None else agent.finds.told(agent.now)
         if membership is not None:
             table = membership.table()
             self.counts["rows_cut"] += membership.rows_cut
@@ -197,24 +209,25 @@ class PaperController:
                 agent.beliefs.sightings(agent.now),
                 agent.beliefs.departures(agent.now),
                 agent.order,
+                averages,
             )
         if agent.farewells > 0:
             agent.farewells -= 1
             return Leaving(*head)
         target = agent.target
         assert target is not None
-        return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m))
+        return Attending(*head, target.event, to_cm(target.x_m), to_cm(target.y_m), averages)
 
-    def _standing(self, frame: PaperFrame | None) -> Standing:
-        """Return the agent's role; silent agents are free."""
+    def _place(self, frame: PaperFrame | None) -> tuple[str, int, int, int]:
+        """Return the agent's role, level, parent and root; silent agents are free."""
         if type(frame) is Member:
             level = len(frame.path) - 1
             role = "orphan" if frame.orphan else "member" if level else "root"
-            return Standing(role, level, frame.path[-2] if level else NOBODY, frame.path[0])
+            return role, level, frame.path[-2] if level else NOBODY, frame.path[0]
         if type(frame) is Relocating:
             assert self.agent.membership is not None
-            return Standing("relocating", root=self.agent.membership.root)
-        return _SILENT if frame is None else _ATTENDING if type(frame) is Attending else _LEAVING
+            return "relocating", 0, NOBODY, self.agent.membership.root
+        return _ROLES[type(frame)], 0, NOBODY, NOBODY
 
     def _report(self, frame: PaperFrame | None) -> OperatorReport | None:
         """Return the report: an attending agent's event, or the events known to a root's tree."""

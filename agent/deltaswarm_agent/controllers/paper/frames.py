@@ -37,6 +37,17 @@ MAX_TTL = 0xFF
 ATTENDING, MEMBER, RELOCATING, LEAVING = 0, 1, 2, 3
 
 
+class Averages(NamedTuple):
+    """How often walkers find events, by the kind of their legs, and how busy agents are (`finds.py`)."""
+
+    random_finds_milli: int
+    returning_finds_milli: int
+    random_ds: int
+    returning_ds: int
+    """Time on such legs [0.1 s]."""
+    busy_permille: int
+
+
 class Attending(NamedTuple):
     """A free agent stands at an event and observes it (Baseline coordination algorithm)."""
 
@@ -46,6 +57,7 @@ class Attending(NamedTuple):
     event: int
     event_x_cm: int
     event_y_cm: int
+    averages: Averages | None = None
 
 
 class Descendant(NamedTuple):
@@ -101,6 +113,7 @@ class Member(NamedTuple):
     events: tuple[Sighting, ...]
     gone: tuple[Gone, ...]
     order: RecruitmentOrder | None
+    averages: Averages | None = None
 
 
 class Relocating(NamedTuple):
@@ -125,8 +138,11 @@ _KINDS = (Attending, Member, Relocating, Leaving)
 _KIND_OF = {cls: kind for kind, cls in enumerate(_KINDS)}
 
 _PLACE_CODES, _ATTENDING_CODES = "ii", "iiIii"
-_ATTENDING_FIELDS = [f"frame.{field}" for field in Attending._fields[1:]]
+_ATTENDING_FIELDS = [f"frame.{field}" for field in Attending._fields[1:-1]]
 _DESCENDANT_CODES, _SIGHTING_CODES, _GONE_CODES, _ORDER_CODES = "HHiiH", "IiiH", "IH", "HiiIB"
+_AVERAGES_CODES = "IIIIH"
+_WITH_AVERAGES = {ATTENDING: 7, MEMBER: 12}
+"""Items of a payload that ends with averages."""
 _BOUNDS = {"B": (0, MAX_TTL), "H": (0, MAX_AGENT_ID), "I": (0, MAX_ID), "i": (-MAX_ABS_CM, MAX_ABS_CM)}
 """The C types that the integers fit, and their bounds."""
 _ONLY_INT = {int}
@@ -146,14 +162,17 @@ _encoded: dict[int, dict[bytes, PaperFrame]] = {}
 
 
 def encode(frame: PaperFrame) -> bytes:
-    """The frame's payload: `[kind, *fields]`, rows in flat arrays."""
+    """The frame's payload: `[kind, *fields]`, rows in flat arrays; without averages, if there are none."""
+    sender = frame.sender
     if type(frame) is Member:
-        sender, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, order = frame
+        _, x_cm, y_cm, orphan, path, pulse, score, table, events, gone, order, averages = frame
         rows = (tuple(_flat(table)), tuple(_flat(events)), tuple(_flat(gone)))
-        payload = pack((MEMBER, x_cm, y_cm, orphan, path[:-1], pulse, score, *rows, order), MAX_RADIO_BYTES)
+        items: tuple[Any, ...] = (MEMBER, x_cm, y_cm, orphan, path[:-1], pulse, score, *rows, order)
+        items = items if averages is None else (*items, averages)
     else:
-        sender = frame.sender
-        payload = pack((_KIND_OF[type(frame)], *frame[1:]), MAX_RADIO_BYTES)
+        items = (_KIND_OF[type(frame)], *frame[1:])
+        items = items[:-1] if items[-1] is None else items
+    payload = pack(items, MAX_RADIO_BYTES)
     kept = _encoded.setdefault(sender, {})
     kept[payload] = frame
     if len(kept) > _KEPT:
@@ -174,16 +193,23 @@ def decode(sender: int, payload: bytes) -> PaperFrame:
     if type(raw) is not list or len(raw) < 3:
         raise WireError("frame", "be an array of at least 3 items", shown(raw))
     kind = integer(raw[0], ATTENDING, LEAVING, "frame.kind")
+    averages = _averages(raw.pop()) if len(raw) == _WITH_AVERAGES.get(kind) else None
     if kind == MEMBER:
-        return _decode_member(sender, array(raw, 11, "frame"))
+        return _decode_member(sender, array(raw, 11, "frame"), averages)
     if kind == ATTENDING:
         _check_integers(raw[1:], _ATTENDING_CODES, *_ATTENDING_FIELDS)
-        return Attending(sender, *raw[1:])
+        return Attending._make((sender, *raw[1:], averages))
     _check_integers(raw[1:], _PLACE_CODES, "frame.x_cm", "frame.y_cm")
     return (Relocating if kind == RELOCATING else Leaving)(sender, *raw[1:])
 
 
-def _decode_member(sender: int, raw: list[Any]) -> Member:
+def _averages(raw: Any) -> Averages:
+    _check_integers(array(raw, len(_AVERAGES_CODES), "frame.averages"), _AVERAGES_CODES, "frame.averages")
+    integer(raw[-1], 0, 1000, "frame.averages.busy_permille")
+    return Averages._make(raw)
+
+
+def _decode_member(sender: int, raw: list[Any], averages: Averages | None) -> Member:
     _, x_cm, y_cm, orphan, above, pulse, score, table, events, gone, order = raw
     _check_integers([x_cm, y_cm, pulse, score], "iiIH", "frame.x_cm", "frame.y_cm", "frame.pulse", "frame.score")
     boolean(orphan, "frame.orphan")
@@ -203,6 +229,7 @@ def _decode_member(sender: int, raw: list[Any]) -> Member:
         _rows(events, sighting, _SIGHTING_CODES, MAX_EVENTS, "frame.events"),
         _rows(gone, _gone, _GONE_CODES, MAX_GONE, "frame.gone"),
         None if order is None else _order(order),
+        averages,
     )
 
 

@@ -16,12 +16,13 @@ class Strategy:
 
     `founds_at` is the number of events sensed at once that makes a free agent a root (None: never).
     `attends` says whether free agents go to events, observe them and report. `has_delta`: the operator may change
-    `founds_at`.
+    `founds_at`. `adapts`: the agent itself does (`delta.py`).
     """
 
     founds_at: int | None
     attends: bool
     has_delta: bool = False
+    adapts: bool = False
 
 
 def strategy_of(mode: str, control: PaperSettings) -> Strategy:
@@ -34,4 +35,4 @@ def strategy_of(mode: str, control: PaperSettings) -> Strategy:
         return Strategy(founds_at=None, attends=True)
     if mode == "hierarchical":
         return Strategy(founds_at=control.rho, attends=False)
-    return Strategy(founds_at=control.delta, attends=True, has_delta=True)
+    return Strategy(founds_at=control.delta, attends=True, has_delta=True, adapts=control.adapts_delta)

@@ -52,6 +52,9 @@ class Membership:
         self.pulse = 0 if parent is None else parent.pulse
         self.pulse_step = now
         self.parent_heard = now
+        self._parents_table: tuple[Descendant, ...] = () if parent is None else parent.table
+        self.heirs: frozenset[int] = frozenset()
+        """The agents of which one takes the place of a lost root (`succession.py`)."""
         self.children: dict[int, Branch] = {}
         self.rows_cut = 0
         """Descendants that did not fit into the last table."""
@@ -84,9 +87,21 @@ class Membership:
         if parent.path[0] != self.root or parent.pulse > self.pulse:
             self.pulse = parent.pulse
             self.pulse_step = now
+            self.heirs = frozenset()
         self.path = (*parent.path, self._agent)
         self.parent_heard = now
+        self._parents_table = parent.table
         return True
+
+    def siblings(self) -> frozenset[int]:
+        """The children of its parent, as the parent told last, and itself."""
+        return frozenset({row.agent for row in self._parents_table if row.parent == self.parent} | {self._agent})
+
+    def take_over(self, now: int) -> None:
+        """Become the root of the same tree; the pulse goes on as if the old root had not fallen silent."""
+        self.path = (self._agent,)
+        self.pulse += now - self.pulse_step
+        self.pulse_step = now
 
     def adopts(self, frame: Member, now: int) -> bool:
         """Whether the sender may become the parent of an orphan or a recruited agent of this tree.
@@ -96,7 +111,7 @@ class Membership:
         """
         return (
             not frame.orphan
-            and frame.path[0] == self.root
+            and (frame.path[0] == self.root or frame.path[0] in self.heirs)
             and fits_below(self._agent, frame)
             and is_fresh(frame.pulse, self.pulse, self.pulse_step, now, self._timers.freshness)
         )

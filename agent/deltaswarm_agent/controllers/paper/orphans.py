@@ -6,6 +6,7 @@ from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import Cause
+from deltaswarm_agent.controllers.paper.succession import succeeds
 
 
 def hear_parent(agent: Agent, membership: Membership, frame: PaperFrame) -> bool:
@@ -22,9 +23,10 @@ def hear_parent(agent: Agent, membership: Membership, frame: PaperFrame) -> bool
 
 
 def misses_parent(agent: Agent, membership: Membership) -> bool:
-    """Whether a parent silent for too long made this agent an orphan, or a stalled pulse set it free."""
+    """Whether a parent silent for too long made this agent an orphan or a root, or a stalled pulse set it free."""
     if agent.now - membership.parent_heard >= agent.timers.silence:
-        become_orphan(agent, Cause.PARENT_LOST)
+        if not succeeds(agent, membership):
+            become_orphan(agent, Cause.PARENT_LOST)
     elif agent.now - membership.pulse_step >= agent.timers.stall:
         agent.leave_tree(Cause.PULSE_STALLED)
     else:

@@ -2,7 +2,8 @@
 
 Once a minute a root picks the leaf of its tree that senses the fewest events, and sends it where most known events are:
 to a place within range of at least one other member and at least d_min from all. Only leaves are moved, so no branch
-breaks. The order travels down the tree; the leaf does no work on its way and takes a parent on arrival.
+breaks. The order travels down the tree; the leaf does no work on its way and takes a parent on arrival. The paper does
+not say what holds when no such place senses an event: see `recruitment_places`.
 """
 
 import math
@@ -14,10 +15,14 @@ from deltaswarm_agent.controllers.paper.agent import Agent
 from deltaswarm_agent.controllers.paper.beliefs import to_cm
 from deltaswarm_agent.controllers.paper.frames import Descendant, Member, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.membership import Membership
+from deltaswarm_agent.controllers.paper.settings import ANY
 from deltaswarm_agent.controllers.paper.states import Cause
 from deltaswarm_agent.controllers.paper.timers import steps_of
 from deltaswarm_agent.controllers.paper.whereabouts import RANGE_MARGIN_M
 from deltaswarm_wire.messages import Event, Pose
+
+MAX_TRIES = 1000
+"""Places drawn at random in the search for a legal one."""
 
 
 def recruit(agent: Agent, membership: Membership, carried: RecruitmentOrder | None) -> None:
@@ -42,22 +47,28 @@ def new_order(agent: Agent, table: Sequence[Descendant]) -> RecruitmentOrder | N
     leaf = weakest_leaf(table, agent.rng)
     if leaf is None:
         return None
+    shared = agent.shared
     agent.movers = {mover: held for mover, held in agent.movers.items() if held[1] > agent.now}
-    place = best_place(
-        (leaf.x_cm * 0.01, leaf.y_cm * 0.01),
-        [(agent.here.x_m, agent.here.y_m)]
-        + [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent],
+    here = (leaf.x_cm * 0.01, leaf.y_cm * 0.01)
+    others = [(agent.here.x_m, agent.here.y_m)]
+    others += [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent]
+    legal = Legal(
+        others,
         [held[0] for mover, held in agent.movers.items() if mover != leaf.agent],
-        agent.beliefs.active(),
-        sensing_range_m=agent.shared.sensing_range_m,
-        range_m=agent.shared.range_m - RANGE_MARGIN_M,
+        range_m=shared.range_m - RANGE_MARGIN_M,
         d_min_m=agent.settings.d_min_m,
-        size_m=(agent.shared.width_m, agent.shared.height_m),
+        size_m=(shared.width_m, shared.height_m),
     )
+    place = best_place(here, legal, agent.beliefs.active(), shared.sensing_range_m)
+    if place is None and agent.settings.recruitment_places == ANY:
+        place = legal.draw(agent.rng)
     if place is None:
         return None
-    agent.movers[leaf.agent] = (place, agent.now + agent.timers.blocked)
-    return RecruitmentOrder(leaf.agent, to_cm(place[0]), to_cm(place[1]), agent.now, agent.timers.order)
+    travel_s = math.dist(here, place) / shared.speed_mps
+    timers = agent.timers
+    arrives = agent.now + timers.order + steps_of(travel_s, shared.step_s) + timers.arrival
+    agent.movers[leaf.agent] = (place, arrives)
+    return RecruitmentOrder(leaf.agent, to_cm(place[0]), to_cm(place[1]), agent.now, timers.order)
 
 
 def hear_order(agent: Agent, membership: Membership, parent: Member) -> bool:
@@ -97,22 +108,55 @@ def weakest_leaf(table: Sequence[Descendant], rng: Random) -> Descendant | None:
     return rng.choice(sorted(row for row in leaves if row.score == least))
 
 
-def best_place(
-    leaf: Pose,
-    members: Sequence[Pose],
-    taken: Sequence[Pose],
-    events: Iterable[Event],
-    *,
-    sensing_range_m: float,
-    range_m: float,
-    d_min_m: float,
-    size_m: Pose,
-) -> Pose | None:
-    """The place on a 1 m grid from which most known events are sensed.
+class Legal:
+    """Where a leaf may be sent: on a 1 m grid in the arena, within range of a member, and far enough from all.
 
-    It is within `range_m` of a member and at least `d_min_m` from all of them (`members`: all of the tree but the
-    leaf) and from the places `taken` by agents under way (all in m). Among equals the nearest to the leaf; None if no
-    legal place senses an event.
+    Args:
+        members: all of the tree but the leaf [m].
+        taken: where agents under way are going [m].
+        range_m: a place is within this of a member.
+        d_min_m: and at least this far from each member and from the places taken.
+        size_m: width and height of the arena.
+    """
+
+    def __init__(
+        self, members: Sequence[Pose], taken: Sequence[Pose], *, range_m: float, d_min_m: float, size_m: Pose
+    ) -> None:
+        self._members, self._taken = members, taken
+        self._range_m = range_m
+        self._near_m2, self._far_m2 = d_min_m**2, range_m**2
+        self._size_m = size_m
+
+    def __contains__(self, cell: tuple[int, int]) -> bool:
+        x, y = cell
+        if not (0 <= x <= self._size_m[0] and 0 <= y <= self._size_m[1]):
+            return False
+        within = False
+        for x_m, y_m in self._members:
+            distance_m2 = (x - x_m) ** 2 + (y - y_m) ** 2
+            if distance_m2 < self._near_m2:
+                return False
+            within = within or distance_m2 <= self._far_m2
+        return within and all((x - x_m) ** 2 + (y - y_m) ** 2 >= self._near_m2 for x_m, y_m in self._taken)
+
+    def draw(self, rng: Random) -> Pose | None:
+        """Draw one of the legal places, each with the same probability; None if none is found."""
+        reach_m, members = self._range_m, self._members
+        for _ in range(MAX_TRIES):
+            x_m, y_m = rng.choice(members)
+            x = round(rng.uniform(x_m - reach_m, x_m + reach_m))
+            y = round(rng.uniform(y_m - reach_m, y_m + reach_m))
+            if (x, y) in self:
+                near = sum(abs(x - x_m) <= reach_m and abs(y - y_m) <= reach_m for x_m, y_m in members)
+                if near * rng.random() < 1.0:  # places near several members are proposed as often
+                    return float(x), float(y)
+        return None
+
+
+def best_place(leaf: Pose, legal: Legal, events: Iterable[Event], sensing_range_m: float) -> Pose | None:
+    """The legal place from which most known events are sensed [m].
+
+    Among equals the nearest to the leaf; None if no legal place senses an event.
     """
     scores: dict[tuple[int, int], int] = {}
     offsets = _cells_within(math.ceil(sensing_range_m))
@@ -124,35 +168,15 @@ def best_place(
             if (i + fx) ** 2 + (j + fy) ** 2 <= reach_m2:
                 cell = (cx + i, cy + j)
                 scores[cell] = scores.get(cell, 0) + 1
-    near_m2, far_m2 = d_min_m**2, range_m**2
     by_score: dict[int, list[tuple[int, int]]] = {}
     for cell, score in scores.items():
         by_score.setdefault(score, []).append(cell)
     for score in sorted(by_score, reverse=True):
-        legal = [
-            cell
-            for cell in by_score[score]
-            if 0 <= cell[0] <= size_m[0]
-            and 0 <= cell[1] <= size_m[1]
-            and _is_legal(cell, members, taken, near_m2, far_m2)
-        ]
-        if legal:
-            x, y = min(legal, key=lambda cell: ((cell[0] - leaf[0]) ** 2 + (cell[1] - leaf[1]) ** 2, cell))
+        places = [cell for cell in by_score[score] if cell in legal]
+        if places:
+            x, y = min(places, key=lambda cell: ((cell[0] - leaf[0]) ** 2 + (cell[1] - leaf[1]) ** 2, cell))
             return float(x), float(y)
     return None
-
-
-def _is_legal(
-    cell: tuple[int, int], members: Sequence[Pose], taken: Sequence[Pose], near_m2: float, far_m2: float
-) -> bool:
-    """Within range of a member, and not too close to any member or occupied target."""
-    within = False
-    for x_m, y_m in members:
-        distance_m2 = (cell[0] - x_m) ** 2 + (cell[1] - y_m) ** 2
-        if distance_m2 < near_m2:
-            return False
-        within = within or distance_m2 <= far_m2
-    return within and all((cell[0] - x_m) ** 2 + (cell[1] - y_m) ** 2 >= near_m2 for x_m, y_m in taken)
 
 
 @cache

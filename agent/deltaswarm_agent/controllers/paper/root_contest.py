@@ -19,6 +19,7 @@ def yields(agent: Agent, membership: Membership, heard: Sequence[PaperFrame]) ->
         return False
     if agent.here.is_apart(senior) and membership.follow(senior, agent.now):
         agent.change(Cause.SENIOR_ROOT)
+        agent.stay()
     else:
         agent.leave_tree(Cause.SENIOR_TOO_CLOSE)
     return True

@@ -15,7 +15,7 @@ from deltaswarm_wire.messages import Event
 
 def founds(agent: Agent, sensed: Sequence[Event], members: Sequence[Member]) -> bool:
     """Make a free agent a root, if it senses enough events and hears no member of a tree."""
-    threshold = agent.strategy.founds_at
+    threshold = agent.delta
     if threshold is None or len(sensed) < threshold or members or agent.now < agent.founds_from:
         return False
     agent.enter_tree(None, Cause.THRESHOLD_REACHED)

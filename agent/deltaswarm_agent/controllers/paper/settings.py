@@ -5,7 +5,9 @@ from dataclasses import dataclass
 from deltaswarm_wire.checked import OURS, PAPER, Problem, key
 from deltaswarm_wire.settings import AgentSettings
 
-OBSERVES = ("all", "nearest")
+ALL, NEAREST = "all", "nearest"
+STAYS, LEAVES = "stays", "leaves"
+WITH_EVENTS, ANY = "with-events", "any"
 
 
 @dataclass(frozen=True)
@@ -25,12 +27,34 @@ class PaperSettings:
         high=1_000_000,
     )
     recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
+    recruitment_places: str = key(
+        WITH_EVENTS,
+        "where a root may send a leaf: where known events are sensed, or, if there are none, to any legal place",
+        source=OURS,
+        choices=(WITH_EVENTS, ANY),
+    )
+    idle_root: str = key(
+        STAYS,
+        "a root without followers that has sensed nothing for gamma_max [s]",
+        source=OURS,
+        choices=(STAYS, LEAVES),
+    )
+    root_succession: bool = key(False, "a member of level 1 takes the place of a root that has fallen silent")
+    patience_finds: float = key(
+        0.0,
+        "an idle agent leaves its tree once a walker would have found this many events; 0: by gamma (Dissolution)",
+        low=0,
+        high=1000,
+    )
+    return_to_finds: bool = key(False, "some legs of the walk lead back to where events were found")
+    find_memory_s: float = key(1500.0, "the place of a find is remembered this long [s]", above=0)
+    adapts_delta: bool = key(False, "each agent chooses delta itself, by how much of their time agents work")
     leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
     member_observes: str = key(
-        "nearest",
+        NEAREST,
         "events that a tree member works on at once: all it senses, or the nearest",
         source=OURS,
-        choices=OBSERVES,
+        choices=(ALL, NEAREST),
     )
     report_every_s: float = key(
         1.0, "an agent with something to report reports this often, and at most once a step [s]", source=PAPER, above=0

@@ -38,9 +38,12 @@ class Cause(Enum):
     SENIOR_ROOT = "senior root in range"
     SENIOR_TOO_CLOSE = "senior root closer than d_min"
     DISSOLVED = "gamma exhausted"
+    ROOT_IDLE = "idle without followers"
+    IMPATIENT = "patience lost"
     PARENT_LEFT = "parent left"
     PULSE_STALLED = "pulse stalled"
     PARENT_LOST = "parent lost"
+    ELECTED = "root lost, first of its children"
     CYCLE_FOUND = "itself in its parent's path"
     ADOPTED = "member of the same tree in range"
     NOBODY_FOUND = "no member in range"
@@ -78,11 +81,15 @@ TRANSITIONS: dict[tuple[State, Cause], State] = {
     (State.ATTENDING, Cause.MEMBER_MET): State.MEMBER,
     (State.ROOT, Cause.SENIOR_ROOT): State.MEMBER,
     (State.ROOT, Cause.SENIOR_TOO_CLOSE): State.WALKING,
+    (State.ROOT, Cause.ROOT_IDLE): State.WALKING,
+    (State.ROOT, Cause.IMPATIENT): State.WALKING,
+    (State.MEMBER, Cause.IMPATIENT): State.WALKING,
     (State.MEMBER, Cause.DISSOLVED): State.WALKING,
     (State.MEMBER, Cause.PARENT_LEFT): State.WALKING,
     (State.MEMBER, Cause.PULSE_STALLED): State.WALKING,
     (State.MEMBER, Cause.PARENT_LOST): State.ORPHAN,
     (State.MEMBER, Cause.CYCLE_FOUND): State.ORPHAN,
+    (State.MEMBER, Cause.ELECTED): State.ROOT,
     (State.MEMBER, Cause.ORDERED): State.RELOCATING,
     (State.ORPHAN, Cause.ADOPTED): State.MEMBER,
     (State.ORPHAN, Cause.NOBODY_FOUND): State.WALKING,

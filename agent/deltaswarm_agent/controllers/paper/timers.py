@@ -29,8 +29,6 @@ CONTESTED_S = 12.0
 ORDER_S = 12.0
 """An order is sent, and relayed, for this long."""
 
-BLOCKED_S = 60.0
-"""For this long the target of a travelling recruited agent counts as occupied."""
 
 MEMORY_S = 12.0
 """An event is forgotten when no agent of the tree has sensed it for this long; a longer memory would keep ghosts."""
@@ -68,7 +66,7 @@ class Timers:
     arrival: int
     contested: int
     order: int
-    blocked: int
+
     memory: int
     gone: int
     trail: int
@@ -92,7 +90,6 @@ def timers(step_s: float, latency_s: float = 0.0) -> Timers:
         arrival=steps(ARRIVAL_S, 2),
         contested=steps(CONTESTED_S, 3),
         order=min(MAX_HOPS, steps(ORDER_S, 12)),
-        blocked=steps(BLOCKED_S),
         memory=steps(MEMORY_S, 3),
         gone=steps(GONE_S, 3),
         trail=steps(TRAIL_S + latency_s, 4),

@@ -8,6 +8,8 @@ import math
 from random import Random
 
 from deltaswarm_agent.controller import Velocity
+from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
+from deltaswarm_agent.controllers.paper.returning import FoundPlaces
 from deltaswarm_agent.obstacles import Obstacles, Stride
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.settings import AgentSettings
@@ -16,11 +18,13 @@ from deltaswarm_wire.settings import AgentSettings
 class Walk:
     """Straight legs of uniform length in time, a uniform new heading, specular walls and obstacles.
 
-    On a straight leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
+    Some legs lead back to where events were `found` (`returning.py`), unless an obstacle is in the way. On a straight
+    leg the velocity is the same to the bit in every step, so that an agent need not be asked for it.
     """
 
-    def __init__(self, shared: AgentSettings, leg_max_s: float, rng: Random) -> None:
+    def __init__(self, shared: AgentSettings, leg_max_s: float, rng: Random, found: FoundPlaces | None = None) -> None:
         self._rng = rng
+        self._found = found
         self._speed_mps = shared.speed_mps
         self._step_s = shared.step_s
         self._leg_max_s = leg_max_s
@@ -29,18 +33,28 @@ class Walk:
         self._vx = self._vy = 0.0
         self._ends = -1
         """The step in which the next leg begins."""
+        self.leg = RANDOM
+        """The kind of the present leg."""
 
-    def turn(self, now: int) -> None:
+    def turn(self, now: int, x_m: float, y_m: float) -> None:
         """Begin a new leg."""
-        heading = self._rng.uniform(0.0, math.tau)
+        goal = self._found.next_goal(now) if self._found is not None else None
+        if goal is not None and not self._obstacles.first_crossing(x_m, y_m, goal[0] - x_m, goal[1] - y_m):
+            self.leg = RETURNING
+            heading = math.atan2(goal[1] - y_m, goal[0] - x_m)
+            time_s = math.dist((x_m, y_m), goal) / self._speed_mps
+        else:
+            self.leg = RANDOM
+            heading = self._rng.uniform(0.0, math.tau)
+            time_s = self._rng.uniform(0.0, self._leg_max_s)
         self._vx = self._speed_mps * math.cos(heading)
         self._vy = self._speed_mps * math.sin(heading)
-        self._ends = now + max(1, math.ceil(self._rng.uniform(0.0, self._leg_max_s) / self._step_s))
+        self._ends = now + max(1, math.ceil(time_s / self._step_s))
 
     def velocity(self, now: int, x_m: float, y_m: float) -> Velocity:
         """The velocity of this step, from where the agent is."""
         if now >= self._ends:
-            self.turn(now)
+            self.turn(now, x_m, y_m)
         vx_mps, self._vx = _reflect(x_m, self._vx, self._step_s, self._size_m[0])
         vy_mps, self._vy = _reflect(y_m, self._vy, self._step_s, self._size_m[1])
         to_x_m, to_y_m = x_m + vx_mps * self._step_s, y_m + vy_mps * self._step_s

@@ -39,7 +39,18 @@ export class Model {
   /** @returns {AgentRow[]} the researcher's are the present truth */
   get agents() {
     const { picture, now_s } = this;
-    if (picture?.truth) return picture.truth.agents.map((row) => [...row, now_s, 1]);
+    if (picture?.truth)
+      return picture.truth.agents.map(([id, x_m, y_m, role, parent, root, delta]) => [
+        id,
+        x_m,
+        y_m,
+        role,
+        parent,
+        root,
+        now_s,
+        1,
+        delta,
+      ]);
     return picture?.agents ?? [];
   }
 

@@ -1,7 +1,7 @@
 /** Messages between the feed and the page; the operator's `station` documentation says what each means. */
 
-/** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report. */
-export type AgentRow = [number, number, number, string, number, number, number, number];
+/** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report, delta (0: unknown). */
+export type AgentRow = [number, number, number, string, number, number, number, number, number];
 /** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody). */
 export type EventRow = [number, number, number, number, number, number];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
@@ -79,7 +79,7 @@ export type Probe =
   { kind: "isa"; number: number; asked_s: number; left_s: number } | { kind: "tlx" } | { kind: "sheet" };
 
 export interface Truth {
-  agents: [number, number, number, string, number, number][];
+  agents: [number, number, number, string, number, number, number][];
   events: [number, number, number, number][];
 }
 

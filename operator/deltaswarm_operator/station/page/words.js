@@ -115,7 +115,7 @@ export function message([, , , role, followers, events]) {
  * @param {import("./model.js").Model} model
  */
 export function aboutAgent(agent, { agents, events, now_s, picture }) {
-  const what = doing(agent, agents, events);
+  const what = doing(agent, agents, events) + (agent[8] > 0 ? `, delta ${agent[8]}` : "");
   return picture?.truth ? what : `${what}, ${seen(agent, now_s)}`;
 }
 

@@ -1,0 +1,48 @@
+"""What an agent learns in each step about finding events, for `finds` and `returning`."""
+
+from collections.abc import Sequence
+
+from deltaswarm_agent.controllers.paper.agent import Agent
+from deltaswarm_agent.controllers.paper.finds import Finds
+from deltaswarm_agent.controllers.paper.frames import Attending, Member, PaperFrame
+from deltaswarm_agent.controllers.paper.states import WALKING
+from deltaswarm_wire.messages import Event
+
+
+def learn(agent: Agent, finds: Finds, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
+    """Take what the agent senses and hears: new events, where they are, and the averages of others.
+
+    An event near an agent that is heard to attend or to be in a tree is no find: somebody knew of it.
+    """
+    now, found = agent.now, agent.found
+    before = agent.sensed if agent.sensed_step == now - 1 else ()
+    new = [event for event in sensed if event.event not in before]
+    agent.sensed, agent.sensed_step = {event.event for event in sensed}, now
+    if new:
+        finds.update(now)
+        finds.find(sum(not _is_known(agent, event, heard) for event in new))
+    if heard:
+        finds.hear(heard, now)
+    if found is None:
+        return
+    for event in new:
+        found.add(event.x_m, event.y_m, now)
+    if agent.membership is None:
+        met = [frame for frame in heard if type(frame) is Attending and agent.here.is_newly_met(frame)]
+        for x_cm, y_cm in sorted({(frame.event_x_cm, frame.event_y_cm) for frame in met}):
+            found.add(x_cm / 100, y_cm / 100, now)
+
+
+def _is_known(agent: Agent, event: Event, heard: Sequence[PaperFrame]) -> bool:
+    reach_m2 = agent.shared.sensing_range_m**2
+    return any(
+        (type(frame) is Attending or type(frame) is Member)
+        and (frame.x_cm * 0.01 - event.x_m) ** 2 + (frame.y_cm * 0.01 - event.y_m) ** 2 <= reach_m2
+        for frame in heard
+    )
+
+
+def begin(agent: Agent, finds: Finds, works: bool) -> None:
+    """Say what the agent does from this step on: whether it walks on its own account, and whether it works."""
+    walks = agent.state is WALKING and agent.now >= agent.holds_until and agent.errand is None
+    finds.begin(agent.walk.leg if walks else None, works, agent.now)
