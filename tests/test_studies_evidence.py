@@ -7,6 +7,7 @@ import pytest
 
 from deltaswarm_orchestrator.studies.claims import claims_of, findings_of
 from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
+from deltaswarm_orchestrator.studies.fits import fits_of, grids_of
 from deltaswarm_orchestrator.studies.recovery import recovery_of
 from deltaswarm_orchestrator.studies.tables import (
     courses_of,
@@ -229,3 +230,50 @@ def test_a_missing_series_is_named() -> None:
     study = made(OWN.replace("window_s", "from_s = 500.0\nwindow_s"), SWEEP)
     with pytest.raises(ValueError, match="series_every_s"):
         runs_of(study, table(), NONE)
+
+
+FIT = """
+[[fit]]
+text = "Which loss fits"
+factor = "mode"
+targets = [
+    { level = "hybrid 3", metric = "waiting_all", says = 60.0, iqr = 10.0 },
+    { level = "decentralised", metric = "messages", says = 25.0, iqr = 5.0 },
+]
+"""
+
+
+def test_a_fit_ranks_combinations_by_their_distances() -> None:
+    """In published interquartile ranges; the sum is of squares, and resamples say how sure the first place is."""
+    study = made(OWN + FIT)
+    runs = runs_of(study, table(worse_at_90), NONE)
+    found = fits_of(study, runs)
+    medians = runs.groupby("variant")[["waiting_all", "messages"]].median()
+    assert found["within"].tolist()[:2] == ["loss=0.9"] * 2
+    first = found.iloc[0]
+    assert first["distance"] == pytest.approx((medians.loc["loss=0.9, hybrid 3", "waiting_all"] - 60) / 10)
+    assert first["sum"] == pytest.approx((found["distance"].iloc[:2] ** 2).sum())
+    assert found.groupby("within")["closest"].first().sum() == pytest.approx(1.0)
+    assert first["closest"] > 0.5
+    assert found["sum"].is_monotonic_increasing
+
+
+def test_a_fit_without_runs_is_infinitely_far() -> None:
+    """It is no winner."""
+    study = made(OWN + FIT)
+    runs = runs_of(study, table(worse_at_90), NONE)
+    found = fits_of(study, runs[runs["variant"] != "loss=0.9, hybrid 3"])
+    assert found["within"].iloc[-1] == "loss=0.9"
+    assert math.isinf(found["sum"].iloc[-1])
+    assert found["closest"].iloc[-1] == 0
+
+
+def test_a_grid_shows_the_lowest_median_of_a_columns_levels() -> None:
+    """And which level it is."""
+    own = '[[grid]]\ntext = "g"\nmetric = "waiting_all"\nrows = "loss"\nfactor = "mode"\n'
+    study = made(OWN + own + 'columns = { best = ["hybrid 3", "decentralised"], hybrid = ["hybrid 3"] }\n')
+    runs = runs_of(study, table(worse_at_90), NONE)
+    found = grids_of(study, runs).set_index(["row", "column"])
+    assert found.loc[("loss=0.9", "best"), "level"] == "decentralised"
+    medians = runs.groupby("variant")["waiting_all"].median()
+    assert found.loc[("loss=0.9", "hybrid"), "median"] == medians["loss=0.9, hybrid 3"]

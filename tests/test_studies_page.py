@@ -25,6 +25,10 @@ ASKED = OWN + (
     '[[claim]]\nid = "c"\ntext = "Hybrid | waits less"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.0, decentralised"\n'
     '[[recovery]]\nmetric = "waiting_all"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
     'after_s = 300.0\n'
+    '[[fit]]\ntext = "Fit"\nfactor = "mode"\n'
+    'targets = [{ level = "hybrid 3", metric = "messages", says = 26.0, iqr = 4.0 }]\n'
+    '[[grid]]\ntext = "Grid"\nmetric = "messages"\nrows = "loss"\nfactor = "mode"\n'
+    'columns = { own = ["hybrid 3"], best = ["hybrid 3", "decentralised"] }\n'
     '[[finding]]\ntext = "Nothing follows."\nbecause = [{ claim = "c", is = "undecided" }]\n'
 )  # fmt: skip
 DRAWN = ASKED + (

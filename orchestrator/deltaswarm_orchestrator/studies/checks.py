@@ -37,6 +37,8 @@ def used_metrics(study: Study) -> list[str]:
     file = study.file
     names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
     names += [claim.metric for claim in file.claim]
+    names += [target.metric for fit in file.fit for target in fit.targets]
+    names += [grid.metric for grid in file.grid]
     for figure in file.figure:
         names += [figure.metric] if figure.kind in ("boxes", "levels", "plane", "frontier") else []
         names += [figure.x] if figure.kind in ("plane", "frontier") else []
@@ -73,6 +75,14 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"recovery[{i}].metric", [recovery.metric], _over_time()
         yield f"recovery[{i}].factor", [recovery.factor], factors
         yield f"recovery[{i}].level", [recovery.level, recovery.reference], factors.get(recovery.factor, ())
+    for i, fit in enumerate(file.fit):
+        yield f"fit[{i}].factor", [fit.factor], factors
+        yield f"fit[{i}].targets", [target.level for target in fit.targets], factors.get(fit.factor, ())
+        yield f"fit[{i}].targets", [target.metric for target in fit.targets], metrics
+    for i, grid in enumerate(file.grid):
+        yield f"grid[{i}].metric", [grid.metric], metrics
+        yield f"grid[{i}]", [grid.rows, grid.factor], [name for name in factors if len(factors) == 2]
+        yield f"grid[{i}].columns", [*itertools.chain(*grid.columns.values())], factors.get(grid.factor, ())
     for i, figure in enumerate(file.figure):
         where, kind = f"figure[{i}]", figure.kind
         known = _over_time() if kind == "time" else metrics
@@ -85,6 +95,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         levels, hues = factors.get(figure.x, ()), factors.get(figure.hue, ())
         boxes = [f"{level}, {hue}" for level in levels for hue in hues] if figure.hue else levels
         yield f"{where}.published", list(figure.published), boxes
+        yield f"{where}.lines", [value for value in figure.lines.values() if isinstance(value, str)], variants
     ids = {CLAIM: [claim.id for claim in file.claim], CONTRAST: [contrast.id for contrast in file.contrast]}
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):

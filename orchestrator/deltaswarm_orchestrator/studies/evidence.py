@@ -8,6 +8,7 @@ import pandas as pd
 from deltaswarm_orchestrator.stats import pairs_needed
 from deltaswarm_orchestrator.studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
+from deltaswarm_orchestrator.studies.fits import fits_of, grids_of
 from deltaswarm_orchestrator.studies.metrics import ID
 from deltaswarm_orchestrator.studies.recovery import recovery_of
 from deltaswarm_orchestrator.studies.settings import REFUTED
@@ -36,6 +37,8 @@ class Evidence:
     contrasts: pd.DataFrame
     claims: pd.DataFrame
     findings: pd.DataFrame
+    fits: pd.DataFrame
+    grids: pd.DataFrame
     arrivals: list[str]
     """Whether compared runs saw the same arrivals, a clause for each thing that was checked."""
     incomplete: list[str]
@@ -56,7 +59,8 @@ class Evidence:
             disagreements(study, runs),
             [*too_few(contrasts), *vacuous_claims(study, runs)],
         )
-        return cls(runs, courses, recovery, estimates_of(study, runs), contrasts, claims, findings, *lists)
+        tables = (contrasts, claims, findings, fits_of(study, runs), grids_of(study, runs))
+        return cls(runs, courses, recovery, estimates_of(study, runs), *tables, *lists)
 
     @classmethod
     def of_sweep(cls, study: Study, table: pd.DataFrame, series: pd.DataFrame) -> "Evidence":
@@ -111,9 +115,8 @@ class Evidence:
 
     def save(self, folder: Path) -> list[Path]:
         """Write every table that has rows, except the findings; return the files."""
-        frames = {
-            name: getattr(self, name) for name in ("runs", "courses", "recovery", "estimates", "contrasts", "claims")
-        }
+        names = ("runs", "courses", "recovery", "estimates", "contrasts", "claims", "fits", "grids")
+        frames = {name: getattr(self, name) for name in names}
         return [file for name, frame in frames.items() if len(frame) for file in write_table(folder / name, frame)]
 
 

@@ -15,6 +15,7 @@ from deltaswarm_orchestrator.report.plots.swarm import swarm
 from deltaswarm_orchestrator.stats import RATIO
 from deltaswarm_orchestrator.studies import charts, planes
 from deltaswarm_orchestrator.studies.evidence import Evidence
+from deltaswarm_orchestrator.studies.fits import grid_named
 from deltaswarm_orchestrator.studies.metrics import PER_EVENT
 from deltaswarm_orchestrator.studies.origin import PROVENANCE, since_the_runs
 from deltaswarm_orchestrator.studies.settings import (
@@ -83,7 +84,14 @@ def _drawn(study: Study, evidence: Evidence, figure: FigureSettings) -> Figure |
     rows = evidence.courses if figure.kind == "time" else evidence.runs
     if rows.empty or (figure.variants and not rows["variant"].isin(figure.variants).any()):
         return None
-    return CHARTS[figure.kind](figure, study, rows)
+    return CHARTS[figure.kind](replace(figure, lines=_lines(figure, evidence.runs)), study, rows)
+
+
+def _lines(figure: FigureSettings, runs: pd.DataFrame) -> dict[str, float]:
+    """Return the height of each line: a number, or the median of a variant; no line where that has no values."""
+    medians = runs.groupby("variant")[figure.metric].median() if figure.metric in runs else pd.Series(dtype=float)
+    found = {name: medians.get(value) if isinstance(value, str) else value for name, value in figure.lines.items()}
+    return {name: float(value) for name, value in found.items() if value is not None and not pd.isna(value)}
 
 
 def _swarm(study: Study, figure: FigureSettings) -> Figure:
@@ -98,6 +106,10 @@ def _sections(study: Study, evidence: Evidence, pictures: list[Picture], provena
     yield Section("Figures", pictures=pictures)
     if len(evidence.contrasts):
         yield Section("Contrasts", list(_contrasts(study, evidence.contrasts)))
+    if len(evidence.fits):
+        yield Section("Closest to what is published", list(_fits(study, evidence.fits)))
+    if len(evidence.grids):
+        yield Section("Medians", list(_grids(study, evidence.grids)))
     if len(evidence.recovery):
         yield Section("Recovery", [_recovered(study, evidence.recovery)])
     yield Section("Estimates", [_estimates(study, evidence)])
@@ -143,6 +155,34 @@ def _how(row: Any) -> str:
     if row["scale"] == RATIO:
         return f"{row['family']} tests of ratios"
     return f"{row['family']} tests of differences, since values are 0 or below; a margin is a ratio and not tested"
+
+
+def _fits(study: Study, fits: pd.DataFrame) -> Iterator[Table]:
+    for text, rows in fits.groupby("fit", sort=False):
+        rows = rows.assign(target=[f"{row['level']}: {row['metric']}" for _, row in rows.iterrows()])
+        order = rows["within"].unique()
+        wide = rows.pivot(index="within", columns="target", values="distance").loc[order, rows["target"].unique()]
+        shown = wide.map(lambda value: words.number(value, 2)).reset_index()
+        first = rows.groupby("within", sort=False).first().loc[order]
+        shown["sum"] = [words.number(value, 2) for value in first["sum"]]
+        shown["closest"] = [words.number(100 * value, 0) for value in first["closest"]]
+        headings = {name: f"{name} [IQR]" for name in wide.columns}
+        tail = {"sum": "Sum of squares", "closest": "Closest in [% of resamples]"}
+        yield table(shown, {"within": "Combination", **headings, **tail}, str(text))
+
+
+def _grids(study: Study, grids: pd.DataFrame) -> Iterator[Table]:
+    for text, rows in grids.groupby("grid", sort=False):
+        settings = grid_named(study, str(text))
+        many = {heading for heading, levels in settings.columns.items() if len(levels) > 1}
+        found = [
+            words.number(row["median"], 1) + (f" ({row['level']})" if row["column"] in many else "")
+            for _, row in rows.iterrows()
+        ]
+        wide = rows.assign(found=found).pivot(index="row", columns="column", values="found")
+        wide = wide.loc[rows["row"].unique(), rows["column"].unique()].fillna("").reset_index()
+        headings = {"row": study.factor_title(settings.rows), **{name: name for name in wide.columns[1:]}}
+        yield table(wide, headings, f"{text}: {study.metrics[settings.metric].label}")
 
 
 def _recovered(study: Study, recovery: pd.DataFrame) -> Table:

@@ -137,6 +137,49 @@ class RecoverySettings:
 
 
 @dataclass(frozen=True)
+class TargetSettings:
+    """A published number that runs should come close to."""
+
+    level: str = key("", "of the fit's factor")
+    metric: str = key("", "the metric's name")
+    says: float = key(0.0, "the published median")
+    iqr: float = key(1.0, "the published interquartile range, the unit of the distance", above=0)
+
+
+@dataclass(frozen=True)
+class FitSettings:
+    """A table `[[fit]]`: how far the medians of each combination of the other factors are from published numbers."""
+
+    text: str = key("", "what is fitted, in a few words")
+    factor: str = key("", "the factor whose levels the targets name")
+    targets: tuple[TargetSettings, ...] = key((), "published numbers")
+
+    def problems(self) -> list[Problem]:
+        """There must be something to come close to."""
+        return [] if self.targets else [Problem("targets", "none", "a fit needs at least one")]
+
+
+@dataclass(frozen=True)
+class GridSettings:
+    """A table `[[grid]]`: a metric's medians, with a row per level of one factor and columns of levels of another."""
+
+    text: str = key("", "what is shown, in a few words")
+    metric: str = key("waiting", "the metric's name")
+    rows: str = key("", "the factor with a row for each level")
+    factor: str = key("", "the factor whose levels the columns name; the sweep may vary no third one")
+    columns: dict[str, Any] = key(dict, "by heading, a list of levels, of which each row shows the lowest median")
+
+    def problems(self) -> list[Problem]:
+        """Each column must list levels."""
+        none = [] if self.columns else [Problem("columns", "none", "a grid needs at least one")]
+        return none + [
+            Problem(f"columns.{name}", repr(value)[:60], "must be a list of levels")
+            for name, value in self.columns.items()
+            if not _is_list_of_names(value)
+        ]
+
+
+@dataclass(frozen=True)
 class SpanSettings:
     """A stretch of time that a figure marks."""
 
@@ -160,7 +203,7 @@ class FigureSettings:
     path: tuple[str, ...] = key((), "plane: variants whose medians are joined by a line, in this order")
     paths: dict[str, Any] = key(dict, "frontier: variants whose medians are joined by a line, a list for each name")
     published: dict[str, Any] = key(dict, "boxes: a published median and interquartile range by level or variant")
-    lines: dict[str, Any] = key(dict, "horizontal lines: what is written beside them, and where")
+    lines: dict[str, Any] = key(dict, "horizontal lines: by text, a number, or a variant for its median")
     spans: tuple[SpanSettings, ...] = key((), "time: stretches to mark")
     at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
     seed: int = key(1, "swarm: the run's seed", low=0)
@@ -174,14 +217,14 @@ class FigureSettings:
             if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)))
         ]
         found += [
-            Problem(f"lines.{name}", repr(value)[:60], "must be a number")
+            Problem(f"lines.{name}", repr(value)[:60], "must be a number, or a variant")
             for name, value in self.lines.items()
-            if not _is_number(value)
+            if not _is_number(value) and not isinstance(value, str)
         ]
         found += [
             Problem(f"paths.{name}", repr(value)[:60], "must be a list of variants")
             for name, value in self.paths.items()
-            if not (isinstance(value, list) and value and all(isinstance(one, str) for one in value))
+            if not _is_list_of_names(value)
         ]
         if self.kind == "frontier" and not self.paths:
             found.append(Problem("paths", "missing", "a figure of kind 'frontier' needs it"))
@@ -227,6 +270,8 @@ class StudyFile:
     contrast: tuple[ContrastSettings, ...] = key((), "what is compared with what")
     claim: tuple[ClaimSettings, ...] = key((), "what is said and judged")
     recovery: tuple[RecoverySettings, ...] = key((), "times to come back after a fault")
+    fit: tuple[FitSettings, ...] = key((), "distances to published numbers")
+    grid: tuple[GridSettings, ...] = key((), "medians by two factors")
     figure: tuple[FigureSettings, ...] = key((), "what is drawn")
     finding: tuple[FindingSettings, ...] = key((), "what follows, in words")
 
@@ -241,6 +286,10 @@ def _problems_of_pairs(name: str, pairs: Pairs) -> Sequence[Problem]:
         for i, pair in enumerate(pairs)
         if len(pair) != 2 or pair[0] == pair[1]
     ]
+
+
+def _is_list_of_names(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(one, str) for one in value)
 
 
 def _is_number(value: Any) -> bool:

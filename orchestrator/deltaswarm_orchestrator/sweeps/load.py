@@ -22,7 +22,7 @@ STUDY_FOLDERS = ("studies/paper", "studies/limits", "studies/operator")
 BUILT_IN = scenarios.files_in("sweeps/built_in", *STUDY_FOLDERS)
 """The file of each built-in sweep, including study files, each of which holds a sweep."""
 
-STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "figure", "finding")
+STUDY_TABLES = ("study", "metric", "contrast", "claim", "recovery", "fit", "grid", "figure", "finding")
 """Tables of a study file that a sweep ignores."""
 
 OWN = ("seed", "record")
