@@ -17,7 +17,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import Scenario
 
-STUDY_FOLDERS = ("studies/paper", "studies/limits", "studies/operator")
+STUDY_FOLDERS = ("studies/paper", "studies/beyond", "studies/limits", "studies/operator")
 
 BUILT_IN = scenarios.files_in("sweeps/built_in", *STUDY_FOLDERS)
 """The file of each built-in sweep, including study files, each of which holds a sweep."""
