@@ -126,6 +126,18 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
     assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
 
 
+@pytest.mark.parametrize("overrides", [["control.mode=adaptive"], ["control.mode=central", "radio.range_m=150"]])
+def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tmp_path: Path) -> None:
+    """While events occur often enough that trees form and agents are sent about."""
+    given = [*overrides, "events.rate_hz=0.3", "run.duration_s=300"]
+    sets = [part for one in given for part in ("--set", one)]
+    digests = []
+    for name, *how in (("processes",), ("one", "--in-process")):
+        assert main(["run", "smoke", *sets, "--record", "off", *how, "--out", str(tmp_path / name)]) == 0
+        digests.append(json.loads((tmp_path / name / "summary.json").read_text())["digest"])
+    assert digests[0] == digests[1]
+
+
 @pytest.mark.parametrize(
     ("name", "said"),
     [

@@ -20,6 +20,7 @@ CONTROLLERS = {
     "hierarchical": PAPER,
     "hybrid": PAPER,
     "adaptive": "deltaswarm_agent.controllers.paper.adaptive:AdaptiveController",
+    "central": "deltaswarm_agent.controllers.central.controller:CentralController",
     "potential": "deltaswarm_agent.controllers.potential:PotentialController",
 }
 """The shipped controllers, by the short names that `control.mode` takes. A new one is a line here."""

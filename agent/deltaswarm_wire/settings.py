@@ -26,6 +26,10 @@ NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
 """Shorter than a run's name (64), to leave room for what distinguishes runs of one scenario."""
 
 
+BOUNDS = ("none", "density", "everything")
+"""Everything: the density, and every event from its arrival. A bound is computed in one process only."""
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """Duration and pace."""
@@ -34,6 +38,9 @@ class RunSettings:
     step_s: float = key(1.0, "length of a step [s]", source="paper (implied)", low=0.01, high=60)
     clock: str = key("lockstep", "as fast as possible, or paced by the wall clock", choices=CLOCKS)
     real_time_factor: float = key(1.0, "simulated seconds per wall second, with clock realtime", above=0, high=1e4)
+    bound: str = key(
+        "none", "instead of the controller, a planner with perfect communication that knows this too", choices=BOUNDS
+    )
     ask_every_step: bool = key(False, "ask every agent in every step, even if its last act still holds")
     step_timeout_s: float = key(
         5.0, "wall time after which the world continues without an agent [s]", low=0.05, high=3600
@@ -162,6 +169,8 @@ class Scenario:
             found.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
         if self.run.steps > MAX_STEP:
             found.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
+        if self.run.bound != "none" and (self.arena.obstacles or self.fault):
+            found.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
         found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
         found += obstacle_problems(self.arena.obstacles, size_m)

@@ -62,8 +62,9 @@ class Environment:
         self._speed_mps = scenario.agents.speed_mps
         self._sensing_range_m = scenario.agents.sensing_range_m
         self._work_agent_s = scenario.events.work_agent_s
-        self._density = Places(scenario.events.density, scenario.arena, self._obstacles)
-        self._arrivals = Arrivals(scenario, self._density)
+        self.density = Places(scenario.events.density, scenario.arena, self._obstacles)
+        """Where events occur."""
+        self._arrivals = Arrivals(scenario, self.density)
         self._places_m: Floats = np.zeros((0, 2))
 
     def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
@@ -147,7 +148,7 @@ class Environment:
 
         None if there are no agents, or events are equally dense everywhere.
         """
-        densest_m = self._density.densest_m(time_s) if agents else None
+        densest_m = self.density.densest_m(time_s) if agents else None
         if densest_m is None:
             return None
         return float(np.hypot(*(self.positions_m[agents] - densest_m).T).mean())

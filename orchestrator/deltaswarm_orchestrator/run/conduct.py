@@ -32,6 +32,7 @@ from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.stopping import Stop, decide, stoppable
 from deltaswarm_wire import checked, checkpoint
+from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import sync_folder
 from deltaswarm_wire.settings import Scenario
 
@@ -78,11 +79,14 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     Raises:
         FolderError: the folder cannot be taken, or has no checkpoint to resume from.
         FolderTakenError: the folder could not be given its final name.
-        SettingsError: the scenario cannot be run with these boards.
+        SettingsError: the scenario cannot be run with these boards, or has a bound that processes cannot compute.
         LiveError: the run cannot be shown live.
         RoomError: the disk is too full to write how the run ended.
         CommandError: the user asked to stop twice before the run began.
     """
+    if scenario.run.bound != "none" and not options.in_process:
+        allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
+        raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     with stoppable() as stop:
         try:
             with room.room_in(options.out), _viewer(scenario, options, reporter) as viewer:

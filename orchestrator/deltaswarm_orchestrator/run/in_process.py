@@ -10,7 +10,7 @@ from collections.abc import Callable
 from logging import WARNING
 from typing import Any
 
-from deltaswarm_agent.controller import ControllerError, make_controller
+from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.desk import Desk
 from deltaswarm_operator.workload import WorkloadMeter
@@ -22,7 +22,7 @@ from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings import AgentSettings, Scenario
 from deltaswarm_wire.truth import Tally
 from deltaswarm_world import tracing
 from deltaswarm_world.core import WorldCore
@@ -37,6 +37,11 @@ class InProcess:
         self.scenario = scenario
         self.world = WorldCore(scenario)
         self._restarts: Counter[int] = Counter()
+        self._make_controller: Callable[[int, AgentSettings, int], Controller] = make_controller
+        if scenario.run.bound != "none":
+            from deltaswarm_orchestrator.run.bounds import knowing_controllers  # needs scipy
+
+            self._make_controller = knowing_controllers(scenario, self.world)
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
         self.desk: Desk | None = None
@@ -50,7 +55,7 @@ class InProcess:
 
     def _agent(self, agent: int) -> Shell:
         settings = self.scenario.for_agent(agent)
-        return Shell(agent, settings.step_s, make_controller(agent, settings, self._restarts[agent]))
+        return Shell(agent, settings.step_s, self._make_controller(agent, settings, self._restarts[agent]))
 
     def _inject(self, step: int, sink: Sink | None) -> None:
         """Inject the faults due before a step. Dead and frozen agents need no more than to get no frame."""

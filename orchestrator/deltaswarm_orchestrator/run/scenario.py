@@ -59,7 +59,7 @@ def load_scenario(
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     """Return the scenario that a table describes, and all mistakes in the table."""
     scenario, problems = checked.check(Scenario, table)
-    options, found = _control_options(table)
+    options, found = _control_options(table, scenario)
     problems += found
     if scenario is not None:
         scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
@@ -98,13 +98,16 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     return problems
 
 
-def _control_options(table: dict[str, Any]) -> tuple[dict[str, Any], list[Problem]]:
-    """Return all options of the table's controller, defaults included, and all mistakes in them."""
+def _control_options(table: dict[str, Any], scenario: Scenario | None) -> tuple[dict[str, Any], list[Problem]]:
+    """Return all options of the table's controller, defaults included, and all mistakes in them.
+
+    `scenario` is the rest of the table, if that is valid.
+    """
     control, _ = checked.check(ControlSettings, table.get("control", {}))
     radio, _ = checked.check(RadioSettings, table.get("radio", {}))
     if control is None:
         return {}, []  # reported with the other keys
-    shared = AgentSettings(range_m=(radio or RadioSettings()).range_m)
+    shared = scenario.for_agent(0) if scenario else AgentSettings(range_m=(radio or RadioSettings()).range_m)
     try:
         return checked.plain(controller_settings(control.mode, control.options, shared)), []
     except SettingsError as error:

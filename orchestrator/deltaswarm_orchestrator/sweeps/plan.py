@@ -127,7 +127,8 @@ class Sweep:
 
     def sample(self, jobs: Sequence[Job]) -> list[Job]:
         """Choose the runs that real processes do too: an arbitrary sample, the same each time."""
-        return sorted(jobs, key=lambda job: job.key)[: self.file.sweep.prove]
+        provable = [job for job in jobs if job.scenario.run.bound == "none"]
+        return sorted(provable, key=lambda job: job.key)[: self.file.sweep.prove]
 
 
 def replicate_seed(sweep_seed: int, replicate: int) -> int:

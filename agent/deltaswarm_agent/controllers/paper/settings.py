@@ -28,7 +28,7 @@ class PaperSettings:
     )
     recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
     recruitment_places: str = key(
-        WITH_EVENTS,
+        ANY,
         "where a root may send a leaf: where known events are sensed, or, if there are none, to any legal place",
         source=OURS,
         choices=(WITH_EVENTS, ANY),
@@ -39,16 +39,21 @@ class PaperSettings:
         source=OURS,
         choices=(STAYS, LEAVES),
     )
-    root_succession: bool = key(False, "a member of level 1 takes the place of a root that has fallen silent")
+    root_succession: bool = key(
+        False, "a member of level 1 takes the place of a root that has fallen silent", source=OURS
+    )
     patience_finds: float = key(
         0.0,
         "an idle agent leaves its tree once a walker would have found this many events; 0: by gamma (Dissolution)",
+        source=OURS,
         low=0,
         high=1000,
     )
-    return_to_finds: bool = key(False, "some legs of the walk lead back to where events were found")
-    find_memory_s: float = key(1500.0, "the place of a find is remembered this long [s]", above=0)
-    adapts_delta: bool = key(False, "each agent chooses delta itself, by how much of their time agents work")
+    return_to_finds: bool = key(False, "some legs of the walk lead back to where events were found", source=OURS)
+    find_memory_s: float = key(1500.0, "the place of a find is remembered this long [s]", source=OURS, above=0)
+    adapts_delta: bool = key(
+        False, "each agent chooses delta itself, by how much of their time agents work", source=OURS
+    )
     leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
     member_observes: str = key(
         NEAREST,
