@@ -141,15 +141,8 @@ tallies = st.builds(
     roots_from_densest_m=st.none() | st.floats(0.0, MAX_ABS_M),
     delta=st.none() | st.floats(0.0, messages.MAX_DELTA),
 )
-truths = st.builds(
-    truth.Truth,
-    steps,
-    times_s,
-    tuples_of(bodies, 4),
-    tuples_of(event_states, 4),
-    tuples_of(st.tuples(agents, agents), 4),
-    tallies,
-)
+_links = tuples_of(st.tuples(agents, agents), 4)
+truths = st.builds(truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, tallies)
 
 
 @dataclass(frozen=True)

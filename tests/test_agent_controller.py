@@ -16,6 +16,7 @@ from deltaswarm_agent.controller import (
     agent_rng,
     make_controller,
 )
+from deltaswarm_agent.controllers.central.controller import CentralController
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
@@ -166,9 +167,10 @@ def refused(mode: str, **options: Any) -> list[Problem]:
 
 @pytest.mark.parametrize("mode", CONTROLLERS)
 def test_a_shipped_controller_is_made_by_its_short_name(mode: str) -> None:
-    """The three modes of the paper are one class."""
-    made = make_controller(1, settings(mode))
-    assert type(made) is (PotentialController if mode == "potential" else PaperController)
+    """The modes of the paper are one class, and so is `adaptive` but for its defaults."""
+    others = {"potential": PotentialController, "central": CentralController}
+    made = make_controller(1, load(AgentSettings, {"range_m": 150.0, "control": {"mode": mode}}))
+    assert isinstance(made, others.get(mode, PaperController))
 
 
 def test_anybodys_class_is_a_controller() -> None:

@@ -14,6 +14,7 @@ from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import (
     FREE,
+    MAX_DELTA,
     MAX_POSES,
     MAX_ROLE,
     MAX_SENSED,
@@ -215,7 +216,7 @@ def test_a_bad_decision_is_one_line_with_controller_and_step(bad: Any) -> None:
         ("velocity of text", "(got ('fast', 0.0))"),
         ("until of text", "until must"),
         ("events of nothing", "observed must"),
-        ("level of a share", "(got 1.5, -1, -1)"),
+        ("level of a share", "(got 1.5, -1, -1, 0)"),
         ("report of nothing", "report.events must"),
         ("exit", "SystemExit: 0"),
         ("nothing", "Decision (got NoneType)"),
@@ -248,6 +249,7 @@ decisions = st.builds(
     agents | st.just(-1),
     agents | st.just(-1),
     st.none() | st.integers(4, 10**6),
+    delta=st.integers(0, MAX_DELTA),
 )
 
 
@@ -257,7 +259,7 @@ def test_every_good_decision_is_sent_as_it_is(decision: Decision) -> None:
     out = outbound(decision)
     assert decode_act(out.act_bytes) == out.act
     assert ((out.act.vx_mps, out.act.vy_mps), out.act.observed) == (decision.velocity, decision.observed)
-    assert out.act.standing == Standing(decision.role, decision.level, decision.parent, decision.root)
+    assert out.act.standing == Standing(decision.role, decision.level, decision.parent, decision.root, decision.delta)
     assert (out.radio and decode_sample(out.radio).payload) == decision.payload
 
 

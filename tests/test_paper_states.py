@@ -128,7 +128,7 @@ def recalled(watch: Watch) -> None:
         for at_s in range(100, ROUGH_STEPS, RECALL_EVERY_S)
         for root in range(12)
     ]
-    crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=2)
+    crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
     for step, tally in enumerate(play(crew, ROUGH_STEPS)):
         crew.close(Clock(step, tally.time_s, last=False))
         watch.check(crew)

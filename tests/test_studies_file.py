@@ -21,10 +21,10 @@ STUDIES = [name for names in COLLECTIONS.values() for name in names]
 
 @pytest.mark.parametrize("name", STUDIES)
 def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
-    """Twenty replicates of each variant, and enough of them for its contrasts; every figure has a caption."""
+    """Enough replicates for its contrasts; every figure has a caption."""
     study = load_study(name)
-    assert study.repeats == 20
-    assert study.file.figure
+    assert study.repeats >= 10 or not study.file.contrast
+    assert study.file.figure or study.file.grid or study.file.fit
     assert all(figure.caption and figure.name for figure in study.file.figure)
     assert all(contrast.text and contrast.id for contrast in study.file.contrast)
     assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
