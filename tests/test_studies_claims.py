@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.studies.claims import claims_of, vacuous_claims
 from deltaswarm_orchestrator.studies.contrasts import contrasts_of
 from deltaswarm_orchestrator.studies.tables import runs_of
-from tests.studying import FAST, LEVELS, LIMIT, MODES, OWN, SAME, SLOW, made, table, worse_at_90
+from tests.studying import FAST, LEVELS, LIMIT, MODES, OWN, SAME, SLOW, made, spread, table, worse_at_90
 
 NONE = pd.DataFrame()
 
@@ -190,3 +190,24 @@ def test_holms_correction_is_over_the_claims_of_one_source() -> None:
     found = claims_of(study, runs_of(study, table(worse_at_90), NONE)).set_index("claim")
     assert found["family"].to_dict() == {"a": 2, "b": 2, "c": 1}
     assert found.loc["a", "p_holm"] == pytest.approx(2 * found.loc["c", "p_holm"])
+
+
+@pytest.mark.parametrize(
+    ("less", "more", "verdict"),
+    [("messages", "waiting", "holds"), ("waiting", "messages", "refuted")],
+)
+def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: str) -> None:
+    """Waiting of sensed events puts the variants into the same order as `waiting_all` does, messages do not."""
+
+    def exact(level: str, mode: str, replicate: int) -> float:
+        return spread(level, mode, replicate) * (1 + LEVELS.index(level) + 3 * MODES.index(mode))
+
+    def vague(level: str, mode: str, replicate: int) -> float:
+        return exact(level, mode, replicate) * (0.1 if replicate % len(LEVELS) == LEVELS.index(level) else 1.0)
+
+    study = made(
+        OWN + f'[[claim]]\nid = "c"\ntext = "c"\nkind = "predicts"\nmetric = "waiting_all"\n'
+        f'less = "{less}"\nmore = "{more}"\n'
+    )
+    row = claims_of(study, runs_of(study, table(exact, vague), NONE)).iloc[0]
+    assert (row["verdict"], row["n"]) == (verdict, 10)

@@ -36,7 +36,7 @@ def used_metrics(study: Study) -> list[str]:
     """List every metric that the study tabulates, tests or draws by run."""
     file = study.file
     names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
-    names += [claim.metric for claim in file.claim]
+    names += [name for claim in file.claim for name in (claim.metric, *claim.predictors)]
     names += [target.metric for fit in file.fit for target in fit.targets]
     names += [grid.metric for grid in file.grid]
     for figure in file.figure:
@@ -69,7 +69,7 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
             yield f"{where}.across", [contrast.across], [name for name in factors if name != contrast.factor]
             yield f"{where}.across_pairs", [*itertools.chain(*contrast.across_pairs)], factors.get(contrast.across, ())
     for i, claim in enumerate(file.claim):
-        yield f"claim[{i}].metric", [claim.metric], metrics
+        yield f"claim[{i}].metric", [claim.metric, *claim.predictors], metrics
         yield f"claim[{i}] ({claim.id})", claim.variants, variants
     for i, recovery in enumerate(file.recovery):
         yield f"recovery[{i}].metric", [recovery.metric], _over_time()

@@ -32,7 +32,7 @@ def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it.
     """
     claims = study.file.claim
-    found = [_Judged(claim, samples_of(runs, claim.metric)) for claim in claims]
+    found = [_Judged(claim, runs) for claim in claims]
     rows: dict[str, Row] = {}
     for source in dict.fromkeys(claim.source for claim in claims):
         family = [one for one in found if one.claim.source == source]
@@ -44,8 +44,9 @@ def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 class _Judged:
     """A claim with the quantity that it is about: a value, or a contrast."""
 
-    def __init__(self, claim: ClaimSettings, of: Callable[[str], pd.Series]) -> None:
+    def __init__(self, claim: ClaimSettings, runs: pd.DataFrame) -> None:
         self.claim = claim
+        of = samples_of(runs, claim.metric) if claim.kind != "predicts" else _correlations(runs, claim.metric)
         self._contrast: Contrast | None = None
         self._values = np.zeros(0)
         self._error = MEDIAN_ERROR * claim.iqr / math.sqrt(claim.n) if claim.n else 0.0
@@ -55,13 +56,13 @@ class _Judged:
             self.n = len(self._values)
             self.p = smallest_alpha(lambda alpha: self._verdict(alpha) != UNDECIDED) if self.n else 1.0
             return
-        a, b = (of(claim.more), of(claim.less)) if claim.kind == "order" else (of(claim.a), of(claim.b))
+        a, b = (of(claim.a), of(claim.b)) if claim.kind == "alike" else (of(claim.more), of(claim.less))
         scale = scale_of(a, b)
-        if scale != RATIO and claim.kind == "order":  # a - r b above 0 says the same as a / b above r
+        if scale != RATIO and claim.kind != "alike":  # a - r b above 0 says the same as a / b above r
             b, self._least = claim.at_least * b, 0.0
         self._contrast = found = contrast(a, b, scale)
         self.n = found.n
-        if claim.kind == "order":
+        if claim.kind != "alike":
             self.p = found.p(self._least)
         else:
             self.p = min(found.p_within(claim.margin), found.p_beyond(claim.margin)) if scale == RATIO else 1.0
@@ -83,7 +84,7 @@ class _Judged:
             return REFUTED if high < least or low > most else UNDECIDED
         if self.p > alpha:
             return UNDECIDED
-        if self.claim.kind == "order":
+        if self.claim.kind != "alike":
             return HOLDS if found.p_above(self._least) < found.p_below(self._least) else REFUTED
         return HOLDS if found.p_within(self.claim.margin) <= alpha else REFUTED
 
@@ -118,9 +119,23 @@ class _Judged:
         claim, (low, high) = self.claim, self.claim.region
         if claim.kind == "alike":
             return f"within {claim.margin:g} times"
-        if claim.kind == "order":
+        if claim.kind in ("order", "predicts"):
             return f"at least {claim.at_least:g} times" if claim.at_least != 1 else "more"
         return f"above {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"
+
+
+def _correlations(runs: pd.DataFrame, metric: str) -> Callable[[str], pd.Series]:
+    """Return a function from a predictor to its rank correlation with a metric over the variants, by replicate.
+
+    Spearman's correlation, which asks only how well one order follows from the other.
+    """
+    outcomes = runs.assign(value=column(runs, metric)).pivot_table("value", "variant", "replicate")
+
+    def of(predictor: str) -> pd.Series:
+        predicted = runs.assign(value=column(runs, predictor)).pivot_table("value", "variant", "replicate")
+        return outcomes.rank().corrwith(predicted.reindex_like(outcomes).rank())
+
+    return of
 
 
 def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
@@ -128,7 +143,7 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
     found = []
     for claim in study.file.claim:
         values = column(runs, claim.metric).dropna().to_numpy(float)
-        if not len(values):
+        if not len(values) or claim.kind == "predicts":
             continue
         (least, most), low, high = claim.region, values.min(), values.max()
         if claim.kind == "value":

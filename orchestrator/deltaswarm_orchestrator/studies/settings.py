@@ -73,10 +73,10 @@ class ClaimSettings:
     text: str = key("", "the claim, in a sentence")
     source: str = key("", "who says so, and where")
     says: str = key("", "what the source says, as it says it")
-    kind: str = key("order", "order, value or alike", choices=("order", "value", "alike"))
-    metric: str = key("waiting", "the metric's name")
-    less: str = key("", "of an order: the variant that has less")
-    more: str = key("", "of an order: the variant that has more")
+    kind: str = key("order", "order, value, alike or predicts", choices=("order", "value", "alike", "predicts"))
+    metric: str = key("waiting", "the metric's name; of predicts: what is predicted")
+    less: str = key("", "of an order: the variant that has less; of predicts: the metric that predicts worse")
+    more: str = key("", "of an order: the variant that has more; of predicts: the metric that predicts better")
     at_least: float = key(1.0, "of an order: least ratio of more to less", above=0)
     of: str = key("", "of a value: the variant")
     within: tuple[float, ...] = key((), "of a value: the tolerance, two numbers [metric's unit]")
@@ -96,6 +96,7 @@ class ClaimSettings:
             "order": {"less": self.less, "more": self.more},
             "value": {"of": self.of, "within": has_tolerance != (self.above is not None)},
             "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
+            "predicts": {"less": self.less, "more": self.more},
         }
         found = [
             Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
@@ -104,19 +105,27 @@ class ClaimSettings:
         ]
         if bool(self.iqr) != bool(self.n):
             found.append(Problem("iqr", f"iqr {self.iqr:g}, n {self.n}", "must be given together with n"))
-        if len(set(self.variants)) < len(self.variants):
-            found.append(Problem("more" if self.kind == "order" else "b", self.variants[0], "must be another variant"))
+        named = self.variants or self.predictors
+        if len(set(named)) < len(named):
+            found.append(Problem("b" if self.kind == "alike" else "more", named[0], "must be another one"))
         return found
 
     @property
     def variants(self) -> list[str]:
-        """The variants that the claim is about."""
+        """The variants that the claim is about; those of `predicts` are all of the study."""
+        if self.kind == "predicts":
+            return []
         return [name for name in (self.less, self.more, self.of, self.a, self.b) if name]
+
+    @property
+    def predictors(self) -> list[str]:
+        """The metrics that `predicts` compares."""
+        return [name for name in (self.less, self.more) if name] if self.kind == "predicts" else []
 
     @property
     def region(self) -> tuple[float, float]:
         """Where the tested quantity must be: a ratio of `more` to `less` or of `a` to `b`, or a value."""
-        if self.kind == "order":
+        if self.kind in ("order", "predicts"):
             return self.at_least, math.inf
         if self.kind == "alike":
             return 1 / self.margin, self.margin
