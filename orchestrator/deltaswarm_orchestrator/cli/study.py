@@ -15,11 +15,15 @@ if TYPE_CHECKING:
     from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.study import Study
 
+RUNS = "runs.csv"
+"""The table of a study's runs in its folder."""
+
 EXAMPLES = """\
 examples:
   deltaswarm study paper --plan        the planned runs, how long they take, what they could show
-  deltaswarm study paper               every number and claim of the paper, from 440 runs
+  deltaswarm study paper               every number and claim of the paper, from 560 runs
   deltaswarm study limits --repeats 3  nine limits of the network; three replicates are a look, not a verdict
+  deltaswarm study all --plan          what all built-in studies would take
   deltaswarm study my-study.toml       your own question
   deltaswarm study paper --render      make the page again from its tables
   deltaswarm study paper --check       repeat one of its runs, and compare it with its row in the tables
@@ -71,8 +75,14 @@ def study(arguments: argparse.Namespace) -> int:
         plans = [plan(one, arguments.pilot or folder, workers) for one, folder in zip(studies, folders, strict=True)]
         print("\n\n".join(plans))
         return OK
+    if is_collection and (arguments.render or arguments.check):
+        lacking = [one.name for one, folder in zip(studies, folders, strict=True) if not (folder / RUNS).exists()]
+        if lacking:
+            complain(f"{out} has no tables of {', '.join(lacking)}")
+        studies = [one for one in studies if one.name not in lacking]
+        folders = [out / one.name for one in studies]
     if arguments.check:
-        return max(_checked(one, folder) for one, folder in zip(studies, folders, strict=True))
+        return max((_checked(one, folder) for one, folder in zip(studies, folders, strict=True)), default=FAILED)
     codes, told = [], []
     for one, folder in zip(studies, folders, strict=True):
         try:
@@ -90,7 +100,7 @@ def study(arguments: argparse.Namespace) -> int:
         print(f"{arguments.study}: {index}", file=sys.stderr)
     if arguments.json:
         print(json.dumps(told if is_collection else told[0] if told else None))
-    return max(codes, key=(OK, MISSED, FAILED, USAGE).index)
+    return max(codes, key=(OK, MISSED, FAILED, USAGE).index, default=FAILED)
 
 
 def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any]]:

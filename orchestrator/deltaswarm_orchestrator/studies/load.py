@@ -13,7 +13,8 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
 COLLECTIONS = {folder.rpartition("/")[2]: list(files_in(folder)) for folder in STUDY_FOLDERS}
-"""The built-in studies by the name of their folder. The studies of a folder are done one after the other."""
+"""The built-in studies by the name of their folder, and all of them. Those of a collection are done one by one."""
+COLLECTIONS["all"] = [name for names in COLLECTIONS.values() for name in names]
 
 
 def load_study(

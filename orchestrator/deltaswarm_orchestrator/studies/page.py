@@ -237,7 +237,7 @@ def write_index(name: str, studies: Sequence[Study], folder: Path) -> Path:
     """Write `index.html` and `index.md`, which link the pages of a collection's studies; return `index.html`."""
     done = [study for study in studies if (folder / study.name / "page.html").exists()]
     context = {
-        "title": f"Studies: {name}",
+        "title": "Studies" if name == "all" else f"Studies: {name}",
         "question": f"{len(done)} studies, each with its own page.",
         "links": [
             {"page": f"{study.name}/page", "title": study.title, "question": study.file.study.question}
