@@ -31,7 +31,7 @@ def test_an_operator_that_is_killed_while_its_person_answers_spoils_no_run(tmp_p
         code, _, errors = swarm.finish(BOUND_S)
     summary = swarm.summary()
     assert (code, summary["valid"], summary["steps"], swarm.manifest()["exit_reason"]) == (0, True, 50, "finished")
-    [why] = summary["why"]
+    why = summary["why"][0]  # another may follow: if the world is just ending, the operator is started again in vain
     assert "operator was killed by SIGKILL" in why
     assert why in errors
 
