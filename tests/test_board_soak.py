@@ -6,7 +6,7 @@ import pytest
 
 from tests.soak import LOSS_EVERY_S, soak
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
 
 def test_memory_does_not_grow_with_time(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from deltaswarm_wire import __version__
 from tests.boards import run_with_board, usual_digest
 from tests.complaints import names
 
-pytestmark = pytest.mark.timeout(900)  # a dozen calls of pip, each of which may wait for its index
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # a dozen calls of pip, each of which may wait for its index
 
 ROOT = Path(__file__).parents[1]
 ARM64, ARM32, PC = PLATFORMS

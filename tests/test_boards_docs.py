@@ -178,6 +178,7 @@ def place(tmp_path: Path) -> Path:
 
 @pytest.mark.timeout(900)
 @pytest.mark.processes
+@pytest.mark.slow
 def test_the_commands_work(place: Path) -> None:
     """Those that need no board, in the order in which they stand; bundles of other platforms are tested elsewhere."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

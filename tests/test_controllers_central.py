@@ -233,7 +233,7 @@ def waiting_s(*overrides: str) -> float:
 
 def test_more_knowledge_means_less_waiting() -> None:
     """Decentralised, central, and with all events known."""
-    shared = ["run.duration_s=3000", "metrics.horizon_s=600"]
+    shared = ["run.duration_s=1200", "metrics.horizon_s=300", "events.rate_hz=0.1"]
     decentralised = waiting_s(*shared, "control.mode=decentralised")
     central = waiting_s(*shared, *SHORT[1:])
     everything = waiting_s(*shared, "run.bound=everything")

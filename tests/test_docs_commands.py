@@ -78,6 +78,7 @@ def test_the_files_on_a_page_are_toml_with_a_name(name: str) -> None:
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
     """The commands of FAILURES.md, with a shorter run: cut off after a checkpoint, resumed, and whole."""
     begin, resume = commands(page("docs/FAILURES.md"))
@@ -103,6 +104,7 @@ def test_the_command_for_the_scenario_keys_writes_the_page(tmp_path: Path) -> No
     assert (tmp_path / "SCENARIO.md").read_text() == reference()
 
 
+@pytest.mark.slow
 def test_a_recording_is_exported(tmp_path: Path) -> None:
     """The command of RECORDING.md, beside the run that it exports."""
     [command] = commands(page("docs/RECORDING.md"))
@@ -112,6 +114,7 @@ def test_a_recording_is_exported(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_a_run_is_watched(tmp_path: Path) -> None:
     """The commands of LIVE.md, with a smaller run on any port; `top` prints what it would draw."""
     look, begin = commands(page("docs/LIVE.md"))

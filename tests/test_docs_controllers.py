@@ -28,6 +28,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_the_commands_work(folder: Path) -> None:
     """As they stand; equal digests with processes and without, in the sweep too, and a report with both."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

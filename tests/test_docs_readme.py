@@ -48,7 +48,10 @@ def files(page: str) -> dict[str, str]:
 
 @pytest.mark.processes
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize(("page", "least"), [(README, 9), (SWEEPS, 11)], ids=["README", "SWEEPS"])
+@pytest.mark.parametrize(
+    ("page", "least"),
+    [pytest.param(README, 9, id="README"), pytest.param(SWEEPS, 11, marks=pytest.mark.slow, id="SWEEPS")],
+)
 def test_the_commands_work(page: str, least: int, tmp_path: Path) -> None:
     """In the order in which they stand, in one folder, with exit code 0."""
     environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}

@@ -12,6 +12,7 @@ SHORT = "--set run.duration_s=20 --set agents.count=6"
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_a_run_with_a_station_is_scripted_and_replayed(tmp_path: Path) -> None:
     """In the order in which the commands stand; the script's commands leave the base again when they did."""
     station, scripted, replay = commands(PAGE)

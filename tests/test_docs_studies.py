@@ -23,6 +23,7 @@ PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/r
 SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
 
 
+@pytest.mark.slow
 def test_the_example_works(tmp_path: Path) -> None:
     """Its commands in their order, with shorter runs: a page with the finding's claim judged."""
     [(name, text)] = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", PAGE, flags=re.DOTALL)

@@ -18,6 +18,7 @@ SHORTER = {
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_the_tutorial_ends_in_a_figure(tmp_path: Path) -> None:
     """Every command in order (runs are shorter): equal digests, a claim that is judged, and the reader's own figure."""
     install, *steps = blocks(PAGE)

@@ -11,6 +11,7 @@ from tests import namespaces
 from tests.namespaces import HUB, network, why_not
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.processes,
     pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),
 ]

@@ -19,6 +19,7 @@ from tests.namespaces import HUB, Network, network, why_not
 from tests.swarms import PATIENCE_S, wait_until
 
 pytestmark = [
+    pytest.mark.slow,
     pytest.mark.processes,
     pytest.mark.timeout(900),
     pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),

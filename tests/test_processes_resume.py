@@ -102,6 +102,7 @@ def same_as_undisturbed(swarm: RunningSwarm) -> None:
     assert recorded.complete
 
 
+@pytest.mark.slow
 def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
     """World, operator, agents, recorder and orchestrator, at any moment after another checkpoint."""
     with running(tmp_path / "run", "--checkpoint", "30", *SETS, *UNHURRIED) as swarm:
@@ -132,7 +133,7 @@ def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
     }
 
 
-@pytest.mark.parametrize("how", ["Ctrl-C", "the world is killed"])
+@pytest.mark.parametrize("how", [pytest.param("Ctrl-C", marks=pytest.mark.slow), "the world is killed"])
 def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -> None:
     """It has its name and its tables, and says how to go on."""
     with running(tmp_path / "run", "--checkpoint", "30", *SETS, *UNHURRIED) as swarm:

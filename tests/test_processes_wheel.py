@@ -14,7 +14,7 @@ from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 from tests.swarms import PATIENCE_S, run, started, wait_until
 
-pytestmark = pytest.mark.processes
+pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
 ROOT = Path(__file__).parents[1]
 

@@ -99,6 +99,7 @@ def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_path: Path) -> None:
     """Killed with -9 in mid-sweep: the other does its runs, and the table is the local one's, bit for bit."""
     file = written(tmp_path, duration_s=150.0, repeats=3, prove=1)
@@ -115,6 +116,7 @@ def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_pa
 
 
 @pytest.mark.processes
+@pytest.mark.slow
 def test_the_loss_of_the_scheduler_is_said_and_costs_only_what_is_missing(cluster: Cluster, tmp_path: Path) -> None:
     """In one line and exit code 1; what is finished is in the table, and the next call does the rest."""
     file = written(tmp_path, duration_s=300.0, repeats=20)

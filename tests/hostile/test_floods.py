@@ -21,7 +21,12 @@ def silence(tmp_path_factory: pytest.TempPathFactory) -> Ended:
     return play(tmp_path_factory.mktemp("silence") / "run", "smoke", STEPS, SILENCE)
 
 
-@pytest.mark.parametrize("flood", [name for name in FLOODS if name not in MALFORMED])
+def first_of(names: list[str]) -> list[object]:
+    """The first name, and the others as slow tests."""
+    return [names[0], *(pytest.param(name, marks=pytest.mark.slow) for name in names[1:])]
+
+
+@pytest.mark.parametrize("flood", first_of([name for name in FLOODS if name not in MALFORMED]))
 def test_a_flood_costs_the_flooder_alone(flood: str, silence: Ended, tmp_path: Path) -> None:
     """No other agent loses a step, no process grows, and the agent is named.
 
@@ -46,7 +51,7 @@ def test_malformed_samples_are_counted_for_their_agent(silence: Ended, tmp_path:
     assert log.count(f"dropped a sample on a key of agent {WHO}") == 1
 
 
-@pytest.mark.parametrize("request_", REFUSED)
+@pytest.mark.parametrize("request_", first_of([*REFUSED]))
 def test_what_the_router_refuses_harms_nobody(request_: str, silence: Ended, tmp_path: Path) -> None:
     """Nor does it fill the disk, although Zenoh has an error for each request, thousands per second."""
     assert harm(play(tmp_path / "run", "smoke", STEPS, request_, rest_s=REST_S), silence) == []
