@@ -134,7 +134,7 @@ def test_a_signed_command_is_relayed_and_a_forged_one_is_refused(tmp_path: Path)
     [fate] = totals["commands"]
     assert (fate["number"], fate["name"], fate["heard"], fate["done"], fate["refused"]) == (number, "hold", 1, 1, 0)
     assert totals["frames"] >= 1
-    assert str(number) in (operator.out / "deeds.csv").read_text()
+    assert str(number) in (operator.out / "actions.csv").read_text()
 
 
 @pytest.mark.processes

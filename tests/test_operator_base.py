@@ -1,4 +1,4 @@
-"""The operator's base in open air: which frames leave it when; and the desk's numbers after a restart."""
+"""The operator's base in open air: which frames leave it when; and the console's numbers after a restart."""
 
 import json
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deltaswarm_operator import picture
 from deltaswarm_operator.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.commander import Commander
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_wire.commands import (
     ALL,
     MAX_SIGNATURE_BYTES,
@@ -119,12 +119,12 @@ def test_a_later_operator_numbers_higher() -> None:
 
 def test_in_open_air_there_is_no_pace() -> None:
     """The page is told so, and who asks for one all the same is refused."""
-    desk = Desk(Briefing(forms=FORMS), in_air=True)
-    assert json.loads(desk.hello("field"))["speeds"] == []
+    console = Console(Briefing(forms=FORMS), in_air=True)
+    assert json.loads(console.hello("field"))["speeds"] == []
     for intent in ({"paused": True}, {"steps": 1}, {"speed": 5}):
-        [answer] = desk.intend(json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
+        [answer] = console.intend(json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
         assert json.loads(answer)["type"] == "refused"
-    assert desk.pace.hold_step == -1
+    assert console.pace.hold_step == -1
 
 
 def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch) -> None:

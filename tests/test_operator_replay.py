@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator import replay as module
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_operator.replay import RecordedStep, Replay
 from deltaswarm_operator.replaying import read
 from deltaswarm_wire.operator_messages import Clock
@@ -35,7 +35,7 @@ SETS = (
 def recorded() -> tuple[Any, list[RecordedStep]]:
     """A commanded run, as it reached its operator."""
     played = swarm("smoke", *SETS)
-    assert played.desk is not None
+    assert played.console is not None
     steps = []
     for step in range(STEPS):
         tally = played.step(step, step == STEPS - 1)
@@ -43,33 +43,33 @@ def recorded() -> tuple[Any, list[RecordedStep]]:
         workload = played.close(clock)
         steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
     assert sum(len(step.reports) for step in steps) > 100
-    return played.desk._briefing, steps
+    return played.console._briefing, steps
 
 
 def a_replay() -> Replay:
     return Replay(*recorded())
 
 
-def seen(desk: Desk) -> tuple[Any, ...]:
-    """What a desk knows."""
-    picture = desk.picture
+def seen(console: Console) -> tuple[Any, ...]:
+    """What a console knows."""
+    picture = console.picture
     known = picture.rows(), picture.inbox, picture.unread, picture.now_s
-    return *known, desk.commander.rows(picture.now_s), desk._messages, list(desk._history)
+    return *known, console.commander.rows(picture.now_s), console._messages, list(console._history)
 
 
 @cache
 def straight(time_s: int) -> tuple[Any, ...]:
     """What the operator knew at a time of the run itself."""
     briefing, steps = recorded()
-    desk = Desk(briefing)
+    console = Console(briefing)
     for step in steps[: time_s + 1]:
-        desk.close(*step, 0.0)
-    return seen(desk)
+        console.close(*step, 0.0)
+    return seen(console)
 
 
 @given(st.lists(st.integers(0, STEPS - 1) | st.floats(-50, STEPS + 50), min_size=1, max_size=6))
 def test_a_jump_shows_what_the_run_had_shown(times_s: list[float]) -> None:
-    """Back and forth, beyond the ends, and between the desks that are kept."""
+    """Back and forth, beyond the ends, and between the consoles that are kept."""
     kept = module.KEPT_EVERY_STEPS
     module.KEPT_EVERY_STEPS = 37
     try:
@@ -77,7 +77,7 @@ def test_a_jump_shows_what_the_run_had_shown(times_s: list[float]) -> None:
         for time_s in times_s:
             replay.seek(time_s)
             json.loads(replay.show())
-            assert seen(replay._desk) == straight(int(min(max(math.floor(time_s), 0), STEPS - 1)))
+            assert seen(replay._console) == straight(int(min(max(math.floor(time_s), 0), STEPS - 1)))
     finally:
         module.KEPT_EVERY_STEPS = kept
 
@@ -110,7 +110,7 @@ def test_time_passes_backwards() -> None:
     replay.intend(b'{"type":"pace","speed":-5}')
     for wall_s in range(30):
         replay.tick(wall_s)
-        assert seen(replay._desk) == straight(max(200 - 5 * wall_s, 0))
+        assert seen(replay._console) == straight(max(200 - 5 * wall_s, 0))
 
 
 HARM = [

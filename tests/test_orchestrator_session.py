@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
@@ -87,13 +87,13 @@ def test_a_plan_begins_with_training_and_asks_for_consent_once(tmp_path: Path) -
 def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
     """Without a text of consent too."""
     probes = ProbeSettings(participant="P007", condition="1 A")
-    desk = Desk(Briefing(operator=OperatorSettings(probes=probes)))
-    desk.begin(0.0)
-    assert desk.pace.hold_step == 0
-    sheet = json.loads(desk.hello("run"))["session"]["sheet"]
+    console = Console(Briefing(operator=OperatorSettings(probes=probes)))
+    console.begin(0.0)
+    assert console.pace.hold_step == 0
+    sheet = json.loads(console.hello("run"))["session"]["sheet"]
     assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
-    desk.intend(json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
-    assert desk.pace.hold_step == -1
+    console.intend(json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
+    assert console.pace.hold_step == -1
 
 
 def test_a_study_file_may_hold_a_session(tmp_path: Path) -> None:

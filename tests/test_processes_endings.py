@@ -16,7 +16,7 @@ from typing import Any, cast
 import pytest
 
 from deltaswarm_orchestrator import room
-from deltaswarm_orchestrator.recording.names import DEEDS
+from deltaswarm_orchestrator.recording.names import ACTIONS
 from deltaswarm_orchestrator.run import launch
 from deltaswarm_orchestrator.run.folder import RunFolder
 from deltaswarm_orchestrator.run.part import Part, wait_for
@@ -209,11 +209,11 @@ def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Pa
     length = () if stopped else ("--set", "run.duration_s=50")
     with running(tmp_path / "run", *IMPATIENT, *length) as swarm:
         wait_until((swarm.part / "manifest.json").exists, "the folder")
-        os.mkfifo(swarm.part / DEEDS)
+        os.mkfifo(swarm.part / ACTIONS)
         if stopped:
             swarm.wait_until_under_way()
             os.kill(swarm.process.pid, signal.SIGINT)
-        with os.fdopen(wait_until(lambda: reached(swarm.part / DEEDS), "the conclusion"), "w"):
+        with os.fdopen(wait_until(lambda: reached(swarm.part / ACTIONS), "the conclusion"), "w"):
             for number in (signal.SIGINT, signal.SIGTERM):
                 os.kill(swarm.process.pid, number)
         code, errors = ends_by_itself(swarm)

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.desk import Desk
-from deltaswarm_operator.staffed import StaffedDesk
+from deltaswarm_operator.console import Console
+from deltaswarm_operator.console_server import ConsoleServer
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import summary
 from deltaswarm_orchestrator.run.scenario import load_scenario
@@ -83,18 +83,18 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     first: list[Turn] = []
     second: list[Turn] = []
 
-    def desk(sent: list[Turn], go_on: bool) -> StaffedDesk:
-        return StaffedDesk(
-            *("run", Desk(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
+    def console(sent: list[Turn], go_on: bool) -> ConsoleServer:
+        return ConsoleServer(
+            *("run", Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
             is_awaited=briefing.is_awaited,
             go_on=go_on,
         )
 
-    before = desk(first, go_on=False)
+    before = console(first, go_on=False)
     for step in range(5):
         workload = Workload(step, float(step), 0, 0, 0.0, 0.0, 0.0, 0, 0, 0)
         before.close(Clock(step, float(step), False), workload, ())
-    after = desk(second, go_on=True)
+    after = console(second, go_on=True)
     after.go_on(4, before.state())
     after.begin()
     assert [turn.step for turn in first] == [0, 1, 2, 3, 4]

@@ -130,8 +130,8 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
     assert summary["valid"]
     assert summary["steps"] == 300
     assert len(commands_of(swarm.out)) == 40
-    deeds = table(swarm.out / "operator.csv")
-    assert [json.loads(deed["detail"])[0] for deed in deeds if deed["kind"] == "command"] == numbers
+    actions = table(swarm.out / "operator.csv")
+    assert [json.loads(action["detail"])[0] for action in actions if action["kind"] == "command"] == numbers
     script = [*given, "--commands", str(swarm.out / "commands.toml")]
     for name, more in (("processes", []), ("in-process", ["--in-process"])):
         assert swarms.run(tmp_path / name, *script, *more)["digest"] == summary["digest"], name
@@ -273,7 +273,7 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
         ("isa", "4"),
         *(("tlx", str(value)) for value in scales.values()),
     ]
-    kinds = [deed["kind"] for deed in table(swarm.out / "operator.csv")]
+    kinds = [action["kind"] for action in table(swarm.out / "operator.csv")]
     assert kinds == ["pace", "sheet", "isa", "note", "pace", "tlx"]
     assert swarm.summary()["valid"]
 

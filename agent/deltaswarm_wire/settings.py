@@ -158,8 +158,8 @@ class Scenario:
         return bool(self.command) or self.operator.person.commands
 
     @property
-    def has_desk(self) -> bool:
-        """Whether somebody who is no human sits at the operator's desk."""
+    def has_console(self) -> bool:
+        """Whether somebody who is no human sits at the operator's console."""
         return self.has_commander or self.operator.person.is_on
 
     def problems(self) -> list[Problem]:

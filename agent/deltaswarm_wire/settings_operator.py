@@ -43,7 +43,7 @@ SET_DELTA, DELTA = "set delta", "delta"
 
 @dataclass(frozen=True)
 class PersonSettings:
-    """A simulated person at the operator's desk; what each key stands for is in docs/OPERATOR.md."""
+    """A simulated person at the operator's console; what each key stands for is in docs/OPERATOR.md."""
 
     policy: str = key(
         OFF,
@@ -101,7 +101,7 @@ class OperatorSettings:
     threshold_hz: float = key(5.0, "time above this message rate is counted (sliding 60 s)", low=0)
     more_thresholds_hz: tuple[float, ...] = key((), "further thresholds that the station shows", low=0)
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
-    person: PersonSettings = key(PersonSettings, "a simulated person at the desk")
+    person: PersonSettings = key(PersonSettings, "a simulated person at the console")
 
 
 @dataclass(frozen=True)

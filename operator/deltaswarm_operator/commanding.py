@@ -22,7 +22,7 @@ NO_KEY = "needs --command-key FILE, whose public part the boards know; make one:
 
 @dataclass(frozen=True)
 class Commanding:
-    """A desk in open air."""
+    """A console in open air."""
 
     briefing: Briefing
     sign: Sign | None

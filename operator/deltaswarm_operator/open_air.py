@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.commanding import Commanding
-from deltaswarm_operator.fielded import FieldedDesk
+from deltaswarm_operator.field_console import FieldConsole
 from deltaswarm_operator.output import Output
 from deltaswarm_operator.page import Page
 from deltaswarm_operator.presence import OpenAirMeter
@@ -48,7 +48,7 @@ class OpenAirConfig:
     status_every_s: float
     """Interval of status lines [s]."""
     commanding: Commanding | None = None
-    """A desk with commands, a station or both."""
+    """A console with commands, a station or both."""
 
 
 WAKES_EVERY_S = 1.0
@@ -82,7 +82,7 @@ class OpenAirOperator:
                 keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
             ),
         ]
-        self.desk: FieldedDesk | None = None
+        self.console: FieldConsole | None = None
         if config.commanding is not None:
             radio = session.declare_publisher(
                 keys.agent(BASE, RADIO),
@@ -90,7 +90,7 @@ class OpenAirOperator:
                 congestion_control=zenoh.CongestionControl.DROP,
                 reliability=zenoh.Reliability.BEST_EFFORT,
             )
-            self.desk = FieldedDesk(config.run, config.commanding, config.out, radio.put, inbox.put_intent, station)
+            self.console = FieldConsole(config.run, config.commanding, config.out, radio.put, inbox.put_intent, station)
 
     def _into_inbox(self, arrival: Arrival) -> Any:
         return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
@@ -99,15 +99,15 @@ class OpenAirOperator:
     def totals(self) -> dict[str, Any]:
         """The meter's totals, with refused samples per sender."""
         refused = {whose_key(agent): count for agent, count in self._inbox.refused.items()}
-        return {**self.meter.totals, "refused_on": refused, **(self.desk.totals if self.desk else {})}
+        return {**self.meter.totals, "refused_on": refused, **(self.console.totals if self.console else {})}
 
     def run(self) -> None:
         """Process the inbox and close steps until stopped."""
         while True:
             now_s = self._now_s()
             workload = self.meter.close(now_s, len(self._inbox))
-            if self.desk:
-                self.desk.go_on(now_s, workload)
+            if self.console:
+                self.console.go_on(now_s, workload)
             if workload is not None:
                 self._write((*workload, len(self.meter.alive), len(self.meter.ill)))
                 if now_s >= self._status_due_s:
@@ -128,13 +128,13 @@ class OpenAirOperator:
 
     def _wait_s(self, now_s: float) -> float:
         wait_s = min(WAKES_EVERY_S, self.meter.wait_s(now_s))
-        return wait_s if self.desk is None else min(wait_s, self.desk.wait_s(now_s))
+        return wait_s if self.console is None else min(wait_s, self.console.wait_s(now_s))
 
     def _take_intent(self, intent: bytes | None) -> None:
         if intent is None:
             log.warning("the station has ended; the operator continues without it")
-        if self.desk:
-            self.desk.take(intent, self._now_s())
+        if self.console:
+            self.console.take(intent, self._now_s())
 
     def _write(self, row: Sequence[Any]) -> None:
         """Write a row. A full disk ends the table, but not the status lines."""
@@ -176,8 +176,8 @@ class OpenAirOperator:
     def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
         before = self.meter.is_doubled(agent)
         reason = self.meter.hear(agent, data, sent, self._now_s())
-        if reason is None and agent is not None and self.desk:
-            self.desk.hear(self.meter.agents[agent].newest)
+        if reason is None and agent is not None and self.console:
+            self.console.hear(self.meter.agents[agent].newest)
         if (is_doubled := self.meter.is_doubled(agent)) != before:
             what = "several processes report as agent %d: does another board have its number?"
             log.warning(what if is_doubled else "only one process reports as agent %d again", agent)
@@ -233,8 +233,8 @@ def _run_session(config: OpenAirConfig, settings: zenoh.Config, inbox: Inbox, st
             log.info("the operator monitors run %s", config.run)
             operator.run()
             totals = operator.totals
-            if operator.desk:
-                operator.desk.finish()
+            if operator.console:
+                operator.console.finish()
             output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused.total(), **totals})
     except OSError as error:
         log.error("the table in %s is incomplete: %s", config.out, error)

@@ -29,13 +29,13 @@ class Output:
         self._flush_due = 0.0
         self.state: dict[str, Any] | None = None
         """State confirmed by the previous operator, to resume from."""
-        self.desk: str | None = None
-        """The same for its desk."""
+        self.console: str | None = None
+        """The same for its console."""
         self.rows_before: list[list[str]] = []
         """Rows of the table confirmed by the previous operator."""
         if go_on and (folder / STATE).exists():
             saved = json.loads((folder / STATE).read_text())
-            self.state, self.desk = saved["meter"], saved["desk"]
+            self.state, self.console = saved["meter"], saved["console"]
             os.truncate(folder / TABLE, saved["table_bytes"])
             with (folder / TABLE).open(newline="") as table:
                 self.rows_before = list(csv.reader(table))[1:]
@@ -64,10 +64,10 @@ class Output:
         self._stream.flush()
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
 
-    def save(self, meter: Mapping[str, Any], desk: str | None = None) -> None:
-        """Write all rows so far and the state of meter and desk, from which an operator can resume."""
+    def save(self, meter: Mapping[str, Any], console: str | None = None) -> None:
+        """Write all rows so far and the state of meter and console, from which an operator can resume."""
         self.flush()
-        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "desk": desk})
+        self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "console": console})
 
     def checkpoint(self, step: int) -> None:
         """Copy the state just saved for this step into a checkpoint."""

@@ -12,9 +12,9 @@ from pathlib import Path
 from types import FrameType
 from typing import Any, cast
 
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
+from deltaswarm_operator.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_operator.output import Output
-from deltaswarm_operator.staffed import ANSWER_WITHIN_S, StaffedDesk
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
@@ -108,13 +108,13 @@ class OperatorProcess:
         self._workload = self._publisher(keys.workload, "Workload")
         self._taken = self._publisher(keys.taken(OPERATOR), "Taken")
         awaited = [self._taken, self._workload] if config.publish_all else [self._taken]
-        self._desk: StaffedDesk | None = None
+        self._console: ConsoleServer | None = None
         if config.briefing is not None:
             turns, paces = self._publisher(keys.turn, "Turn"), self._publisher(keys.pace, "Pace")
             awaited += [turns, paces]
-            self._desk = StaffedDesk(
+            self._console = ConsoleServer(
                 config.run,
-                Desk(config.briefing),
+                Console(config.briefing),
                 config.out,
                 lambda turn: turns.put(encode_turn(turn)),
                 lambda pace: paces.put(encode_pace(pace)),
@@ -124,7 +124,7 @@ class OperatorProcess:
                 go_on=output.state is not None,
             )
             if output.state is not None:
-                self._desk.go_on(self.meter.step, output.desk)
+                self._console.go_on(self.meter.step, output.console)
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
         """Publishers without a subscriber; the operator is not ready before this is empty."""
         listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
@@ -170,20 +170,20 @@ class OperatorProcess:
                 for row in self._output.rows_before:
                     self._workload.put(encode_workload(_workload(row)))
             self._taken.put(encode_taken(self._saved))
-            if self._desk is not None:
-                self._desk.begin()
+            if self._console is not None:
+                self._console.begin()
             self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
     def run(self) -> End:
         """Process the inbox in order until the end."""
         while True:
-            desk_s = None if self._desk is None else self._desk.wait_s
+            console_s = None if self._console is None else self._console.wait_s
             try:
-                arrival, sample = self._inbox.get(timeout=desk_s or SAVE_EVERY_S)
+                arrival, sample = self._inbox.get(timeout=console_s or SAVE_EVERY_S)
             except queue.Empty:
-                if self._desk is not None:
-                    self._desk.show()
+                if self._console is not None:
+                    self._console.show()
                 if time.monotonic() >= self._save_due:
                     self._save()
                 if not self._session.info.routers_zid():
@@ -197,10 +197,10 @@ class OperatorProcess:
             elif arrival is Arrival.LISTENER:
                 self._declare_ready()
             elif arrival is Arrival.INTENT:
-                if self._desk is not None:
-                    if self._desk.take(sample) and self.meter.step >= 0:
-                        self._output.save(self.meter.state(), self._desk.state())
-                    self._desk.show()
+                if self._console is not None:
+                    if self._console.take(sample) and self.meter.step >= 0:
+                        self._output.save(self.meter.state(), self._console.state())
+                    self._console.show()
             else:
                 return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
 
@@ -220,8 +220,8 @@ class OperatorProcess:
             self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
-        if self._desk is not None:
-            self._desk.close(clock, workload, self.meter.reports_of_closed_step)
+        if self._console is not None:
+            self._console.close(clock, workload, self.meter.reports_of_closed_step)
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
@@ -235,7 +235,7 @@ class OperatorProcess:
         """Save the counts, and confirm the step to the world."""
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
-            self._output.save(self.meter.state(), None if self._desk is None else self._desk.state())
+            self._output.save(self.meter.state(), None if self._console is None else self._console.state())
             if has_checkpoint:
                 self._output.checkpoint(self.meter.step)
             self._saved = self.meter.step
@@ -243,33 +243,33 @@ class OperatorProcess:
 
     def answer_to_the_end(self) -> None:
         """After the last step, release the world and wait for the person's open answers."""
-        desk = self._desk
-        if desk is None:
+        console = self._console
+        if console is None:
             return
         if self._token is not None:
             self._token.undeclare()
         deadline = time.monotonic() + ANSWER_WITHIN_S
-        while desk.is_asking and time.monotonic() < deadline:
+        while console.is_asking and time.monotonic() < deadline:
             try:
-                arrival, sample = self._inbox.get(timeout=desk.wait_s)
+                arrival, sample = self._inbox.get(timeout=console.wait_s)
             except queue.Empty:
-                desk.show()
+                console.show()
                 continue
             if arrival is Arrival.INTENT:
-                desk.take(sample)
-                desk.show()
+                console.take(sample)
+                console.show()
             elif arrival is Arrival.STOP:
                 break
 
     def totals_at(self, end: "End") -> dict[str, Any]:
         """Return the metrics of the whole run, and how it ended."""
         ending = {"complete": end is End.LAST_CLOCK, "end": end.value, "digest": self.meter.digest_hex}
-        return ending | self.meter.totals | ({} if self._desk is None else self._desk.totals)
+        return ending | self.meter.totals | ({} if self._console is None else self._console.totals)
 
-    def finish_desk(self) -> None:
+    def finish_console(self) -> None:
         """Complete the tables of the person's acts."""
-        if self._desk is not None:
-            self._desk.finish()
+        if self._console is not None:
+            self._console.finish()
 
     def _warn(self, reason: str) -> None:
         if not self._has_warned:
@@ -314,7 +314,7 @@ def run_operator(config: OperatorConfig) -> int:
                 output.totals(process.totals_at(end))
                 process.answer_to_the_end()
         finally:
-            process.finish_desk()
+            process.finish_console()
             output.finish(process.totals_at(end))
     totals = meter.totals
     level = logging.INFO if end is End.LAST_CLOCK else logging.ERROR

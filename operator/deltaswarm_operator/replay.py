@@ -1,4 +1,4 @@
-"""Replays a run at the operator's desk from what reached the operator, at any time, forwards and backwards.
+"""Replays a run at the operator's console from what reached the operator, at any time, forwards and backwards.
 
 Pure: the steps of a run in, the station's datagrams out. A replay shows nothing that the operator did not know then.
 """
@@ -9,12 +9,12 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 from deltaswarm_wire.settings_operator import Briefing
 
 KEPT_EVERY_STEPS = 200
-"""Interval at which a copy of the desk is kept: a jump back repeats at most this many steps."""
+"""Interval at which a copy of the console is kept: a jump back repeats at most this many steps."""
 
 FASTEST = 200.0
 """Simulated seconds per wall second, if the speed is "as fast as possible"."""
@@ -44,10 +44,10 @@ class Replay:
         self.speed, self.is_paused = briefing.speed or 1.0, False
         self._steps = steps
         self._step_s = briefing.step_s
-        self._desk = Desk(briefing)
+        self._console = Console(briefing)
         self._done = 0
-        """Number of steps that the desk has taken in."""
-        self._kept = {0: copy.deepcopy(self._desk)}
+        """Number of steps that the console has taken in."""
+        self._kept = {0: copy.deepcopy(self._console)}
         self._now_s = self.from_s
         self._told_wall_s: float | None = None
 
@@ -73,26 +73,26 @@ class Replay:
         self._now_s = min(max(time_s, self.from_s), self.to_s)
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
-            self._desk = copy.deepcopy(self._kept[self._done])
+            self._console = copy.deepcopy(self._kept[self._done])
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
             clock, workload, reports = self._steps[self._done]
-            self._desk.close(clock, workload, reports, 0.0)
+            self._console.close(clock, workload, reports, 0.0)
             self._done += 1
             if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
-                self._kept[self._done] = copy.deepcopy(self._desk)
+                self._kept[self._done] = copy.deepcopy(self._console)
 
     def _time_s(self, done: int) -> float:
         return self._steps[done - 1].clock.time_s
 
     def hello(self, run: str) -> bytes:
         """Return the message that describes the run to the page."""
-        return self._desk.hello(run, "replay", SPEEDS)
+        return self._console.hello(run, "replay", SPEEDS)
 
     def show(self) -> bytes:
         """Return the picture at the present time."""
         bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
-        self._desk.pace = self._desk.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
-        return self._desk.show(0.0, replay=bar, probe=None)
+        self._console.pace = self._console.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
+        return self._console.show(0.0, replay=bar, probe=None)
 
     def intend(self, data: bytes) -> list[bytes]:
         """Carry out an intent of the page; return the answers."""
@@ -109,7 +109,7 @@ class Replay:
             elif kind == "pace":
                 self.is_paused = bool(raw["paused"])
             elif kind in ("catch_up", "read"):
-                return self._desk.intend(data, 0.0)
+                return self._console.intend(data, 0.0)
             else:
                 refused = {"type": "refused", "to": raw.get("from"), "id": raw.get("id", ""), "why": REFUSED}
                 return [json.dumps(refused).encode()]

@@ -6,5 +6,5 @@ RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
 COMMANDS = "commands.toml"
 """The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""
 
-DEEDS = "deeds.csv"
+ACTIONS = "actions.csv"
 """The actions of the person at the station, written row by row during the run."""

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgpack
 
-from deltaswarm_orchestrator.recording.names import COMMANDS, DEEDS
+from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_wire import checked
@@ -49,8 +49,8 @@ def _commands(run: Path, step_s: float) -> dict[str, Any]:
     if (run / COMMANDS).exists():
         return tomllib.loads((run / COMMANDS).read_text())
     given = []
-    if (run / DEEDS).exists():
-        with (run / DEEDS).open(newline="") as stream, contextlib.suppress(ValueError):  # the last row may be cut off
+    if (run / ACTIONS).exists():
+        with (run / ACTIONS).open(newline="") as stream, contextlib.suppress(ValueError):  # the last row may be cut off
             for row in csv.DictReader(stream):
                 if row["kind"] == "command":
                     _, name, (kind, *numbers), arguments, life_s = json.loads(row["detail"] or "")

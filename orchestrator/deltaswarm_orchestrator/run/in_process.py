@@ -12,7 +12,7 @@ from typing import Any
 
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
 from deltaswarm_agent.shell import Outbound, Shell
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run.outcome import Outcome
@@ -44,10 +44,10 @@ class InProcess:
             self._make_controller = knowing_controllers(scenario, self.world)
         self.agents = [self._agent(agent) for agent in range(scenario.agents.count)]
         self.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
-        self.desk: Desk | None = None
+        self.console: Console | None = None
         """The scripted or simulated operator, if the scenario has one."""
-        if scenario.has_desk:
-            self.desk = Desk(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
+        if scenario.has_console:
+            self.console = Console(scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 0.0))
         self.agents_s = 0.0
         """Wall time spent in the agents' controllers and their encoding [s]."""
         self.failed: list[str] = []
@@ -100,10 +100,10 @@ class InProcess:
     def close(self, clock: Clock) -> Workload:
         """Close the step at the operator, and give the world the operator's turn."""
         workload = self.operator.close(clock, 0)
-        if self.desk is not None:
+        if self.console is not None:
             reports = self.operator.reports_of_closed_step
-            self.world.turns.take(self.desk.close(clock, workload, reports, time.monotonic()))
-            self.desk.deeds.clear()  # not recorded in this engine
+            self.world.turns.take(self.console.close(clock, workload, reports, time.monotonic()))
+            self.console.actions.clear()  # not recorded in this engine
         return workload
 
 
@@ -170,6 +170,6 @@ def run_in_process(
     outcome.messages += swarm.failed
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}
-    totals = swarm.operator.totals | (swarm.desk.totals if swarm.desk else {})
+    totals = swarm.operator.totals | (swarm.console.totals if swarm.console else {})
     outcome.operator = {"complete": complete, "digest": swarm.operator.digest_hex, **totals}
     return outcome

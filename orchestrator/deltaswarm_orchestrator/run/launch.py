@@ -163,7 +163,7 @@ class Swarm:
         argv += ["--out", str(self._folder), *(["--publish-all"] if publish_all else [])]
         argv += self._told_of_checkpoints()
         argv += ["--go-on"] if go_on or self._resumed else []
-        if self._station or scenario.has_desk:
+        if self._station or scenario.has_console:
             argv += ["--briefing", str(write_briefing(self._folder, scenario, self._station))]
         channel = self._station.operators_end if self._station else None
         argv = ["--low-latency", *argv, *self._joining()]

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import tomli_w
 
 from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.recording.names import COMMANDS, DEEDS
+from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.run.metrics import metrics
 from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_wire.files import write_whole
@@ -131,13 +131,13 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     if not keep_unmerged:
         for name in UNMERGED:
             (folder / name).unlink(missing_ok=True)
-        if (folder / DEEDS).exists():
-            (folder / DEEDS).rename(folder / OPERATOR_TABLE)
+        if (folder / ACTIONS).exists():
+            (folder / ACTIONS).rename(folder / OPERATOR_TABLE)
 
 
 def person_tables(folder: Path) -> list[tuple[str, bytes]]:
     """Return the tables of the person's actions and answers, with their final names; empty without a person."""
-    names = {DEEDS: OPERATOR_TABLE, PROBES: PROBES}
+    names = {ACTIONS: OPERATOR_TABLE, PROBES: PROBES}
     return [(final, (folder / name).read_bytes()) for name, final in names.items() if (folder / name).exists()]
 
 

@@ -1,4 +1,4 @@
-"""A desk in open air: commands go out as radio frames of the base, by the operator's own clock."""
+"""A console in open air: commands go out as radio frames of the base, by the operator's own clock."""
 
 import socket
 import time
@@ -10,18 +10,18 @@ from typing import Any
 from deltaswarm_operator.base import Base
 from deltaswarm_operator.commander import Commander
 from deltaswarm_operator.commanding import Commanding
-from deltaswarm_operator.desk import Desk
-from deltaswarm_operator.staffed import StaffedDesk
+from deltaswarm_operator.console import Console
+from deltaswarm_operator.console_server import ConsoleServer
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.envelope import Sent, encode_sent
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 MAX_REPORTS_OF_ONE = 16
-"""The desk takes this many of one agent's newest reports per step: without admission control anyone may send."""
+"""The console takes this many of one agent's newest reports per step: without admission control anyone may send."""
 
 
-class FieldedDesk:
-    """A desk with its base. Times count from the operator's start [s].
+class FieldConsole:
+    """A console with its base. Times count from the operator's start [s].
 
     Args:
         run: the run's name.
@@ -49,9 +49,9 @@ class FieldedDesk:
         self._reports: dict[int, deque[Report]] = {}
         self._now_s = 0.0
         commander = Commander(commanding.briefing.forms, commanding.sign, started)
-        desk = Desk(commanding.briefing, commander, in_air=True)
-        self._staffed = StaffedDesk(run, desk, folder, self._send, lambda pace: None, on_intent, station)
-        self._staffed.begin()
+        console = Console(commanding.briefing, commander, in_air=True)
+        self._server = ConsoleServer(run, console, folder, self._send, lambda pace: None, on_intent, station)
+        self._server.begin()
 
     def hear(self, report: Report | None) -> None:
         """Take in an accepted report. It counts when it arrives, since its step is by its board's clock."""
@@ -62,35 +62,35 @@ class FieldedDesk:
         """Close the step of this workload, if any; show the picture; send the frame that is due."""
         self._now_s = now_s
         if workload is None:
-            self._staffed.show()
+            self._server.show()
         else:
             arrived = [report._replace(step=workload.step) for of_one in self._reports.values() for report in of_one]
             self._reports.clear()
-            self._staffed.close(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
+            self._server.close(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
         frame = self.base.frame(now_s)
         if frame is not None:
             self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
 
     def wait_s(self, now_s: float) -> float:
         """Return the longest time until `go_on` must be called again [s]."""
-        waits = [wait_s for wait_s in (self._staffed.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
+        waits = [wait_s for wait_s in (self._server.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
         return min(waits, default=self._step_s)
 
     def take(self, intent: bytes | None, now_s: float) -> None:
         """Carry out an intent of the station; None: the station has gone."""
         self._now_s = now_s
-        self._staffed.take(intent)
-        self._staffed.show()
+        self._server.take(intent)
+        self._server.show()
 
     @property
     def totals(self) -> dict[str, Any]:
         """The operator's totals besides the workload."""
-        fates = self._staffed.desk.commander.fates(self._now_s)
-        return {**self._staffed.totals, "commands": fates, "frames": self.base.frames}
+        fates = self._server.console.commander.fates(self._now_s)
+        return {**self._server.totals, "commands": fates, "frames": self.base.frames}
 
     def finish(self) -> None:
         """Complete and close the tables."""
-        self._staffed.finish()
+        self._server.finish()
 
     def _send(self, turn: Turn) -> None:
         self.base.send(turn.commands, self._now_s)

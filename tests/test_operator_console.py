@@ -1,4 +1,4 @@
-"""The operator's desk: commands and their fate, what somebody at the station may want, a script, what is asked."""
+"""The operator's console: commands and their fate, what somebody at the station may want, a script, what is asked."""
 
 import csv
 import json
@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_operator.action_log import ActionLog
 from deltaswarm_operator.commander import MAX_QUEUE, Commander
-from deltaswarm_operator.deeds import DeedTables
-from deltaswarm_operator.desk import Desk
+from deltaswarm_operator.console import Console
 from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Answer, Clock, Report, Workload
@@ -23,9 +23,9 @@ CONSENT = {"operator": {"probes": {"consent": "Please"}}}
 TLX = {"operator": {"probes": {"tlx": True, "tlx_weights": True}}}
 
 
-def close(desk: Desk, step: int, *reports: Report, last: bool = False, wall_s: float = 0.0) -> Turn:
+def close(console: Console, step: int, *reports: Report, last: bool = False, wall_s: float = 0.0) -> Turn:
     workload = Workload(step, float(step), len(reports), 0, 0.0, 0.0, 0.0, 0, 0, 0)
-    return desk.close(Clock(step, float(step), last), workload, reports, wall_s)
+    return console.close(Clock(step, float(step), last), workload, reports, wall_s)
 
 
 def report(agent: int, step: int, *answers: Answer) -> Report:
@@ -35,13 +35,13 @@ def report(agent: int, step: int, *answers: Answer) -> Report:
 ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
 
 
-def say(desk: Desk, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
-    answers = desk.intend(json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
+def say(console: Console, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
+    answers = console.intend(json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
     return [json.loads(answer) for answer in answers]
 
 
-def shown(desk: Desk, wall_s: float = 0.0) -> dict[str, Any]:
-    return dict(json.loads(desk.show(wall_s)))
+def shown(console: Console, wall_s: float = 0.0) -> dict[str, Any]:
+    return dict(json.loads(console.show(wall_s)))
 
 
 def numbers(turn: Turn) -> list[int]:
@@ -115,8 +115,8 @@ def at(at_s: float, **more: Any) -> dict[str, Any]:
 
 def test_a_script_gives_each_command_two_steps_before_it_leaves() -> None:
     """Those of the first steps in the first turn, and of many at once so many in a turn as it holds."""
-    desk = Desk(briefing(at(7.4), at(0), at(3), *[at(12)] * 20))
-    given = {step: numbers(close(desk, step)) for step in range(14)}
+    console = Console(briefing(at(7.4), at(0), at(3), *[at(12)] * 20))
+    given = {step: numbers(close(console, step)) for step in range(14)}
     assert {step: count for step, count in given.items() if count} == {
         0: [0],
         1: [1],
@@ -128,22 +128,22 @@ def test_a_script_gives_each_command_two_steps_before_it_leaves() -> None:
 
 def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
     """In their order, and none is left out."""
-    desk = Desk(briefing(*[at(0)] * 300))
-    given = [number for step in range(30) for number in numbers(close(desk, step))]
+    console = Console(briefing(*[at(0)] * 300))
+    given = [number for step in range(30) for number in numbers(close(console, step))]
     assert given == list(range(300))
 
 
 @pytest.mark.parametrize("killed_after", [0, 2, 3, 4, 9])
-def test_another_desk_goes_on_where_one_was_killed(killed_after: int) -> None:
+def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
     """It gives the same turns, as if nothing had happened."""
     script = briefing(at(2), *[at(5)] * 40, at(9))
-    one, kept = Desk(script), ""
+    one, kept = Console(script), ""
     turns = []
     for step in range(12):
         turns.append(encode_turn(close(one, step, report(1, step, Answer(0, DONE)))))
         if step == killed_after:
             kept = json.dumps(one.state())
-    other = Desk(script)
+    other = Console(script)
     other.go_on(killed_after, json.loads(kept))
     other.begin(0.0)
     for step in range(killed_after + 1, 12):
@@ -155,15 +155,15 @@ def test_another_desk_goes_on_where_one_was_killed(killed_after: int) -> None:
 
 
 def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
-    """A new desk does not ask for what was answered, nor for questions that are past."""
-    one = Desk(briefing(**CONSENT))
+    """A new console does not ask for what was answered, nor for questions that are past."""
+    one = Console(briefing(**CONSENT))
     one.begin(0.0)
     say(one, "sheet", consent=True)
     for step in range(500):
         close(one, step, wall_s=float(step))
     say(one, "pace", paused=True)
     say(one, "pace", speed=5)
-    other = Desk(briefing(**CONSENT))
+    other = Console(briefing(**CONSENT))
     other.go_on(499, json.loads(json.dumps(one.state())))
     other.begin(0.0)
     assert other.pace == one.pace
@@ -176,16 +176,16 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
 
 def test_a_command_is_accepted_or_refused_with_a_reason() -> None:
     """And leaves with the next turn."""
-    desk = Desk(briefing())
+    console = Console(briefing())
     circle = {"kind": "circle", "x_m": 1, "y_m": 2, "radius_m": 3}
-    answer = say(desk, "command", id="c1", name="test", target=circle, arguments=RIGHT)
+    answer = say(console, "command", id="c1", name="test", target=circle, arguments=RIGHT)
     assert answer == [{"type": "accepted", "to": 3, "id": "c1", "number": 0}]
-    (refused,) = say(desk, "command", id="c2", name="test", target=circle, arguments={})
+    (refused,) = say(console, "command", id="c2", name="test", target=circle, arguments={})
     assert (refused["type"], refused["to"], refused["id"]) == ("refused", 3, "c2")
-    command = decode_command(desk.turn().commands[0].body)
+    command = decode_command(console.turn().commands[0].body)
     assert command.target == Target(CIRCLE, (1.0, 2.0, 3.0))
     assert command.arguments == RIGHT
-    assert [deed.kind for deed in desk.deeds] == ["command"]
+    assert [action.kind for action in console.actions] == ["command"]
 
 
 JSON = st.recursive(
@@ -201,28 +201,28 @@ NASTY = [{}, [1], None, "x", 10**400, -1, math.inf, math.nan, "\ud800", {"kind":
 
 
 @given(
-    st.sampled_from([*Desk._intents, "seek", 3]),
+    st.sampled_from([*Console._intents, "seek", 3]),
     st.dictionaries(st.sampled_from(FIELDS), JSON | st.sampled_from(NASTY), max_size=4),
 )
 def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
-    """Whatever somebody sends: the desk goes on, its picture can be shown, and its turn can be sent."""
-    desk = Desk(briefing(**TLX))
-    close(desk, 0, report(1, 0))
+    """Whatever somebody sends: the console goes on, its picture can be shown, and its turn can be sent."""
+    console = Console(briefing(**TLX))
+    close(console, 0, report(1, 0))
     for given_fields in (fields, {"name": "go", "target": {"kind": "all"}, **fields}):
-        say(desk, kind, **given_fields)
-        shown(desk)
-        decode_turn(encode_turn(desk.turn()))
-    assert math.isfinite(desk.pace.speed)
+        say(console, kind, **given_fields)
+        shown(console)
+        decode_turn(encode_turn(console.turn()))
+    assert math.isfinite(console.pace.speed)
 
 
 @given(st.binary(max_size=40) | st.sampled_from([b"{", b"[]", b"3", b"null", b'{"type":[]}', b'{"type":"pace"}']))
 def test_what_is_no_intent_is_counted(data: bytes) -> None:
     """And changes nothing."""
-    desk = Desk(briefing())
-    before = desk.pace
-    desk.intend(data, 0.0)
-    assert desk.rejected == 1
-    assert desk.pace == before
+    console = Console(briefing())
+    before = console.pace
+    console.intend(data, 0.0)
+    assert console.rejected == 1
+    assert console.pace == before
 
 
 @pytest.mark.parametrize(
@@ -232,74 +232,74 @@ def test_what_is_no_intent_is_counted(data: bytes) -> None:
 )
 def test_a_wrong_pace_is_refused(fields: dict[str, Any]) -> None:
     """The pace stays."""
-    desk = Desk(briefing(speed=2.0))
-    assert say(desk, "pace", **fields)[0]["type"] == "refused"
-    assert (desk.pace.speed, desk.pace.hold_step) == (2.0, -1)
+    console = Console(briefing(speed=2.0))
+    assert say(console, "pace", **fields)[0]["type"] == "refused"
+    assert (console.pace.speed, console.pace.hold_step) == (2.0, -1)
 
 
 def test_pause_step_and_speed() -> None:
     """A pause holds the next step, a number of steps a later one."""
-    desk = Desk(briefing(speed=2.0))
-    close(desk, 4)
-    say(desk, "pace", paused=True)
-    assert desk.pace.hold_step == 5
-    assert shown(desk)["pace"] == {"paused": True, "speed": 2.0}
-    say(desk, "pace", steps=3)
-    assert desk.pace.hold_step == 8
-    say(desk, "pace", speed=0)
-    assert desk.pace == (0.0, 8)
-    say(desk, "pace", paused=False)
-    assert desk.pace == (0.0, -1)
+    console = Console(briefing(speed=2.0))
+    close(console, 4)
+    say(console, "pace", paused=True)
+    assert console.pace.hold_step == 5
+    assert shown(console)["pace"] == {"paused": True, "speed": 2.0}
+    say(console, "pace", steps=3)
+    assert console.pace.hold_step == 8
+    say(console, "pace", speed=0)
+    assert console.pace == (0.0, 8)
+    say(console, "pace", paused=False)
+    assert console.pace == (0.0, -1)
 
 
 def test_a_page_that_comes_late_catches_up() -> None:
     """With items, what was read of them, and the rates so far."""
-    desk = Desk(briefing())
+    console = Console(briefing())
     for step in range(30):
-        close(desk, step, report(1, step))
-        shown(desk)
-    assert say(desk, "read", items=[0, 5, 5, 99]) == [{"type": "read", "items": [0, 5]}]
-    assert say(desk, "read", items=[5]) == [{"type": "read", "items": []}]
-    (told,) = say(desk, "catch_up")
+        close(console, step, report(1, step))
+        shown(console)
+    assert say(console, "read", items=[0, 5, 5, 99]) == [{"type": "read", "items": [0, 5]}]
+    assert say(console, "read", items=[5]) == [{"type": "read", "items": []}]
+    (told,) = say(console, "catch_up")
     assert (told["to"], len(told["inbox"]), told["read"], len(told["history"])) == (3, 30, [0, 5], 30)
-    assert shown(desk)["unread"] == 28
-    assert len(say(desk, "read", all=True)[0]["items"]) == 28
-    assert shown(desk)["unread"] == 0
+    assert shown(console)["unread"] == 28
+    assert len(say(console, "read", all=True)[0]["items"]) == 28
+    assert shown(console)["unread"] == 0
 
 
 def test_a_run_waits_for_consent() -> None:
     """Nothing else lets it go: neither a pause that ends, nor steps, nor a sheet without consent."""
-    desk = Desk(briefing(**CONSENT))
-    desk.begin(0.0)
-    assert shown(desk)["probe"] == {"kind": "sheet"}
+    console = Console(briefing(**CONSENT))
+    console.begin(0.0)
+    assert shown(console)["probe"] == {"kind": "sheet"}
     for kind, fields in (("pace", {"paused": False}), ("pace", {"steps": 5}), ("sheet", {}), ("sheet", {"consent": 1})):
-        assert say(desk, kind, **fields)[0]["type"] == "refused"
-        assert desk.pace.hold_step == 0
-    say(desk, "pace", speed=5)
-    assert desk.pace == (5.0, 0)
-    assert say(desk, "sheet", consent=True, participant="P" * 99) == []
-    assert desk.pace == (5.0, -1)
-    assert shown(desk)["probe"] is None
-    assert say(desk, "sheet", consent=True)[0]["type"] == "refused"
+        assert say(console, kind, **fields)[0]["type"] == "refused"
+        assert console.pace.hold_step == 0
+    say(console, "pace", speed=5)
+    assert console.pace == (5.0, 0)
+    assert say(console, "sheet", consent=True, participant="P" * 99) == []
+    assert console.pace == (5.0, -1)
+    assert shown(console)["probe"] is None
+    assert say(console, "sheet", consent=True)[0]["type"] == "refused"
 
 
 def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
     """At once on disk, whatever is in it; who goes on adds to the table."""
-    desk = Desk(briefing(operator={"probes": {"isa_every_s": 1}}))
+    console = Console(briefing(operator={"probes": {"isa_every_s": 1}}))
     text = 'ä, "quoted"\nline\r\n\x00'
-    tables = DeedTables(tmp_path, go_on=False)
+    tables = ActionLog(tmp_path, go_on=False)
     for step in range(2):
-        close(desk, step)
-    say(desk, "isa", number=0, answer=2)
-    say(desk, "note", text=text)
-    tables.write(desk)
-    with (tmp_path / "deeds.csv").open(newline="") as stream:
+        close(console, step)
+    say(console, "isa", number=0, answer=2)
+    say(console, "note", text=text)
+    tables.write(console)
+    with (tmp_path / "actions.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["kind"], json.loads(row["detail"])) for row in rows] == [("isa", 2), ("note", text)]
-    more = DeedTables(tmp_path, go_on=True)
-    say(desk, "note", text="x" * 9999)
-    more.close(desk)
-    with (tmp_path / "deeds.csv").open(newline="") as stream:
+    more = ActionLog(tmp_path, go_on=True)
+    say(console, "note", text="x" * 9999)
+    more.close(console)
+    with (tmp_path / "actions.csv").open(newline="") as stream:
         assert len(list(csv.reader(stream))) == 4
     with (tmp_path / "probes.csv").open(newline="") as stream:
         assert next(csv.DictReader(stream))["value"] == "2"

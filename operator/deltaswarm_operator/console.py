@@ -1,4 +1,4 @@
-"""The operator's desk: picture, commands, pace and probes of one run, as a person or a script uses them.
+"""The operator's console: picture, commands, pace and probes of one run, as a person or a script uses them.
 
 Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` describes the station's messages.
 """
@@ -31,7 +31,7 @@ RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
 
 
-class Deed(NamedTuple):
+class OperatorAction(NamedTuple):
     """One act of a real, simulated or scripted person; `detail` is JSON."""
 
     time_s: float
@@ -51,8 +51,8 @@ def _person(briefing: Briefing) -> Person | None:
     return Person(settings, rng, briefing.operator.threshold_hz, delta)
 
 
-class Desk:
-    """One operator's desk.
+class Console:
+    """One operator's console.
 
     Args:
         briefing: what the operator knows in advance.
@@ -66,7 +66,7 @@ class Desk:
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
         self.person = _person(briefing)
         self.pace = Pace(briefing.speed, -1)
-        self.deeds: deque[Deed] = deque()
+        self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
         self.rejected = 0
         """Number of dropped intents of the station."""
@@ -143,7 +143,7 @@ class Desk:
         return len(self.commander.sent) - 1
 
     def _note(self, kind: str, detail: Any) -> None:
-        self.deeds.append(Deed(self.picture.now_s, kind, json.dumps(detail)))
+        self.actions.append(OperatorAction(self.picture.now_s, kind, json.dumps(detail)))
 
     def _is_scripted(self, step: int) -> bool:
         """Whether the script's next command is due in this step or before."""
@@ -164,7 +164,7 @@ class Desk:
         }
 
     def go_on(self, step: int, state: Mapping[str, Any]) -> None:
-        """Resume after a step from another desk's `state`."""
+        """Resume after a step from another console's `state`."""
         self._step = step
         self.commander.go_on(state["commands"])
         if self.person is not None:
@@ -313,7 +313,7 @@ class Desk:
         read = [item.number for item in newest if item.number not in self.picture.unread]
         return [_json(type="catch_up", to=to, inbox=_rows(newest), read=read, history=list(self._history))]
 
-    _intents: Mapping[str, Callable[["Desk", dict[str, Any], Any, float], list[bytes]]] = {
+    _intents: Mapping[str, Callable[["Console", dict[str, Any], Any, float], list[bytes]]] = {
         "command": _intend_command,
         "pace": _intend_pace,
         "read": _intend_read,
