@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
+from deltaswarm_agent.agent_core import AgentCore
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.frames import (
@@ -25,7 +26,6 @@ from deltaswarm_agent.controllers.paper.frames import (
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.controllers.paper.timers import timers
-from deltaswarm_agent.shell import Shell
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import load
@@ -33,7 +33,7 @@ from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 from tests import strategies
 
 Place = tuple[float, float]
@@ -105,12 +105,12 @@ class Said(NamedTuple):
 
 
 class Core:
-    """An agent under the paper's control, in its shell."""
+    """An agent under the paper's control, by itself."""
 
     def __init__(self, agent: int, settings: AgentSettings, restart: int = 0) -> None:
         self.agent = agent
-        self.shell = Shell(agent, settings.step_s, make_controller(agent, settings, restart))
-        self.controller = paper(self.shell)
+        self.core = AgentCore(agent, settings.step_s, make_controller(agent, settings, restart))
+        self.controller = paper(self.core)
 
     @property
     def state(self) -> State:
@@ -130,11 +130,11 @@ class Core:
     @property
     def rejected_frames(self) -> int:
         """Frames heard that broke a protocol."""
-        return self.shell.rejected_frames + self.controller.counts["rejected_frames"]
+        return self.core.rejected_frames + self.controller.counts["rejected_frames"]
 
     def step(self, frame: Frame) -> Said:
         """One step, as the world asks for it."""
-        out = self.shell.step(frame)
+        out = self.core.step(frame)
         return Said(out.act, opened(self.agent, out.radio), out.report)
 
 
@@ -143,10 +143,10 @@ def opened(sender: int, sample: bytes | None) -> PaperFrame | None:
     return None if sample is None else decode(sender, decode_sample(sample).payload)
 
 
-def paper(shell: Shell) -> PaperController:
-    """The paper's controller in a shell."""
-    assert isinstance(shell.controller, PaperController)
-    return shell.controller
+def paper(core: AgentCore) -> PaperController:
+    """The controller of an agent under the paper's control."""
+    assert isinstance(core.controller, PaperController)
+    return core.controller
 
 
 def on_air(frame: PaperFrame, counter: int) -> Heard:
@@ -274,10 +274,10 @@ def swarm(name: str, *sets: str, seed: int = 1) -> InProcess:
 
 def controllers_of(swarm: InProcess) -> dict[int, PaperController]:
     """The controllers of a swarm under the paper's control, by agent."""
-    return {shell.agent: paper(shell) for shell in swarm.agents}
+    return {core.agent: paper(core) for core in swarm.agents}
 
 
-def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[Tally]:
+def play(swarm: InProcess, steps: int, before: Callable[[int], object] = lambda step: None) -> Iterator[StepRecord]:
     """Run steps from 0 on; `before` each something may happen to the world."""
     for step in range(steps):
         before(step)

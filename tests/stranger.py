@@ -9,7 +9,7 @@ import msgpack
 import zenoh
 
 from deltaswarm_wire.keys import ACT, RADIO, REPORT, Keys
-from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.swarms import wait_until
 
@@ -23,7 +23,7 @@ RUBBISH = {
         HUGE,
         msgpack.packb([9, 5, 0.0, 0.0, []]),
         msgpack.packb([1, 5, float("nan"), 0.0, []]),
-        encode_act(Act(10**6, 0.0, 0.0, (), Standing(), 10**6 + 1)),
+        encode_act(Act(10**6, 0.0, 0.0, (), TreeStatus(), 10**6 + 1)),
     ],
     RADIO: [b"\xc1", HUGE, msgpack.packb([1, 1, 4, 0, float("nan"), 0]), msgpack.packb([2, 3, 3, 0, 0, 0])],
     REPORT: [b"?", HUGE, msgpack.packb({"v": 2}), msgpack.packb({"v": 7, "agent": 4})],

@@ -44,7 +44,7 @@ frames = st.builds(
 roles = st.sampled_from(["free", "attending", "root", "member", "orphan", "leaving", "relocating", "my own role 1"])
 nobody = st.just(messages.NOBODY)
 deltas = st.integers(0, messages.MAX_DELTA)
-standings = st.builds(messages.Standing, roles, agents, agents | nobody, agents | nobody, deltas)
+standings = st.builds(messages.TreeStatus, roles, agents, agents | nobody, agents | nobody, deltas)
 
 
 @st.composite
@@ -133,16 +133,16 @@ bodies = st.builds(
 event_states = st.builds(
     truth.EventState, ids, metres, metres, times_s, st.none() | times_s, st.none() | times_s, times_s
 )
-tallies = st.builds(
-    truth.Tally,
-    **{name: ids for name, hint in truth.Tally.__annotations__.items() if hint is int},
+step_records = st.builds(
+    truth.StepRecord,
+    **{name: ids for name, hint in truth.StepRecord.__annotations__.items() if hint is int},
     time_s=times_s,
     covered_area_m2=st.none() | st.floats(0.0, MAX_ABS_M**2),
     roots_from_densest_m=st.none() | st.floats(0.0, MAX_ABS_M),
     delta=st.none() | st.floats(0.0, messages.MAX_DELTA),
 )
 _links = tuples_of(st.tuples(agents, agents), 4)
-truths = st.builds(truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, tallies)
+truths = st.builds(truth.Truth, steps, times_s, tuples_of(bodies, 4), tuples_of(event_states, 4), _links, step_records)
 
 
 @dataclass(frozen=True)
@@ -170,7 +170,7 @@ def _in_map(fields: tuple[str, ...]) -> dict[str, int | str]:
 
 
 FRAME = Codec("frame", frames, messages.encode_frame, messages.decode_frame, _in_array(messages.Frame._fields, first=1))
-_ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", *messages.Standing._fields, "until")
+_ACT_FIELDS = ("step", "vx_mps", "vy_mps", "observed", *messages.TreeStatus._fields, "until")
 ACT = Codec("act", acts, messages.encode_act, messages.decode_act, _in_array(_ACT_FIELDS, first=1))
 REPORT = Codec(
     "report",

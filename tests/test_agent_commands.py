@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.commands import ANSWERED_S, LONGEST_INTERVAL_S, MAX_KNOWN, CommandRelay
 from deltaswarm_agent.controller import Controller, Decision, OperatorReport, Percept
-from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
 from deltaswarm_wire.commands import AGENT, BASE, CIRCLE, PLACE, TREE, CommandForm, Target, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample
@@ -51,19 +51,19 @@ class Obedient(Deaf):
         return super().step(percept)._replace(done=tuple(command.number for command in percept.commands))
 
 
-def a_shell(controller: Deaf, **more: Any) -> Shell:
-    return Shell(ME, 1.0, cast(Controller, controller), **more)
+def a_core(controller: Deaf, **more: Any) -> AgentCore:
+    return AgentCore(ME, 1.0, cast(Controller, controller), **more)
 
 
-def step(shell: Shell, now: int, *heard: Heard, at: tuple[float, float] = (1.0, 1.0)) -> Outbound:
-    return shell.step(Frame(now, float(now), False, *at, (), (), heard))
+def step(core: AgentCore, now: int, *heard: Heard, at: tuple[float, float] = (1.0, 1.0)) -> StepOutput:
+    return core.step(Frame(now, float(now), False, *at, (), (), heard))
 
 
 def told(sender: int, counter: int, *items: bytes, payload: bytes | None = None) -> Heard:
     return sender, encode_sample(Sample(counter, payload, items))
 
 
-def relayed(out: Outbound) -> list[tuple[int, int]]:
+def relayed(out: StepOutput) -> list[tuple[int, int]]:
     """Number and steps left of the commands in a frame."""
     found = [decode_relayed(data) for data in (decode_sample(out.radio).commands if out.radio else ())]
     return [(one.signed.body[3] if one.signed.body[2] == 0xCC else one.signed.body[2], one.left_steps) for one in found]
@@ -80,20 +80,20 @@ def sent_steps(relay: CommandRelay, first: int, until: int) -> list[int]:
 
 def test_a_command_is_taken_in_once_whoever_relays_it() -> None:
     """From the base, from another agent, later, or twice in one frame."""
-    shell = a_shell(controller := Obedient())
+    core = a_core(controller := Obedient())
     go = item(a_command(3))
-    step(shell, 0, told(BASE, 1, go, go), told(2, 0, go), told(4, 9, go, payload=b"hello"))
-    step(shell, 1, told(2, 1, go))
-    step(shell, 300, told(BASE, 2, go))
+    step(core, 0, told(BASE, 1, go, go), told(2, 0, go), told(4, 9, go, payload=b"hello"))
+    step(core, 1, told(2, 1, go))
+    step(core, 300, told(BASE, 2, go))
     assert [[command.number for command in percept.commands] for percept in controller.percepts] == [[3], [], []]
 
 
 def test_a_frame_without_payload_tells_the_controller_nothing() -> None:
     """Nor does a frame of the base, whatever it claims to carry."""
-    shell = a_shell(controller := Obedient())
-    step(shell, 0, told(2, 0, item(a_command())), told(BASE, 1, item(a_command(1)), payload=b"base"))
+    core = a_core(controller := Obedient())
+    step(core, 0, told(2, 0, item(a_command())), told(BASE, 1, item(a_command(1)), payload=b"base"))
     assert controller.percepts[0].heard == []
-    step(shell, 1, told(2, 1, payload=b"x"))
+    step(core, 1, told(2, 1, payload=b"x"))
     assert controller.percepts[1].heard == [(2, b"x")]
 
 
@@ -136,33 +136,33 @@ def test_along_a_chain_it_ends_everywhere_at_once() -> None:
 
 def test_an_agent_that_sleeps_is_asked_when_it_has_to_relay() -> None:
     """Its act holds no longer than that; the controller's own step may be earlier."""
-    shell = a_shell(Obedient(until=1000))
+    core = a_core(Obedient(until=1000))
     asked, now, heard = [], 0, (told(BASE, 1, item(a_command(life_s=60), 60)),)
     while now < 60:
-        out = step(shell, now, *heard)
+        out = step(core, now, *heard)
         asked.append((now, bool(relayed(out))))
         now, heard = out.act.until, ()
     assert [at for at, sends in asked if sends] == [0, 2, 6, 14, 30, 46]
     assert len(asked) <= 8
-    early = step(a_shell(Obedient(until=1)), 0, told(BASE, 1, item(a_command())))
+    early = step(a_core(Obedient(until=1)), 0, told(BASE, 1, item(a_command())))
     assert early.act.until == 1
 
 
 def test_what_has_no_room_waits() -> None:
     """Eight commands in a frame, the newest first, and none beside a payload that leaves no room."""
-    shell = a_shell(controller := Obedient())
+    core = a_core(controller := Obedient())
     items = [item(a_command(number)) for number in range(12)]
-    first = step(shell, 0, told(BASE, 1, *items[:8]), told(2, 0, *items[8:]))
+    first = step(core, 0, told(BASE, 1, *items[:8]), told(2, 0, *items[8:]))
     assert [number for number, _ in relayed(first)] == [*range(11, 3, -1)]
-    second = step(shell, 1)
+    second = step(core, 1)
     assert [number for number, _ in relayed(second)] == [3, 2, 1, 0]
-    full = a_shell(Obedient(payload=b"x" * (MAX_RADIO_BYTES - 40)))
+    full = a_core(Obedient(payload=b"x" * (MAX_RADIO_BYTES - 40)))
     out = step(full, 0, told(BASE, 1, items[0]))
     assert relayed(out) == []
     assert out.act.until == 1
     assert len(controller.percepts[0].commands) == 12
     for size in range(MAX_RADIO_BYTES - 600, MAX_RADIO_BYTES - 12, 7):
-        out = step(a_shell(Obedient(payload=b"x" * size)), 0, told(BASE, 1, *items[:8]))
+        out = step(a_core(Obedient(payload=b"x" * size)), 0, told(BASE, 1, *items[:8]))
         assert out.radio is not None
         assert len(out.radio) <= MAX_RADIO_BYTES
 
@@ -171,8 +171,8 @@ def test_what_has_no_room_waits() -> None:
 def test_who_does_not_accept_a_command_relays_and_refuses_it(controller: Deaf, state: int) -> None:
     """Also a controller that says nothing of commands."""
     controller.decision = controller.decision._replace(report=OperatorReport(()))
-    shell = a_shell(controller)
-    out = step(shell, 0, told(BASE, 1, item(a_command(5))))
+    core = a_core(controller)
+    out = step(core, 0, told(BASE, 1, item(a_command(5))))
     assert [number for number, _ in relayed(out)] == [5]
     assert out.report is not None
     assert out.report.answers == (Answer(5, state),)
@@ -196,9 +196,9 @@ def test_who_does_not_accept_a_command_relays_and_refuses_it(controller: Deaf, s
 def test_a_command_is_for_its_target_and_is_heard_by_all(target: Target, is_meant: bool) -> None:
     """Who is not meant relays it and says that it has heard it."""
     controller = Obedient(root=4, parent=4, level=1, role="member", report=OperatorReport(()))
-    shell = a_shell(controller)
-    step(shell, 0)
-    out = step(shell, 1, told(BASE, 1, item(a_command(1, target=target))))
+    core = a_core(controller)
+    step(core, 0)
+    out = step(core, 1, told(BASE, 1, item(a_command(1, target=target))))
     assert bool(controller.percepts[1].commands) == is_meant
     assert relayed(out)
     assert out.report is not None
@@ -241,8 +241,8 @@ def test_what_is_no_command_is_counted_and_dropped() -> None:
 @given(st.lists(st.lists(st.binary(max_size=60) | st.sampled_from([item(a_command(n)) for n in range(9)]), max_size=8)))
 def test_whatever_is_relayed_does_no_harm(life: list[list[bytes]]) -> None:
     """A step never fails, and its frame fits."""
-    shell = a_shell(Obedient(payload=b"x" * 8000))
+    core = a_core(Obedient(payload=b"x" * 8000))
     for now, items in enumerate(life):
-        out = step(shell, now, told(2, now, *items, payload=b""))
+        out = step(core, now, told(2, now, *items, payload=b""))
         assert out.radio is not None
         assert out.act.until > now

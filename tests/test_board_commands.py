@@ -13,8 +13,8 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from deltaswarm_agent.__main__ import main as agent_main
+from deltaswarm_agent.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_agent.board.inbox import Inbox
-from deltaswarm_agent.shell import FORGET_SENDER_S, Receiver
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.base import Base
 from deltaswarm_wire.commands import BASE, Command, Relayed, Signed, Target, encode_command, encode_relayed

@@ -38,8 +38,8 @@ class Field:
             options = load(KinematicSettings, {"x_m": x_m, "y_m": y_m, "events": str(folder / "events.csv")})
             body = KinematicBody(options, BodyContext(agent, self.settings, Random(seed + agent)))
             self.cores[agent] = Core(agent, self.settings)
-            shell = self.cores[agent].shell
-            self.drivers[agent] = Driver(shell, body, step_s=self.settings.step_s, arrive_m=0.2, max_std_m=5.0)
+            core = self.cores[agent].core
+            self.drivers[agent] = Driver(core, body, step_s=self.settings.step_s, arrive_m=0.2, max_std_m=5.0)
             self.bodies[agent] = body
             self.inboxes[agent] = Inbox(agent, 3.0)
         self.said: dict[int, PaperFrame | None] = dict.fromkeys(STARTS)

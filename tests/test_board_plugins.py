@@ -127,7 +127,7 @@ WELL = Sensed(5.0, 5.0, 0.1, (Event(1, 6.0, 5.0),))
 def steps(*gives: Any) -> tuple[Driver, Erratic, list[str]]:
     """The faults of so many steps."""
     body = Erratic(iter(gives))
-    driver = Driver(Core(1, agent_settings()).shell, as_body(body), step_s=1.0, arrive_m=0.2, max_std_m=1.0)
+    driver = Driver(Core(1, agent_settings()).core, as_body(body), step_s=1.0, arrive_m=0.2, max_std_m=1.0)
     faults = []
     for step in range(len(gives)):
         decision = driver.step(step, float(step), lambda at: ())

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_agent.board.driver import Driver, SetPoint
 from deltaswarm_agent.board.inbox import (
     MAX_BURST,
@@ -21,7 +22,6 @@ from deltaswarm_agent.board.inbox import (
 )
 from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.body import NOWHERE, Sensed
-from deltaswarm_agent.shell import FORGET_SENDER_S, Receiver
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.envelope import Sample, Sent, decode_sent, encode_sample, encode_sent
 from tests.cores import Core, agent_settings, event
@@ -233,8 +233,8 @@ class Puppet:
 
 def a_driver() -> tuple[Driver, Puppet]:
     puppet = Puppet()
-    shell = Core(1, agent_settings(width_m=20.0, height_m=20.0)).shell
-    return Driver(shell, puppet, step_s=1.0, arrive_m=0.2, max_std_m=1.0), puppet  # type: ignore[arg-type]
+    core = Core(1, agent_settings(width_m=20.0, height_m=20.0)).core
+    return Driver(core, puppet, step_s=1.0, arrive_m=0.2, max_std_m=1.0), puppet  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_no_way_leads_across_a_gap() -> None:
 
 @given(places, speeds)
 def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place) -> None:
-    """Standing, too."""
+    """TreeStatus, too."""
     assume(not SQUARE.holds(at) and min(abs(at[0]), abs(at[0] - 10), abs(at[1]), abs(at[1] - 10)) > 0.01)
 
     def beyond_m(place: Place) -> float:

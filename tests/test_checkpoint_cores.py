@@ -22,8 +22,8 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
     scenario = load_scenario("smoke", [f"run.duration_s={STEPS}", *sets])
     swarm = InProcess(scenario)
     for step in range(STEPS):
-        tally = swarm.step(step, step == STEPS - 1)
-        swarm.operator.close(Clock(step, tally.time_s, step == STEPS - 1), 0)
+        record = swarm.step(step, step == STEPS - 1)
+        swarm.operator.close(Clock(step, record.time_s, step == STEPS - 1), 0)
         if (step + 1) % every == 0:
             swarm.world = pickle.loads(pickle.dumps(swarm.world))
             swarm.agents = [pickle.loads(pickle.dumps(agent)) for agent in swarm.agents]

@@ -78,7 +78,7 @@ def test_a_swarm_spreads() -> None:
     swarm.step(0, last=False)
     before = nearest_m()
     for step in range(1, 200):
-        tally = swarm.step(step, last=False)
+        record = swarm.step(step, last=False)
     assert nearest_m() > 1.15 * before
-    bodies = swarm.world.truth(tally).bodies
+    bodies = swarm.world.truth(record).bodies
     assert {(body.role, body.root) for body in bodies} == {("spreading", NOBODY)}

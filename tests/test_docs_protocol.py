@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_agent import process, shell
+from deltaswarm_agent import agent_core, process
 from deltaswarm_agent.board import inbox
 from deltaswarm_wire import access, codec, commands, envelope, keys, messages, operator_messages, session, settings
 from deltaswarm_wire.commands import (
@@ -28,7 +28,7 @@ from deltaswarm_wire.commands import (
 )
 from deltaswarm_wire.envelope import Sample
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.messages import Act, Event, Frame, Standing
+from deltaswarm_wire.messages import Act, Event, Frame, TreeStatus
 from deltaswarm_wire.operator_messages import (
     DONE,
     Answer,
@@ -51,7 +51,19 @@ from deltaswarm_wire.operator_messages import (
 )
 from tests.annotating import Example, Page, Shape, assert_is_the_codes, message
 
-SOURCES = (access, codec, commands, envelope, messages, operator_messages, session, settings, shell, inbox, process)
+SOURCES = (
+    access,
+    codec,
+    commands,
+    envelope,
+    messages,
+    operator_messages,
+    session,
+    settings,
+    agent_core,
+    inbox,
+    process,
+)
 
 _EVENTS = Shape("events", Event._fields, "nested")
 _SAMPLE = Sample(77, bytes.fromhex("93 03 cd 13 88 cd 10 68"))
@@ -78,12 +90,12 @@ EXAMPLES = {
         ),
     ),
     "act": Example(
-        Act(12, 0.0, -1.0, (3,), Standing("attending"), 13),
+        Act(12, 0.0, -1.0, (3,), TreeStatus("attending"), 13),
         messages.encode_act,
         messages.decode_act,
         message(
             "act",
-            ("version", *Act._fields[:-2], *Standing._fields, "until"),
+            ("version", *Act._fields[:-2], *TreeStatus._fields, "until"),
             observed=Shape("observed"),
         ),
     ),

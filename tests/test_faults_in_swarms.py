@@ -14,7 +14,7 @@ from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.truth import DROP_REASONS, Tally
+from deltaswarm_wire.truth import DROP_REASONS, StepRecord
 from tests.cores import paper, swarm
 
 BUSY = ("events.rate_hz=0.3", "run.duration_s=120")
@@ -39,7 +39,9 @@ class Watched:
 
         self.crew.world.begin = kept  # type: ignore[method-assign]
 
-    def play(self, steps: int = STEPS, then: Callable[[int, Tally], object] = lambda step, tally: None) -> InProcess:
+    def play(
+        self, steps: int = STEPS, then: Callable[[int, StepRecord], object] = lambda step, record: None
+    ) -> InProcess:
         """Run from the first step; `then` may look at each when it is over."""
         for step in range(steps):
             then(step, self.crew.step(step, step == steps - 1))
@@ -77,8 +79,8 @@ def test_roots_are_hit_as_the_world_hears_of_them() -> None:
     watched = Watched('kind="kill", at_s=60, roots=true', sets=(*BUSY, "control.delta=1"))
     roots: dict[int, list[int]] = {}
 
-    def note(step: int, tally: Tally) -> None:
-        bodies = watched.crew.world.truth(tally).bodies
+    def note(step: int, record: StepRecord) -> None:
+        bodies = watched.crew.world.truth(record).bodies
         roots[step] = [body.agent for body in bodies if body.role == "root"]
         if step >= 60:
             assert {body.agent for body in bodies if body.role == "dead"} == set(roots[59])
@@ -93,10 +95,10 @@ def test_a_frozen_agent_gets_no_frame_and_goes_on_as_it_was() -> None:
     watched = Watched('kind="freeze", at_s=30, duration_s=20, agents=[2]')
     velocities = set()
 
-    def note(step: int, tally: Tally) -> None:
+    def note(step: int, record: StepRecord) -> None:
         assert (2 in watched.frames) == (not 30 <= step < 50)
-        assert tally.agents_alive == 6
-        assert tally.agents_late == 0
+        assert record.agents_alive == 6
+        assert record.agents_late == 0
         if 30 <= step < 50:
             velocities.add(watched.crew.world.environment.velocities_mps[2])
 
@@ -111,15 +113,15 @@ def test_a_restarted_agent_believes_nothing() -> None:
     before = list(watched.crew.agents)
     states = []
 
-    def note(step: int, tally: Tally) -> None:
-        assert tally.transport_lost == 0
-        assert tally.agents_alive == (5 if 90 <= step < 100 else 6)
-        states.append([paper(shell).state for shell in watched.crew.agents])
+    def note(step: int, record: StepRecord) -> None:
+        assert record.transport_lost == 0
+        assert record.agents_alive == (5 if 90 <= step < 100 else 6)
+        states.append([paper(core).state for core in watched.crew.agents])
 
     crew = watched.play(STEPS, note)
     assert not set(map(id, before)) & set(map(id, crew.agents))
     assert any(state is not WALKING for state in states[59])
-    assert [shell.rejected_frames + paper(shell).counts["rejected_frames"] for shell in crew.agents] == [0] * 6
+    assert [core.rejected_frames + paper(core).counts["rejected_frames"] for core in crew.agents] == [0] * 6
     assert not crew.world.inbox.rejected
 
 
@@ -136,7 +138,7 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
     watched = Watched('kind="sensor-noisy", at_s=0, fraction=1.0, noise_m=1.0, miss=0.2')
     wrong = 0
 
-    def note(step: int, tally: Tally) -> None:
+    def note(step: int, record: StepRecord) -> None:
         nonlocal wrong
         happenings = {happening.event: happening for happening in watched.crew.world.environment.arrived}
         for frame in watched.frames.values():
@@ -159,7 +161,7 @@ def test_slow_actuators_slow_the_body_down() -> None:
         sets=("events.rate_hz=0.0", "run.duration_s=60"),
     )
     places = []
-    watched.play(60, lambda step, tally: places.append(watched.crew.world.environment.positions_m.copy()))
+    watched.play(60, lambda step, record: places.append(watched.crew.world.environment.positions_m.copy()))
     moved = [((after - before) ** 2).sum(axis=1) ** 0.5 for before, after in pairwise(places)]
     still, half = [step[1] for step in moved], [step[2] for step in moved]
     assert max(still[9:39]) == 0.0
@@ -176,7 +178,7 @@ def test_a_stuck_body_goes_straight_on_until_the_edge() -> None:
         sets=("events.rate_hz=0.0", "run.duration_s=90", "control.leg_max_s=5"),
     )
     places = []
-    watched.play(90, lambda step, tally: places.append(watched.crew.world.environment.positions_m[1:3].copy()))
+    watched.play(90, lambda step, record: places.append(watched.crew.world.environment.positions_m[1:3].copy()))
     for body in (0, 1):
         way = [(x_m, y_m) for x_m, y_m in (place[body].tolist() for place in places)]
         strides = [(b[0] - a[0], b[1] - a[1]) for a, b in pairwise(way)]
@@ -191,20 +193,20 @@ def test_a_dead_radio_neither_sends_nor_hears() -> None:
     """All that it says is dropped as dead, for each receiver, and all frames are accounted for."""
     watched = Watched('kind="radio-dead", at_s=40, duration_s=40, agents=[0, 3]', sets=(*BUSY, "radio.loss=0.1"))
     world = watched.crew.world
-    last: list[Tally] = []
+    last: list[StepRecord] = []
     dead = 0
 
-    def note(step: int, tally: Tally) -> None:
+    def note(step: int, record: StepRecord) -> None:
         nonlocal dead
-        links = world.truth(tally).links
+        links = world.truth(record).links
         if 41 <= step < 80:
             assert not {0, 3} & {agent for link in links for agent in link}
         if last:
             sent = last[0].frames_sent * 5
-            assert sent == tally.frames_received + sum(getattr(tally, f"dropped_{reason}") for reason in DROP_REASONS)
-        dead += tally.dropped_dead
-        assert (tally.dropped_dead > 0) <= (40 <= step <= 80)
-        last[:] = [tally]
+            assert sent == record.frames_received + sum(getattr(record, f"dropped_{reason}") for reason in DROP_REASONS)
+        dead += record.dropped_dead
+        assert (record.dropped_dead > 0) <= (40 <= step <= 80)
+        last[:] = [record]
 
     watched.play(100, note)
     assert dead > 50
@@ -220,9 +222,9 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
     told: set[int] = set()
     crew = watched.crew
 
-    def note(step: int, tally: Tally) -> None:
-        assert tally.events_open == 0
-        crew.operator.close(Clock(step, tally.time_s, False), 0)
+    def note(step: int, record: StepRecord) -> None:
+        assert record.events_open == 0
+        crew.operator.close(Clock(step, record.time_s, False), 0)
         told.update(event.event for event in watched.frames[3].events)
         assert not any(frame.events for agent, frame in watched.frames.items() if agent != 3)
 

@@ -38,8 +38,8 @@ def recorded() -> tuple[Any, list[RecordedStep]]:
     assert played.console is not None
     steps = []
     for step in range(STEPS):
-        tally = played.step(step, step == STEPS - 1)
-        clock = Clock(step, tally.time_s, step == STEPS - 1)
+        record = played.step(step, step == STEPS - 1)
+        clock = Clock(step, record.time_s, step == STEPS - 1)
         workload = played.close(clock)
         steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
     assert sum(len(step.reports) for step in steps) > 100

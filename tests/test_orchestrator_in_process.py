@@ -34,7 +34,7 @@ def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypa
     check(crew.world.inbox, "take_radio", lambda data: decode_sample(data).counter)
     check(crew.world.inbox, "take_act", decode_act)
     check(crew.world.inbox, "take_report", decode_report)
-    asked = sum(tally.agents_asked for tally in play(crew, 200))
+    asked = sum(record.agents_asked for record in play(crew, 200))
     assert handed["take_act"] == asked
     assert min(handed["take_radio"], handed["take_report"]) > 100
     assert not crew.world.inbox.rejected
@@ -57,5 +57,5 @@ def test_a_controller_that_fails_as_it_is_started_anew_ends_the_run(monkeypatch:
     outcome = run_in_process(scenario)
     [message] = outcome.messages
     assert re.search("potential .*OSError: the map", message)
-    assert len(outcome.tallies) == 5
+    assert len(outcome.step_records) == 5
     assert not outcome.is_complete

@@ -187,10 +187,11 @@ def test_the_outcome_is_that_of_the_events_table(tmp_path: Path, step_s: float) 
 
 
 def test_a_step_row_counts_completed_events() -> None:
-    """The counts of a tally are those of the step in which they stand."""
+    """The counts of a record are those of the step in which they stand."""
     outcome = run_in_process(load_scenario("smoke", ["events.work_agent_s=20", "events.rate_hz=0.3", "record=off"], 2))
     done = [
-        sum(e.completed_s is not None and e.completed_s <= t.time_s for e in outcome.events) for t in outcome.tallies
+        sum(e.completed_s is not None and e.completed_s <= t.time_s for e in outcome.events)
+        for t in outcome.step_records
     ]
-    assert [t.events_completed for t in outcome.tallies] == done
+    assert [t.events_completed for t in outcome.step_records] == done
     assert done[-1] > 5

@@ -179,10 +179,10 @@ def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
         for (one, reports, _), now_s, on_disk in zip(told, (100.0, 100.9, 101.0, 101.5), (0, 0, 3, 3), strict=True):
             clock.now_s = now_s
             recorder.step(one, reports)
-            assert len(read_recording(tmp_path).tallies) == on_disk
+            assert len(read_recording(tmp_path).step_records) == on_disk
         clock.now_s = 102.0
         recorder.flush_when_due()
-        assert len(read_recording(tmp_path).tallies) == 4
+        assert len(read_recording(tmp_path).step_records) == 4
 
 
 def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -22,8 +22,8 @@ from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event
 from deltaswarm_wire.operator_messages import HEARD, REFUSED, Answer, Report, ReportedMember, Workload
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, Tally, Truth
-from tests.strategies import deltas, tallies
+from deltaswarm_wire.truth import EventState, StepRecord, Truth
+from tests.strategies import deltas, step_records
 from tests.swarms import PATIENCE_S
 from tests.truths import recorded, steps
 
@@ -59,12 +59,16 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
     made = []
     for step in range(draw(st.integers(0, 4))):
         now_s = draw(times)
-        tally = draw(tallies)._replace(step=step, time_s=now_s)
+        record = draw(step_records)._replace(step=step, time_s=now_s)
         shown = draw(st.lists(events, max_size=4, unique_by=lambda event: event.event))
         rates = [draw(st.floats(0, MAX_ID)) for _ in range(2)]
         workload = Workload(step, now_s, draw(counts), draw(counts), *rates, draw(times), *[draw(counts)] * 3)
         made.append(
-            (Truth(step, now_s, (), tuple(shown), (), tally), tuple(draw(st.lists(reports, max_size=2))), workload)
+            (
+                Truth(step, now_s, (), tuple(shown), (), record),
+                tuple(draw(st.lists(reports, max_size=2))),
+                workload,
+            )
         )
     return made
 
@@ -79,7 +83,7 @@ def write(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workload]], 
 
 def check_same(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workload]]) -> None:
     found = read_recording(folder)
-    assert found.tallies == [truth.tally for truth, _, _ in told]
+    assert found.step_records == [truth.step_record for truth, _, _ in told]
     assert found.workloads == [workload for _, _, workload in told]
     assert found.reports == {truth.step: sent for truth, sent, _ in told}
     newest = {event.event: event for truth, _, _ in told for event in truth.events}
@@ -105,12 +109,12 @@ def test_a_plausible_run_reads_back_as_it_was_written(tmp_path: Path, seed: int)
 
 def test_what_is_not_yet_reads_back_as_none(tmp_path: Path) -> None:
     """None is absent from a message, and is None again; -1 is a number like others."""
-    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
-    tally = Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None})
+    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
+    record = StepRecord(**{**zeros, "time_s": 0.0, "covered_area_m2": None})
     event = EventState(1, -1.0, -1.0, 0.0, None, None, 0.0)
-    write(tmp_path, [(Truth(0, 0.0, (), (event,), (), tally), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
+    write(tmp_path, [(Truth(0, 0.0, (), (event,), (), record), (), Workload(0, 0.0, 0, 0, 0.0, 0.0, 0.0, 0, 0, 0))])
     found = read_recording(tmp_path)
-    assert found.tallies[0].covered_area_m2 is None
+    assert found.step_records[0].covered_area_m2 is None
     assert found.events == [event]
 
 
@@ -130,7 +134,7 @@ def test_a_recording_that_was_not_closed_is_incomplete(tmp_path: Path) -> None:
         for truth, sent, _ in told:
             recorder.step(truth, sent)
     found = read_recording(tmp_path)
-    assert (len(found.tallies), found.complete, found.metadata) == (3, False, {})
+    assert (len(found.step_records), found.complete, found.metadata) == (3, False, {})
     assert load(Scenario, tomllib.loads(found.scenario)) == SCENARIO
 
 
@@ -138,7 +142,7 @@ def test_a_finished_recording_is_preferred_to_a_part(tmp_path: Path) -> None:
     """A run's folder with both is read as finished."""
     write(tmp_path, list(steps(SCENARIO, 3)))
     (tmp_path / "recording.mcap.part").write_bytes(b"")
-    assert len(read_recording(tmp_path).tallies) == 3
+    assert len(read_recording(tmp_path).step_records) == 3
 
 
 def test_a_cut_anywhere_leaves_the_steps_before_it(tmp_path: Path) -> None:
@@ -154,22 +158,22 @@ def test_a_cut_anywhere_leaves_the_steps_before_it(tmp_path: Path) -> None:
     part = tmp_path / "cut.mcap.part"
     rng = random.Random(1)
     cuts = sorted({0, 1, 7, 8, 9, len(whole) - 9, len(whole) - 1} | {rng.randrange(len(whole)) for _ in range(300)})
-    tallies = [truth.tally for truth, _, _ in told]
+    step_records = [truth.step_record for truth, _, _ in told]
     before = 0
     for cut in cuts:
         part.write_bytes(whole[:cut])
         found = read_recording(part)
         assert not found.complete
-        assert found.tallies == tallies[: len(found.tallies)]
-        assert len(found.tallies) >= before
-        before = len(found.tallies)
+        assert found.step_records == step_records[: len(found.step_records)]
+        assert len(found.step_records) >= before
+        before = len(found.step_records)
     assert before == len(told)
 
 
 def test_a_damaged_recording_is_incomplete(tmp_path: Path) -> None:
     """A flipped bit is noticed: what came before it is kept, what follows is not believed."""
     data = bytearray(recorded(tmp_path, SCENARIO, 200).read_bytes())
-    told = [truth.tally for truth, _, _ in steps(SCENARIO, 200)]
+    told = [truth.step_record for truth, _, _ in steps(SCENARIO, 200)]
     rng = random.Random(1)
     for place in (rng.randrange(8, len(data) // 2) for _ in range(100)):
         bit = 1 << rng.randrange(8)
@@ -178,7 +182,7 @@ def test_a_damaged_recording_is_incomplete(tmp_path: Path) -> None:
         data[place] ^= bit
         found = read_recording(tmp_path)
         assert not found.complete
-        assert found.tallies == told[: len(found.tallies)]
+        assert found.step_records == told[: len(found.step_records)]
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:
@@ -239,8 +243,8 @@ def test_a_killed_recorder_leaves_all_steps_up_to_its_last_flush(tmp_path: Path)
     assert not (tmp_path / "recording.mcap").exists()
     found = read_recording(tmp_path)
     told = list(steps(Scenario(), 500))
-    assert 300 <= len(found.tallies) <= 500
-    assert found.tallies == [truth.tally for truth, _, _ in told[: len(found.tallies)]]
+    assert 300 <= len(found.step_records) <= 500
+    assert found.step_records == [truth.step_record for truth, _, _ in told[: len(found.step_records)]]
     assert found.workloads[:300] == [workload for _, _, workload in told[:300]]
     assert [found.reports[step] for step in range(300)] == [sent for _, sent, _ in told[:300]]
     assert load(Scenario, tomllib.loads(found.scenario)) == Scenario()

@@ -58,7 +58,7 @@ def test_rerun_shows_the_log_and_our_own_figures(tmp_path: Path) -> None:
     workloads = [row for (row,) in column(found["/operator/workload"], "deltaswarm.Workload:message")]
     assert workloads == [workload._asdict() for _, _, workload in told]
     states = [row for (row,) in column(found["/swarm/state"], "deltaswarm.SwarmState:message")]
-    assert [row["covered_area_m2"] for row in states] == [truth.tally.covered_area_m2 for truth, _, _ in told]
+    assert [row["covered_area_m2"] for row in states] == [truth.step_record.covered_area_m2 for truth, _, _ in told]
 
 
 def test_rerun_recovers_a_recording_that_was_cut_off(tmp_path: Path) -> None:

@@ -29,16 +29,16 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, EventState, Tally
-from tests.strategies import event_states, tallies, workloads
+from deltaswarm_wire.truth import DROP_REASONS, EventState, StepRecord
+from tests.strategies import event_states, step_records, workloads
 
 STEP_S = 0.5
 UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None, "delta": None}
 
 
-def tally(step: int, **more: Any) -> Tally:
-    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
-    return Tally(**{**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
+def record(step: int, **more: Any) -> StepRecord:
+    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
+    return StepRecord(**{**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
 
 
 def workload(step: int, messages: int = 0, **more: Any) -> Workload:
@@ -57,7 +57,7 @@ def a_scenario(**run: Any) -> Scenario:
 def whole(**more: Any) -> Outcome:
     """A run of 6 steps that came to its end."""
     return Outcome(
-        tallies=[tally(step, **{name: value[step] for name, value in more.items()}) for step in range(6)],
+        step_records=[record(step, **{name: value[step] for name, value in more.items()}) for step in range(6)],
         world={"complete": True, "digest": "aa", "wall_s": 2.0, "agents_lost": [], "refused_claims": 0},
         operator={"complete": True, "digest": "bb"},
     )
@@ -122,7 +122,7 @@ def test_a_whole_run_is_valid_and_has_a_digest() -> None:
     [
         ({"world": {}}, "did not reach its last step"),
         ({"operator": {"complete": False, "digest": "bb"}}, "did not reach its last step"),
-        ({"tallies": [tally(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
+        ({"step_records": [record(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
         ({"workloads": [workload(0, lost=3)]}, "3 messages were lost on the fabric"),
     ],
     ids=["no world", "operator ended early", "lost to the world", "lost to the operator"],
@@ -140,7 +140,7 @@ def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reaso
 def test_a_loss_names_its_agents() -> None:
     """By the counts of world and operator, most first."""
     outcome = whole()
-    outcome.tallies = [tally(0, transport_lost=9)]
+    outcome.step_records = [record(0, transport_lost=9)]
     outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
     outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
     (reason,) = summary(outcome, a_scenario())["invalid_because"]
@@ -160,7 +160,11 @@ def test_an_agent_that_may_be_two_is_named() -> None:
 
 
 def same(found: Outcome, outcome: Outcome) -> bool:
-    return (found.tallies, found.workloads, found.events) == (outcome.tallies, outcome.workloads, outcome.events)
+    return (found.step_records, found.workloads, found.events) == (
+        outcome.step_records,
+        outcome.workloads,
+        outcome.events,
+    )
 
 
 @st.composite
@@ -168,7 +172,7 @@ def outcomes(draw: st.DrawFn) -> Outcome:
     """Any figures that the wire allows; the operator may have come less far than the world."""
     steps = draw(st.integers(0, 5))
     return Outcome(
-        [draw(tallies)._replace(step=step) for step in range(steps)],
+        [draw(step_records)._replace(step=step) for step in range(steps)],
         draw(st.lists(event_states, max_size=3)),
         [draw(workloads)._replace(step=step) for step in range(draw(st.integers(0, steps)))],
     )
@@ -182,7 +186,7 @@ def test_tables_read_back_as_they_were_written(tmp_path_factory: pytest.TempPath
     write_tables(folder, outcome)
     found = read_outcome(folder)
     steps = {workload.step: workload for workload in outcome.workloads}
-    outcome.workloads = [w._replace(time_s=outcome.tallies[step].time_s) for step, w in sorted(steps.items())]
+    outcome.workloads = [w._replace(time_s=outcome.step_records[step].time_s) for step, w in sorted(steps.items())]
     assert same(found, outcome)
 
 
@@ -192,7 +196,7 @@ def test_the_columns_are_named(tmp_path: Path) -> None:
     outcome.events = [event(1, 0.0, None)]
     write_tables(tmp_path, outcome)
     rows = list(csv.DictReader((tmp_path / "series.csv").open(newline="")))
-    assert list(rows[0]) == [*Tally._fields, *OPERATOR_COLUMNS.values()]
+    assert list(rows[0]) == [*StepRecord._fields, *OPERATOR_COLUMNS.values()]
     assert [row["step"] for row in rows] == list("012345")
     assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(EventState._fields)
 
@@ -205,12 +209,12 @@ def put(file: Path, fields: Sequence[str], rows: Iterable[Sequence[Any]]) -> byt
 
 def test_a_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
     """Wherever a killed part's file ends: the whole rows before it count, half a number never does."""
-    told = [tally(step, frames_sent=1000 + step, covered_area_m2=123.25) for step in range(3)]
-    data = put(tmp_path / "world.csv", Tally._fields, told)
+    told = [record(step, frames_sent=1000 + step, covered_area_m2=123.25) for step in range(3)]
+    data = put(tmp_path / "world.csv", StepRecord._fields, told)
     counted = set()
     for end in range(len(data) + 1):
         (tmp_path / "world.csv").write_bytes(data[:end])
-        found = read_outcome(tmp_path).tallies
+        found = read_outcome(tmp_path).step_records
         assert found == told[: len(found)]
         counted.add(len(found))
     assert counted == {0, 1, 2, 3}
@@ -220,7 +224,7 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
     """What an interrupted run left: the world's rows and the operator's, each as far as they go."""
     outcome = whole()
     outcome.workloads = [workload(step, messages=step) for step in range(4)]
-    put(tmp_path / "world.csv", Tally._fields, outcome.tallies)
+    put(tmp_path / "world.csv", StepRecord._fields, outcome.step_records)
     put(tmp_path / "operator.csv", Workload._fields, outcome.workloads)
     write_json(tmp_path / "world.json", outcome.world)
     found = read_outcome(tmp_path)
@@ -242,10 +246,10 @@ def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) ->
     assert recorded.complete
     again = load(Scenario, tomllib.loads(recorded.scenario))
     assert again == scenario
-    found = metrics(Outcome(recorded.tallies, recorded.events, recorded.workloads), again)
+    found = metrics(Outcome(recorded.step_records, recorded.events, recorded.workloads), again)
     told = json.loads((result.folder / "summary.json").read_text())
     assert found == {name: told[name] for name in found}
     assert found["waiting_time_s"]["n"] > 10
     assert told["valid"]
     assert recorded.metadata["digest"] == told["digest"]
-    assert same(read_outcome(result.folder), Outcome(recorded.tallies, recorded.events, recorded.workloads))
+    assert same(read_outcome(result.folder), Outcome(recorded.step_records, recorded.events, recorded.workloads))

@@ -3,7 +3,7 @@
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, NET_FIELDS, OURS, STATE_FIELDS, TOPICS
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.truth import Body, EventState, Tally
+from deltaswarm_wire.truth import Body, EventState, StepRecord
 
 
 def names(message: str) -> set[str]:
@@ -11,8 +11,8 @@ def names(message: str) -> set[str]:
 
 
 def test_two_topics_hold_every_field_of_a_tally() -> None:
-    """A field that is added to the tally is recorded without a word here."""
-    assert sorted([*NET_FIELDS, *STATE_FIELDS, "step", "time_s"]) == sorted(Tally._fields)
+    """A field that is added to the record is recorded without a word here."""
+    assert sorted([*NET_FIELDS, *STATE_FIELDS, "step", "time_s"]) == sorted(StepRecord._fields)
     assert {"step", "time_s", *NET_FIELDS} == names("NetStats")
     assert {"step", "time_s", *STATE_FIELDS, "wall_s"} == names("SwarmState")
 

@@ -65,21 +65,21 @@ def test_path_loss_shows_its_sum() -> None:
 def test_what_it_says_of_frames_is_what_happened() -> None:
     """With every model at once, over all pairs and some steps: as many delivered as the world counts."""
     scenario = a_scenario(*EVERYTHING)
-    tallies = run_in_process(scenario).tallies
-    for step in [tally.step for tally in tallies if tally.frames_received][5:7]:
+    step_records = run_in_process(scenario).step_records
+    for step in [record.step for record in step_records if record.frames_received][5:7]:
         outcomes = [
             outcome
             for sender in range(10)
             for receiver in range(10)
             if sender != receiver
-            for outcome in ask(scenario, sender, receiver, step, tallies).outcomes
+            for outcome in ask(scenario, sender, receiver, step, step_records).outcomes
         ]
-        tally = tallies[step]
-        assert outcomes.count("delivered") == tally.frames_received > 0
+        record = step_records[step]
+        assert outcomes.count("delivered") == record.frames_received > 0
         for reason in ("range", "jam", "loss", "burst", "contention", "asymmetry", "partition", "obstacle"):
-            assert outcomes.count(f"dropped: {reason}") == getattr(tally, f"dropped_{reason}"), reason
+            assert outcomes.count(f"dropped: {reason}") == getattr(record, f"dropped_{reason}"), reason
         waiting = sum(outcome.startswith(("under way", "waits")) for outcome in outcomes)
-        assert waiting == tally.frames_in_flight - 9 * tally.frames_sent
+        assert waiting == record.frames_in_flight - 9 * record.frames_sent
 
 
 def test_a_dead_radio_is_the_reason() -> None:
@@ -111,14 +111,14 @@ UPLINK = (
 def test_the_operator_is_asked_about_too() -> None:
     """What is said of all agents' reports is what the world counts; each reason has its numbers."""
     scenario = a_scenario(*UPLINK)
-    tallies = run_in_process(scenario).tallies
+    step_records = run_in_process(scenario).step_records
     for step in (30, 50):
-        answers = [ask(scenario, agent, "operator", step, tallies) for agent in range(10)]
+        answers = [ask(scenario, agent, "operator", step, step_records) for agent in range(10)]
         outcomes = [outcome for answer in answers for outcome in answer.outcomes]
-        tally = tallies[step]
-        assert outcomes.count("arrived") == tally.reports_arrived
-        assert outcomes.count("dropped: loss") == tally.reports_dropped_loss
-        assert sum(outcome.startswith("under way") for outcome in outcomes) <= tally.reports_in_flight
+        record = step_records[step]
+        assert outcomes.count("arrived") == record.reports_arrived
+        assert outcomes.count("dropped: loss") == record.reports_dropped_loss
+        assert sum(outcome.startswith("under way") for outcome in outcomes) <= record.reports_in_flight
         assert answers[0].reason == "dead"
         for answer in answers[1:]:
             shown = numbers(answer, "range")

@@ -299,12 +299,12 @@ def test_delta_falls_as_agents_are_busier(busy: float, delta: int) -> None:
 def test_an_agent_chooses_its_delta_and_says_so() -> None:
     """In its act and in its report; a swarm that is told to be busy founds trees at two events."""
     lone = adaptive()
-    assert lone.step().act.standing.delta == 4
+    assert lone.step().act.tree_status.delta == 4
     busy = telling(Averages(500, 500, 1500, 1500, 1000))
     lone.steps(60, busy)
-    assert lone.step(busy).act.standing.delta == 2
+    assert lone.step(busy).act.tree_status.delta == 2
     said = lone.step(events=[event(1, 50, 50), event(2, 51, 50)])
-    assert said.act.standing.role == "root"
+    assert said.act.tree_status.role == "root"
     assert said.report is not None
     assert said.report.delta == 2
 
@@ -312,7 +312,7 @@ def test_an_agent_chooses_its_delta_and_says_so() -> None:
 def test_the_modes_of_the_paper_say_their_threshold() -> None:
     """delta, rho, or none."""
     deltas = [
-        Lone(mode=mode, delta=5, rho=7).step().act.standing.delta
+        Lone(mode=mode, delta=5, rho=7).step().act.tree_status.delta
         for mode in ("hybrid", "hierarchical", "decentralised")
     ]
     assert deltas == [5, 7, 0]
@@ -322,7 +322,7 @@ def test_an_operator_who_sets_delta_ends_the_agents_own_choice() -> None:
     """Until the end of the run."""
     lone = adaptive()
     obey(lone.core.controller.agent, [Command(1, "set delta", Target("all"), {"delta": 7}, 60.0)])
-    assert lone.step().act.standing.delta == 7
+    assert lone.step().act.tree_status.delta == 7
 
 
 def test_adaptive_is_hybrid_control_with_other_defaults() -> None:

@@ -10,7 +10,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Clock
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 from tests.commanding import script
 from tests.cores import controllers_of, swarm
 
@@ -18,12 +18,12 @@ QUIET = ("events.rate_hz=0", "record=off")
 BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")
 
 
-def play(found: InProcess, steps: int) -> Iterator[tuple[int, Tally]]:
+def play(found: InProcess, steps: int) -> Iterator[tuple[int, StepRecord]]:
     """The steps, each answered by the scripted operator."""
     for step in range(steps):
-        tally = found.step(step, step == steps - 1)
-        yield step, tally
-        found.close(Clock(step, tally.time_s, step == steps - 1))
+        record = found.step(step, step == steps - 1)
+        yield step, record
+        found.close(Clock(step, record.time_s, step == steps - 1))
 
 
 def places(found: InProcess) -> list[list[float]]:
@@ -33,20 +33,20 @@ def places(found: InProcess) -> list[list[float]]:
 
 def roots(found: InProcess) -> dict[int, int]:
     """The tree of each agent that is in one."""
-    standings = found.world._standings.items()
-    return {agent: standing.root for agent, standing in standings if standing.root >= 0}
+    standings = found.world._tree_statuses.items()
+    return {agent: status.root for agent, status in standings if status.root >= 0}
 
 
 def states(found: InProcess) -> list[int]:
     """What each agent says of command 0; -1: it does not know it."""
-    known = [{answer.command: answer.state for answer in shell.commands.answers()} for shell in found.agents]
+    known = [{answer.command: answer.state for answer in core.commands.answers()} for core in found.agents]
     return [answers.get(0, -1) for answers in known]
 
 
 def test_another_delta_changes_who_becomes_a_root() -> None:
     """With a delta that no place reaches there is no tree, before the command; after it there are some."""
     found = swarm("smoke", "control.delta=60", script([120, "set delta", "all", [], {"delta": 1}]))
-    trees = {step: tally.trees for step, tally in play(found, 240)}
+    trees = {step: record.trees for step, record in play(found, 240)}
     assert all(trees[step] == 0 for step in range(120))
     assert any(trees[step] for step in range(121, 240))
     assert states(found) == [DONE] * 6
@@ -178,14 +178,14 @@ def test_commanded_agents_decide_the_same_with_and_without_sleep(sets: list[str]
     def states_of(*more: str) -> Iterator[tuple[tuple[Any, ...], int]]:
         found = swarm("smoke", *BUSY, COMMANDS, *sets, *more)
         sent = arrived = 0
-        for _, tally in play(found, 320):
+        for _, record in play(found, 320):
             world = found.world
-            sent += 11 * tally.frames_sent
-            dropped = sum(count for name, count in tally._asdict().items() if name.startswith("dropped_"))
-            arrived += tally.frames_received + dropped - tally.frames_duplicated
-            assert sent == arrived + tally.frames_in_flight
+            sent += 11 * record.frames_sent
+            dropped = sum(count for name, count in record._asdict().items() if name.startswith("dropped_"))
+            arrived += record.frames_received + dropped - record.frames_duplicated
+            assert sent == arrived + record.frames_in_flight
             reports = [forwarded.report for forwarded in world.forwarded]
-            yield (world.inbox.spoken, world._standings, places(found), reports), tally.agents_asked
+            yield (world.inbox.spoken, world._tree_statuses, places(found), reports), record.agents_asked
         assert len(found.world.turns.log) >= 6
 
     asleep = awake = 0

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_agent.agent_core import FORGET_SENDER_S
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder, Sighting, decode, encode
 from deltaswarm_agent.controllers.paper.states import State
-from deltaswarm_agent.shell import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Event, decode_act, encode_act
@@ -132,7 +132,7 @@ def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) 
         samples += sum(said[0] < 10 for said in heard) - len(valid)
         senders |= {said[0] for said in heard if said[0] >= 10}
         assert one.step(*heard, events=sensed) == other.step(*valid, events=sensed)
-    assert (one.core.shell.rejected_frames, one.core.controller.counts["rejected_frames"]) == (samples, len(senders))
+    assert (one.core.core.rejected_frames, one.core.controller.counts["rejected_frames"]) == (samples, len(senders))
     assert other.core.rejected_frames == 0
 
 

@@ -102,7 +102,7 @@ class Swarm:
         for agent, core in self.awake:
             is_out = self.is_quiet and core.membership is None
             heard = [] if is_out else [(sender, data) for sender, to, data in flying if to == agent]
-            said = core.shell.step(
+            said = core.core.step(
                 Frame(self.step, float(self.step), False, *self.at[agent], (), self._sensed(agent), tuple(heard))
             )
             for event in said.act.observed:

@@ -129,8 +129,8 @@ def recalled(watch: Watch) -> None:
         for root in range(12)
     ]
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
-    for step, tally in enumerate(play(crew, ROUGH_STEPS)):
-        crew.close(Clock(step, tally.time_s, last=False))
+    for step, record in enumerate(play(crew, ROUGH_STEPS)):
+        crew.close(Clock(step, record.time_s, last=False))
         watch.check(crew)
 
 

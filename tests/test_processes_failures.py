@@ -127,7 +127,7 @@ def test_without_its_world_everything_ends(tmp_path: Path) -> None:
         assert swarm.manifest()["exit_reason"] == "failed"
         assert swarm.manifest()["why"] == swarm.summary()["why"]
         assert re.search("world .*SIGKILL", swarm.manifest()["why"][0])
-        assert read_recording(swarm.out / "recording.mcap").tallies
+        assert read_recording(swarm.out / "recording.mcap").step_records
         assert (swarm.out / "events.csv").read_text().count("\n") > 1
 
 
@@ -185,7 +185,7 @@ def test_no_orphan_survives_the_orchestrator(
     with temporary, running(tmp_path / "run", *LONG) as swarm:
         swarm.wait_until_under_way()
         recording = swarm.part / "recording.mcap.part"
-        wait_until(lambda: read_recording(recording).tallies, "steps in the recording")
+        wait_until(lambda: read_recording(recording).step_records, "steps in the recording")
         pids = swarm.pids
         assert info(swarm.part)["state"] == "running"
         if fork_server_too:
@@ -195,7 +195,7 @@ def test_no_orphan_survives_the_orchestrator(
         assert not list(Path(temporary.name).rglob("credentials"))
         wait_until(lambda: not os.listdir(temporary.name), "an empty folder for temporary files")
         found = read_recording(recording)
-        assert found.tallies
+        assert found.step_records
         assert not found.complete
         told = info(swarm.part)
         assert told["state"].startswith("incomplete (killed")
@@ -216,7 +216,7 @@ def test_a_signal_ends_the_run_in_order(tmp_path: Path, number: signal.Signals) 
         assert "not valid" in errors
         assert swarm.manifest()["exit_reason"] == f"stopped by {number.name}"
         recording = read_recording(swarm.out / "recording.mcap")
-        assert len(recording.tallies) == swarm.summary()["steps"] > 0
+        assert len(recording.step_records) == swarm.summary()["steps"] > 0
         assert swarm.summary()["transport_lost"] == 0
 
 

@@ -86,7 +86,7 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
         assert re.search("agent 3 .*SIGKILL", errors)
         assert "agent 1 was killed" not in errors
         recording = read_recording(swarm.out / "recording.mcap")
-        assert len(recording.tallies) == 300
+        assert len(recording.step_records) == 300
 
 
 def test_no_frozen_agent_survives_the_orchestrator(tmp_path: Path) -> None:

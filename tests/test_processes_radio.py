@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.run.results import read_outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, Tally
+from deltaswarm_wire.truth import DROP_REASONS, StepRecord
 from tests.airs import EVERYTHING, OBSTACLES
 from tests.swarms import run
 
@@ -29,14 +29,14 @@ def settings(*overrides: str) -> list[str]:
     return [text for one in overrides for text in ("--set", one)]
 
 
-def check_books(tallies: list[Tally]) -> None:
+def check_books(step_records: list[StepRecord]) -> None:
     """Nothing is lost from them, in any step."""
     before = 0
-    for tally in tallies:
-        dropped = sum(getattr(tally, f"dropped_{reason}") for reason in DROP_REASONS)
-        came = tally.frames_sent * (AGENTS - 1) + tally.frames_duplicated
-        assert before + came == tally.frames_received + dropped + tally.frames_in_flight
-        before = tally.frames_in_flight
+    for record in step_records:
+        dropped = sum(getattr(record, f"dropped_{reason}") for reason in DROP_REASONS)
+        came = record.frames_sent * (AGENTS - 1) + record.frames_duplicated
+        assert before + came == record.frames_received + dropped + record.frames_in_flight
+        before = record.frames_in_flight
 
 
 @pytest.mark.processes
@@ -46,8 +46,8 @@ def test_with_every_model_at_once_processes_have_the_same_digest(tmp_path: Path)
     first, second = (run_in_process(a_scenario(*EVERYTHING, seed=BUSY_SEED)) for _ in range(2))
     assert outside["digest"] == first.digest == second.digest
     assert outside["valid"]
-    kept = read_outcome(tmp_path / "run").tallies
-    assert kept == first.tallies == read_recording(tmp_path / "run").tallies
+    kept = read_outcome(tmp_path / "run").step_records
+    assert kept == first.step_records == read_recording(tmp_path / "run").step_records
     check_books(kept)
     frames = outside["frames"]
     came = frames["sent"] * (AGENTS - 1) + frames["duplicated"]
@@ -95,7 +95,7 @@ def test_bytes_counted_are_the_bytes_encoded(radio: tuple[str, ...]) -> None:
     sink = Sink()
     outcome = run_in_process(a_scenario(*radio), sink)
     assert sum(sink.sent_bytes.values()) > 1000
-    assert [tally.bytes_sent for tally in outcome.tallies] == [sink.sent_bytes[step] for step in range(SECONDS)]
+    assert [record.bytes_sent for record in outcome.step_records] == [sink.sent_bytes[step] for step in range(SECONDS)]
 
 
 def test_bandwidth_counts_the_bytes_of_frames_as_encoded() -> None:
@@ -106,10 +106,10 @@ def test_bandwidth_counts_the_bytes_of_frames_as_encoded() -> None:
     assert air._taking_in is not None
     sent = heard = 0
     for step in range(SECONDS):
-        tally = swarm.step(step, last=False)
+        record = swarm.step(step, last=False)
         heard += sum(len(data) for frames in swarm.world._carried.heard for _, data in frames)
         assert (air._sending.passed_bytes, air._taking_in.passed_bytes) == (sent, heard)
-        sent += tally.bytes_sent
+        sent += record.bytes_sent
     assert heard > 10_000
     assert swarm.world.digest.hex() == plain_digest()
 

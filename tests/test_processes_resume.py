@@ -96,7 +96,7 @@ def same_as_undisturbed(swarm: RunningSwarm) -> None:
     assert swarm.summary()["valid"]
     kept, recorded = read_outcome(swarm.out), read_recording(swarm.out / "recording.mcap")
     for found in (kept, recorded):
-        assert found.tallies == undisturbed.tallies
+        assert found.step_records == undisturbed.step_records
         assert [count._replace(backlog=0) for count in found.workloads] == undisturbed.workloads
         assert sorted(found.events) == sorted(undisturbed.events)
     assert recorded.complete

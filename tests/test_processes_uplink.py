@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import read_outcome
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import UPLINK_REASONS, Tally
+from deltaswarm_wire.truth import UPLINK_REASONS, StepRecord
 from tests.swarms import run
 
 OWN = ("agents.count=8", "run.duration_s=200", "events.rate_hz=0.3", "control.delta=2")
@@ -30,12 +30,12 @@ def a_scenario(*sets: str, seed: int = 1) -> Scenario:
     return load_scenario("smoke", [*OWN, "record=off", *sets], seed)
 
 
-def check_books(tallies: list[Tally]) -> None:
+def check_books(step_records: list[StepRecord]) -> None:
     before = 0
-    for tally in tallies:
-        dropped = sum(getattr(tally, f"reports_dropped_{reason}") for reason in UPLINK_REASONS)
-        assert before + tally.reports_sent == tally.reports_arrived + dropped + tally.reports_in_flight
-        before = tally.reports_in_flight
+    for record in step_records:
+        dropped = sum(getattr(record, f"reports_dropped_{reason}") for reason in UPLINK_REASONS)
+        assert before + record.reports_sent == record.reports_arrived + dropped + record.reports_in_flight
+        before = record.reports_in_flight
 
 
 @pytest.mark.processes
@@ -47,11 +47,11 @@ def test_processes_and_one_process_have_the_same_uplink(tmp_path: Path, record: 
     assert outside["digest"] == inside.digest
     assert (outside["valid"], outside["transport_lost"], outside["samples_rejected"]) == (True, 0, 0)
     kept, recorded = read_outcome(tmp_path / "run"), read_recording(tmp_path / "run")
-    assert kept.tallies == inside.tallies == recorded.tallies
-    check_books(kept.tallies)
+    assert kept.step_records == inside.step_records == recorded.step_records
+    check_books(kept.step_records)
     plain = [[w._replace(backlog=0) for w in workloads] for workloads in (kept.workloads, inside.workloads)]
     assert plain[0] == plain[1]
-    assert [len(reports) for reports in recorded.reports.values()] == [t.reports_arrived for t in kept.tallies]
+    assert [len(reports) for reports in recorded.reports.values()] == [t.reports_arrived for t in kept.step_records]
     reports, dropped = outside["reports"], outside["reports_dropped"]
     assert outside["operator"]["messages"] == reports["arrived"] == sum(w.messages for w in kept.workloads)
     assert reports["sent"] == reports["arrived"] + sum(dropped.values()) + reports["in_flight"]
@@ -62,9 +62,9 @@ def test_processes_and_one_process_have_the_same_uplink(tmp_path: Path, record: 
 def test_agents_do_not_notice(model: str) -> None:
     """What they do and say is the same with each model; without any, reports sent are reports counted."""
     off, on = run_in_process(a_scenario()), run_in_process(a_scenario(*BASE, model))
-    assert [t.reports_sent for t in off.tallies] == [t.reports_sent for t in on.tallies]
-    assert [t.reports_arrived for t in off.tallies] == [w.messages for w in off.workloads]
-    assert [t.reports_arrived for t in on.tallies] == [w.messages for w in on.workloads]
-    assert [t.bytes_sent for t in off.tallies] == [t.bytes_sent for t in on.tallies]
+    assert [t.reports_sent for t in off.step_records] == [t.reports_sent for t in on.step_records]
+    assert [t.reports_arrived for t in off.step_records] == [w.messages for w in off.workloads]
+    assert [t.reports_arrived for t in on.step_records] == [w.messages for w in on.workloads]
+    assert [t.bytes_sent for t in off.step_records] == [t.bytes_sent for t in on.step_records]
     assert off.events == on.events
-    check_books(on.tallies)
+    check_books(on.step_records)

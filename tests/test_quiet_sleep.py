@@ -31,11 +31,11 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
     swarm = InProcess(load_scenario("smoke", [*BUSY, *sets], seed))
     world = swarm.world
     for step in range(steps):
-        tally = swarm.step(step, step == steps - 1)
+        record = swarm.step(step, step == steps - 1)
         observed = {agent: act.observed for agent, (_, act) in world.inbox.acts.items() if act.observed}
         reports = [forwarded.report for forwarded in world.forwarded]
-        state = world.inbox.spoken, world._standings, world.environment.positions_m.tolist(), observed, reports
-        yield state, tally.agents_asked
+        state = world.inbox.spoken, world._tree_statuses, world.environment.positions_m.tolist(), observed, reports
+        yield state, record.agents_asked
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def test_there_are_cores_to_look_at() -> None:
     """The two rules above are not kept by looking nowhere."""
     names = {named(path) for path in CORES}
     assert {
-        "agent/deltaswarm_agent/shell.py",
+        "agent/deltaswarm_agent/agent_core.py",
         "agent/deltaswarm_agent/controllers/paper/controller.py",
         "agent/deltaswarm_wire/envelope.py",
         "operator/deltaswarm_operator/workload.py",

@@ -98,7 +98,7 @@ def test_trees_hold_in_every_step(watched: tuple[Trees, float, bool]) -> None:
     trees, _, kills = watched
     assert trees.most_in_trees >= (8 if kills else 15)
     assert trees.crew.world.refused_claims == 0
-    assert all(shell.rejected_frames == 0 for shell in trees.crew.agents)
+    assert all(core.rejected_frames == 0 for core in trees.crew.agents)
     assert all(controller.counts["rejected_frames"] == 0 for controller in controllers_of(trees.crew).values())
 
 

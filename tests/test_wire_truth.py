@@ -15,16 +15,24 @@ from deltaswarm_wire.truth import (
     Body,
     EventState,
     Said,
-    Tally,
+    StepRecord,
     Truth,
     decode_truth,
     decode_wire,
     encode_truth,
     encode_wire,
 )
-from tests.strategies import NASTY, TRUTH, assert_decodes_or_complains, assert_field_is_named, strange, tallies, truths
+from tests.strategies import (
+    NASTY,
+    TRUTH,
+    assert_decodes_or_complains,
+    assert_field_is_named,
+    step_records,
+    strange,
+    truths,
+)
 
-TALLY = Tally(*([0] * len(Tally._fields)))
+TALLY = StepRecord(*([0] * len(StepRecord._fields)))
 
 
 @given(truths)
@@ -46,10 +54,10 @@ def test_a_wrong_field_is_named(step: Truth, data: st.DataObject) -> None:
         assert_field_is_named(TRUTH, step, field, data.draw(st.sampled_from(NASTY)))
 
 
-@given(tallies, st.sampled_from(Tally._fields))
-def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
-    """Every count of the tally is checked under its own name."""
-    wrong: Any = {**tally._asdict(), field: "many"}
+@given(step_records, st.sampled_from(StepRecord._fields))
+def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
+    """Every count of the record is checked under its own name."""
+    wrong: Any = {**record._asdict(), field: "many"}
     raw = {
         "v": PROTOCOL_VERSION,
         "step": 0,
@@ -57,9 +65,9 @@ def test_a_wrong_count_is_named(tally: Tally, field: str) -> None:
         "bodies": [],
         "events": [],
         "links": [],
-        "tally": list(wrong.values()),
+        "step_record": list(wrong.values()),
     }
-    with pytest.raises(WireError, match=rf"^truth\.tally\.{field} must"):
+    with pytest.raises(WireError, match=rf"^truth\.step_record\.{field} must"):
         decode_truth(msgpack.packb(raw))
 
 
@@ -103,7 +111,7 @@ def test_oversized_truth_is_refused_at_both_ends() -> None:
 
 def test_every_drop_reason_is_counted_in_the_tally() -> None:
     """Each reason for which a frame is not heard has its own column, in the same order."""
-    columns = [name for name in Tally._fields if name.startswith("dropped_")]
+    columns = [name for name in StepRecord._fields if name.startswith("dropped_")]
     assert columns == [f"dropped_{reason}" for reason in truth.DROP_REASONS]
 
 

@@ -40,8 +40,8 @@ def test_what_the_base_says_is_in_the_digest_and_not_in_the_books_of_frames() ->
         stage.core.turns.take(Turn(0, (sign(a_command(number)),)))
         for _ in range(4):
             stage.begin()
-            tally = stage.end()
-            assert tally.frames_sent == tally.frames_received == 0
+            record = stage.end()
+            assert record.frames_sent == record.frames_received == 0
         digests.append(stage.core.digest.hex())
         assert stage.core.totals(complete=True)["downlink"]["frames_heard"] == 3
     assert digests[0] != digests[1]

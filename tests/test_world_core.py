@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.codec import MAX_ID, MAX_SAMPLE_BYTES
-from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, Standing, encode_act, encode_frame
+from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, TreeStatus, encode_act, encode_frame
 from deltaswarm_wire.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from tests.airs import EVERYTHING
 from tests.cores import play, swarm
@@ -66,8 +66,8 @@ def test_work_completes_an_event_and_nobody_senses_it_again() -> None:
 def test_changes_that_nobody_asks_for_are_not_kept() -> None:
     """Without a recorder they would pile up: at most one step's are held."""
     crew = swarm("smoke", "events.rate_hz=2")
-    for tally in play(crew, 30):
-        now_s = tally.time_s
+    for record in play(crew, 30):
+        now_s = record.time_s
         for event in crew.world.environment.changed:
             assert abs(now_s - event.arrived_s) < 1 or now_s in (event.sensed_s, event.completed_s)
     assert len(crew.world.environment.states()) > 30
@@ -90,8 +90,8 @@ def test_malformed_radio_frames_are_counted_never_raised(samples: list[tuple[int
         assert (reason is None) == (valid and agent < 3 and agent not in taken)
         refused += reason is not None
         taken |= {agent} if reason is None else set()
-    tally = stage.end()
-    assert (tally.rejected, tally.frames_sent) == (refused, len(taken))
+    record = stage.end()
+    assert (record.rejected, record.frames_sent) == (refused, len(taken))
     assert sum(stage.core.inbox.rejected.values()) == refused
     assert stage.core.lockstep.is_closed
 
@@ -144,7 +144,7 @@ def test_counts_that_overflow_do_not_harm_the_recorder() -> None:
     for counter in (MAX_ID, 0, MAX_ID):
         stage.core.inbox.hear_radio(0, sample(counter))
     truth = stage.core.truth(stage.end())
-    assert decode_truth(encode_truth(truth)).tally == truth.tally
+    assert decode_truth(encode_truth(truth)).step_record == truth.step_record
 
 
 def test_an_act_of_a_step_to_come_is_refused() -> None:
@@ -218,11 +218,11 @@ def test_a_crowded_frame_drops_what_does_not_fit_and_says_so() -> None:
     assert max(map(len, said)) > 7000
     stage.end()
     frames = stage.begin()
-    tally = stage.end()
+    record = stage.end()
     assert all(len(encode_frame(frame)) <= MAX_SAMPLE_BYTES for frame in frames.values())
     heard = [len(frame.heard) for frame in frames.values()]
     assert set(heard) == {3}
-    assert (tally.frames_received, tally.dropped_crowded) == (27, 9 * 8 - 27)
+    assert (record.frames_received, record.dropped_crowded) == (27, 9 * 8 - 27)
 
 
 def test_more_events_than_a_frame_may_hold_are_left_out() -> None:
@@ -267,9 +267,9 @@ def test_a_dead_agent_stops_and_hears_nothing() -> None:
     stage.core.lockstep.gone(0)
     stage.event(50, 50)
     assert list(stage.begin()) == [1]
-    tally = stage.end()
-    assert (tally.agents_alive, tally.dropped_dead, tally.frames_received) == (1, 1, 0)
-    assert stage.core.truth(tally).bodies[0][1:4] == (50.0, 50.0, "dead")
+    record = stage.end()
+    assert (record.agents_alive, record.dropped_dead, record.frames_received) == (1, 1, 0)
+    assert stage.core.truth(record).bodies[0][1:4] == (50.0, 50.0, "dead")
     assert stage.core.totals(complete=True)["agents_lost"] == [0]
 
 
@@ -286,12 +286,12 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
     dropped = Counter[str]()
     for step in range(250):
         changes.get(step, lambda agent: None)(step // 30)
-        tally = crew.step(step, last=False)
-        drops = {reason: getattr(tally, f"dropped_{reason}") for reason in DROP_REASONS}
-        came = tally.frames_sent * 9 + tally.frames_duplicated
-        assert in_flight + came == tally.frames_received + sum(drops.values()) + tally.frames_in_flight
-        assert tally.bytes_sent >= 6 * tally.frames_sent
-        in_flight, heard = tally.frames_in_flight, heard + tally.frames_received
+        record = crew.step(step, last=False)
+        drops = {reason: getattr(record, f"dropped_{reason}") for reason in DROP_REASONS}
+        came = record.frames_sent * 9 + record.frames_duplicated
+        assert in_flight + came == record.frames_received + sum(drops.values()) + record.frames_in_flight
+        assert record.bytes_sent >= 6 * record.frames_sent
+        in_flight, heard = record.frames_in_flight, heard + record.frames_received
         dropped.update(drops)
     assert heard > 500
     if radio == list(EVERYTHING):
@@ -317,7 +317,7 @@ def test_the_digest_shows_one_changed_byte() -> None:
         (frame, act._replace(vx_mps=0.25)),
         (frame, act._replace(observed=(1,))),
         (frame, act._replace(until=2)),
-        (frame, act._replace(standing=Standing("root", root=0))),
+        (frame, act._replace(tree_status=TreeStatus("root", root=0))),
     ]
     assert len({digest_of(*other) for other in [*others, (frame, act)]}) == 7
 
@@ -343,12 +343,12 @@ def test_the_truth_is_what_happened_and_goes_over_the_wire() -> None:
     crew = swarm("smoke", "agents.count=8", "events.rate_hz=0.2", "control.delta=2")
     completed: list[int] = []
     for step in range(300):
-        tally = crew.step(step, last=False)
-        truth = crew.world.truth(tally)
+        record = crew.step(step, last=False)
+        truth = crew.world.truth(record)
         assert decode_truth(encode_truth(truth)) == truth
         assert isinstance(truth, Truth)
-        assert sum(body.role == "root" for body in truth.bodies) == tally.trees
-        assert len(truth.links) == tally.frames_received
+        assert sum(body.role == "root" for body in truth.bodies) == record.trees
+        assert len(truth.links) == record.frames_received
         completed += [event.event for event in truth.events if event.completed_s is not None]
         for body in truth.bodies:
             assert (body.root == NOBODY) == (body.role in ("free", "attending", "leaving"))

@@ -13,12 +13,12 @@ def test_an_agent_whose_act_holds_is_left_alone() -> None:
     stage = Stage(2)
     stage.begin()
     stage.act(0, vx_mps=1.0, until=4, role="walker")
-    tally = stage.end()
+    record = stage.end()
     for step in (1, 2, 3):
         assert list(stage.begin()) == [1]
-        tally = stage.end()
-        assert (tally.agents_asked, tally.agents_late) == (1, 0)
-        body = stage.core.truth(tally).bodies[0]
+        record = stage.end()
+        assert (record.agents_asked, record.agents_late) == (1, 0)
+        body = stage.core.truth(record).bodies[0]
         assert (body.x_m, body.role) == (50.0 + step, "walker")
     frame = stage.begin()[0]
     assert (frame.x_m, frame.poses) == (54.0, ((51.0, 50.0), (52.0, 50.0), (53.0, 50.0)))

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
@@ -95,18 +95,18 @@ def test_what_it_says_of_reports_is_what_happened(
     uplink: dict[str, Any], steps: list[tuple[set[int], dict[int, int], set[int]]]
 ) -> None:
     """Over all agents, as many outcomes as reports sent or under way, each what the counts have."""
-    found, tally = list[str](), (0, 0, {})
+    found, record = list[str](), (0, 0, {})
     for watched in range(5):
         stage = Stage(LINE_M, uplink)
         stage.uplink = traced = TracedUplink(stage.uplink, watched)
         for senders, trees, absent in steps:
-            tally = (
+            record = (
                 len(stage.carry(sorted(senders), trees, sorted(absent))),
                 stage.uplink.under_way,
                 stage.uplink.dropped,
             )
         found += traced.outcomes
-    arrived, under_way, dropped = tally
+    arrived, under_way, dropped = record
     assert found.count("arrived") == arrived
     assert sum(not outcome.startswith(("arrived", "dropped")) for outcome in found) == under_way
     for reason, count in dropped.items():
@@ -189,18 +189,22 @@ def report(agent: int, sequence: int, step: int = 0) -> bytes:
 def test_the_world_checks_reports_as_the_operator_does() -> None:
     """Damaged, forged, early and second ones are rejected; a gap in a sequence is lost on the fabric, once."""
     core = WorldCore(load(Scenario, {"agents": {"count": 3}, "uplink": {"latency_s": 1}}))
-    tallies = []
+    step_records = []
     for step in range(3):
         for agent, _ in core.begin(step, last=False):
             data = report(agent, step + (agent == 2), step)
             assert core.inbox.hear_report(agent, data) is None
             for bad in (b"", data[:-1], report(agent + 1, 9), report(agent, 9, step + 1), data):
                 assert core.inbox.hear_report(agent, bad)
-            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
-        tallies.append(core.end())
-    assert [tally.rejected for tally in tallies] == [15] * 3
-    assert [tally.transport_lost for tally in tallies] == [1, 0, 0]
-    assert [(tally.reports_sent, tally.reports_arrived) for tally in tallies] == [(3, 0), (3, 3), (3, 3)]
+            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
+        step_records.append(core.end())
+    assert [record.rejected for record in step_records] == [15] * 3
+    assert [record.transport_lost for record in step_records] == [1, 0, 0]
+    assert [(record.reports_sent, record.reports_arrived) for record in step_records] == [
+        (3, 0),
+        (3, 3),
+        (3, 3),
+    ]
     assert [(one.sequence, one.step) for one in core.forwarded] == [(3, 2), (4, 2), (5, 2)]
     assert core.forwarded[0].report == report(0, 1, 1)
 
@@ -209,11 +213,14 @@ def test_a_dead_radio_reports_to_nobody() -> None:
     """As it tells no neighbour anything."""
     fault = {"kind": "radio-dead", "at_s": 1.0, "agents": [0]}
     core = WorldCore(load(Scenario, {"agents": {"count": 2}, "uplink": {"loss": 1e-9}, "fault": [fault]}))
-    tallies = []
+    step_records = []
     for step in range(2):
         core.inject(step)
         for agent, _ in core.begin(step, last=False):
             core.inbox.hear_report(agent, report(agent, step, step))
-            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), Standing(), step + 1)))
-        tallies.append(core.end())
-    assert [(tally.reports_arrived, tally.reports_dropped_dead) for tally in tallies] == [(2, 0), (1, 1)]
+            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
+        step_records.append(core.end())
+    assert [(record.reports_arrived, record.reports_dropped_dead) for record in step_records] == [
+        (2, 0),
+        (1, 1),
+    ]

@@ -14,7 +14,7 @@ from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, EventState, Tally, Truth
+from deltaswarm_wire.truth import DEAD, Body, EventState, StepRecord, Truth
 
 ROLES = ("free", "attending", "root", "member", "orphan", "relocating", "leaving", DEAD)
 IN_TREE = frozenset({"root", "member", "orphan", "relocating"})
@@ -50,7 +50,7 @@ def steps(
             bodies,
             tuple(shown[event] for event in sorted(shown)),
             tuple((rng.randrange(agents), rng.randrange(agents)) for _ in range(links)),
-            _tally(rng, step, time_s, len(active)),
+            _step_record(rng, step, time_s, len(active)),
         )
         sent = tuple(_report(rng, agent, step, places[agent], truth.events) for agent in range(min(agents, reports)))
         yield truth, sent, _workload(rng, step, time_s, len(sent))
@@ -75,11 +75,11 @@ def _body(agent: int, place: tuple[float, float], roles: list[str]) -> Body:
     return Body(agent, *place, role, int(in_tree), root if in_tree else NOBODY, root)
 
 
-def _tally(rng: random.Random, step: int, time_s: float, events_open: int) -> Tally:
+def _step_record(rng: random.Random, step: int, time_s: float, events_open: int) -> StepRecord:
     area_m2 = rng.uniform(0, 700) if step % 10 == 0 else None
-    counts = {name: rng.randrange(30) for name in Tally._fields}
+    counts = {name: rng.randrange(30) for name in StepRecord._fields}
     counts |= {"step": step, "agents_alive": 25, "agents_late": rng.randrange(2), "agents_in_trees": 12, "trees": 3}
-    return Tally(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_open": events_open})
+    return StepRecord(**{**counts, "time_s": time_s, "covered_area_m2": area_m2, "events_open": events_open})
 
 
 def _report(
@@ -116,8 +116,8 @@ def on(topic: str, found: Iterable[tuple[str, int, Any]]) -> list[Any]:
 
 
 def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple[int, int], ...] = ()) -> Truth:
-    zeros: dict[str, Any] = dict.fromkeys(Tally._fields, 0)
-    return Truth(0, 0.0, bodies, events, links, Tally(**{**zeros, "time_s": 0.0, "covered_area_m2": None}))
+    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
+    return Truth(0, 0.0, bodies, events, links, StepRecord(**{**zeros, "time_s": 0.0, "covered_area_m2": None}))
 
 
 def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:

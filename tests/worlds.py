@@ -6,9 +6,9 @@ from typing import Any
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.messages import Act, Frame, Standing, encode_act
+from deltaswarm_wire.messages import Act, Frame, TreeStatus, encode_act
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.environment import EventRecord
 
@@ -20,7 +20,7 @@ def sample(counter: int, payload: bytes = b"here") -> bytes:
 
 def an_act(step: int, *observed: int, vx_mps: float = 0.0, until: int | None = None, role: str = "free") -> Act:
     """An act that holds for one step, unless `until` says otherwise."""
-    return Act(step, vx_mps, 0.0, observed, Standing(role), step + 1 if until is None else until)
+    return Act(step, vx_mps, 0.0, observed, TreeStatus(role), step + 1 if until is None else until)
 
 
 class Stage:
@@ -62,7 +62,7 @@ class Stage:
             agent, encode_act(an_act(self.step if step is None else step, *observed, **more))
         )
 
-    def end(self, *silent: int) -> Tally:
+    def end(self, *silent: int) -> StepRecord:
         """Acts of all who have not acted, save the silent; then the end of the step."""
         for agent in sorted(self.core.lockstep.waiting - set(silent)):
             assert self.act(agent) is None

@@ -22,7 +22,7 @@ from deltaswarm_wire.messages import (
     Act,
     Event,
     Pose,
-    Standing,
+    TreeStatus,
     role_name,
 )
 from deltaswarm_wire.operator_messages import ReportedMember
@@ -97,11 +97,11 @@ class Decision(NamedTuple):
         payload: its broadcast in this step, or None.
         report: its message to the operator in this step, or None.
         role: a word for figures and recordings, such as "free" or "attending".
-        level, parent, root: its place in a tree, if it is in one (see `Standing`).
+        level, parent, root: its place in a tree, if it is in one (see `TreeStatus`).
         until: the step of the next percept, later than this one; None: the next step. The percept comes earlier if the
             agent senses an event, receives a frame or a command, or has a fault.
         done, refused: numbers of the operator commands that it has carried out, or cannot.
-        delta: the number of events sensed at once that would make it a root now, if it has one (see `Standing`).
+        delta: the number of events sensed at once that would make it a root now, if it has one (see `TreeStatus`).
     """
 
     velocity: Velocity = STAND
@@ -189,7 +189,7 @@ def checked_act(decision: Any, step: int) -> Act:
     if type(observed) is not tuple or observed:
         _check_observed(observed)
     delta = decision.delta
-    standing = Standing(role_name(role, "role"), level, parent, root, delta)
+    tree_status = TreeStatus(role_name(role, "role"), level, parent, root, delta)
     if not (
         type(level) is type(parent) is type(root) is type(delta) is int
         and (0 <= level <= MAX_AGENT_ID and NOBODY <= parent <= MAX_AGENT_ID and NOBODY <= root <= MAX_AGENT_ID)
@@ -198,7 +198,7 @@ def checked_act(decision: Any, step: int) -> Act:
         given = f"{level!r}, {parent!r}, {root!r}, {delta!r}"
         raise ValueError(f"level, parent, root and delta must be whole numbers (got {given})")
     until = step + 1 if until is None else _until(until, step)
-    return Act(step, float(vx_mps), float(vy_mps), tuple(observed), standing, until)
+    return Act(step, float(vx_mps), float(vy_mps), tuple(observed), tree_status, until)
 
 
 def _until(until: Any, step: int) -> int:

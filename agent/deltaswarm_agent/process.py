@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import cast
 
 from deltaswarm_agent import saving
+from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.controller import ControllerError, make_controller
-from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
 from deltaswarm_wire.messages import decode_frame
@@ -110,7 +110,7 @@ class Outbox:
             heard.wait()
             listener.undeclare()
 
-    def send(self, said: Outbound) -> None:
+    def send(self, said: StepOutput) -> None:
         """Send a step's output. The act closes the step: it comes last, attached to the radio frame if any."""
         if said.report_bytes is not None:
             self._report.put(said.report_bytes)
@@ -124,23 +124,23 @@ class Outbox:
         self._taken.put(encode_taken(step))
 
 
-def _shell(config: AgentConfig) -> tuple[Shell, int]:
+def _core(config: AgentConfig) -> tuple[AgentCore, int]:
     """Make or resume the agent; return it with the step of its newest frame. Check that it can be saved, if needed."""
     if config.checkpoints is not None and config.resume_step is not None:
         return saving.load(config.checkpoints, config.resume_step, config.agent)
     controller = make_controller(config.agent, config.settings, config.restart)
-    shell = Shell(config.agent, config.settings.step_s, controller)
+    core = AgentCore(config.agent, config.settings.step_s, controller)
     if config.checkpoints is not None:
-        saving.saved(shell, -1)
-    return shell, -1
+        saving.saved(core, -1)
+    return core, -1
 
 
-def _save(config: AgentConfig, shell: Shell, newest: int, step: int, outbox: Outbox) -> None:
+def _save(config: AgentConfig, core: AgentCore, newest: int, step: int, outbox: Outbox) -> None:
     """Save the agent and confirm it to the world. If that fails, log it and continue without this checkpoint."""
     try:
         if config.checkpoints is None:
             raise ControllerError("--checkpoints must be given to save an agent")
-        saving.save(config.checkpoints, step, shell, newest)
+        saving.save(config.checkpoints, step, core, newest)
     except (ControllerError, OSError) as error:
         log.error("agent %d cannot be saved after step %d: %s", config.agent, step, error)
     else:
@@ -156,7 +156,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
     """
     zenoh.init_log_from_env_or("error")
     keys = Keys(config.run)
-    shell, newest = _shell(config)
+    core, newest = _core(config)
     settings = configured(zenoh.Config, client_pairs(config.link), config.link)
     try:
         opened = zenoh.open(settings)
@@ -177,7 +177,7 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
             data = sample.payload.to_bytes()
             try:
                 if sample.attachment is not None:
-                    _save(config, shell, newest, decode_save(data), outbox)
+                    _save(config, core, newest, decode_save(data), outbox)
                     continue
                 frame = decode_frame(data)
             except WireError as error:
@@ -188,12 +188,12 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
             if frame.step <= newest:
                 continue
             newest = frame.step
-            outbox.send(shell.step(frame))
+            outbox.send(core.step(frame))
             if frame.last:
                 break
         watch.goodbye()
         token.undeclare()
     log.info(
-        "agent %d exits after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, shell.counts
+        "agent %d exits after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, core.counts
     )
     return 0

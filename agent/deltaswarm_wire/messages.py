@@ -148,7 +148,7 @@ FREE = "free"
 """The role of an agent outside every tree."""
 
 
-class Standing(NamedTuple):
+class TreeStatus(NamedTuple):
     """An agent's own account of its role and its place in a tree.
 
     `root` is the root of its tree (its own id if it is the root), NOBODY outside a tree. `level` is the number of
@@ -164,7 +164,7 @@ class Standing(NamedTuple):
 
 
 class Act(NamedTuple):
-    """What an agent does from a step on: velocity [m/s; world frame], observed events, standing.
+    """What an agent does from a step on: velocity [m/s; world frame], observed events, and its place in a tree.
 
     It holds until the step `until`, in which the agent gets its next frame. Sensing or hearing something brings the
     next frame earlier.
@@ -174,14 +174,14 @@ class Act(NamedTuple):
     vx_mps: float
     vy_mps: float
     observed: tuple[int, ...]
-    standing: Standing
+    tree_status: TreeStatus
     until: int
 
 
 def encode_act(act: Act) -> bytes:
     """`[version, step, vx_mps, vy_mps, [event...], role, level, parent, root, delta, until]`."""
-    step, vx_mps, vy_mps, observed, standing, until = act
-    return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *standing, until))
+    step, vx_mps, vy_mps, observed, tree_status, until = act
+    return pack((PROTOCOL_VERSION, step, vx_mps, vy_mps, observed, *tree_status, until))
 
 
 def decode_act(data: bytes) -> Act:
@@ -193,7 +193,7 @@ def decode_act(data: bytes) -> Act:
         number(vx_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vx_mps"),
         number(vy_mps, -MAX_SPEED_MPS, MAX_SPEED_MPS, "act.vy_mps"),
         _observed(observed),
-        Standing(
+        TreeStatus(
             role_name(role, "act.role"),
             integer(level, 0, MAX_AGENT_ID, "act.level"),
             integer(parent, NOBODY, MAX_AGENT_ID, "act.parent"),

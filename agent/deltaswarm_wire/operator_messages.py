@@ -73,7 +73,7 @@ class Report(NamedTuple):
     members: tuple[ReportedMember, ...] = ()
     answers: tuple[Answer, ...] = ()
     delta: int = 0
-    """See `Standing`."""
+    """See `TreeStatus`."""
 
 
 _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
@@ -105,7 +105,7 @@ def encode_report(report: Report) -> bytes:
     return pack(raw)
 
 
-@lru_cache(maxsize=128)  # in one process the agent's shell and the operator decode the same
+@lru_cache(maxsize=128)  # in one process the agent and the operator decode the same
 def decode_report(data: bytes) -> Report:
     """Check and decode. Raises WireError."""
     raw = unpack(data)

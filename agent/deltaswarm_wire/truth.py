@@ -63,7 +63,7 @@ relay is gone, hangs, or has a dead radio.
 
 
 class Body(NamedTuple):
-    """One agent: its position [m; world frame] and its own `Standing`."""
+    """One agent: its position [m; world frame] and its own `TreeStatus`."""
 
     agent: int
     x_m: float
@@ -87,7 +87,7 @@ class EventState(NamedTuple):
     work_agent_s: float
 
 
-class Tally(NamedTuple):
+class StepRecord(NamedTuple):
     """The world's row of `series.csv`: what happened in one step.
 
     Each frame sent is one expected reception per other agent. Receptions that are neither complete nor dropped are in
@@ -158,7 +158,7 @@ class Truth(NamedTuple):
     bodies: tuple[Body, ...]
     events: tuple[EventState, ...]
     links: tuple[tuple[int, int], ...]
-    tally: Tally
+    step_record: StepRecord
 
 
 MAX_BODIES = MAX_AGENT_ID + 1
@@ -180,7 +180,7 @@ def decode_truth(data: bytes) -> Truth:
         tuple([_body(row) for row in arrays(raw["bodies"], MAX_BODIES, "truth.bodies")]),
         tuple([_event_state(row) for row in arrays(raw["events"], MAX_EVENTS, "truth.events")]),
         tuple([_link(row) for row in arrays(raw["links"], MAX_LINKS, "truth.links")]),
-        _tally(raw["tally"]),
+        _step_record(raw["step_record"]),
     )
 
 
@@ -223,20 +223,20 @@ def _link(row: Any) -> tuple[int, int]:
     )
 
 
-def _tally(row: Any) -> Tally:
-    array(row, len(Tally._fields), "truth.tally")
-    named = dict(zip(Tally._fields, row, strict=True))
-    found: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.tally.time_s")}
+def _step_record(row: Any) -> StepRecord:
+    array(row, len(StepRecord._fields), "truth.step_record")
+    named = dict(zip(StepRecord._fields, row, strict=True))
+    found: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
     for name, most in _MEASURED.items():
         value = named.pop(name)
-        found[name] = None if value is None else number(value, 0.0, most, f"truth.tally.{name}")
+        found[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
     for name, value in named.items():
-        found[name] = integer(value, 0, MAX_ID, f"truth.tally.{name}")
-    return Tally(**found)
+        found[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
+    return StepRecord(**found)
 
 
 _MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}
-"""Fields of `Tally` that may be None, and their greatest values."""
+"""Fields of `StepRecord` that may be None, and their greatest values."""
 
 
 Said = tuple[int, int, bytes]

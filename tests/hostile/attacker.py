@@ -17,7 +17,7 @@ from deltaswarm_agent.process import AgentConfig
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
-from deltaswarm_wire.messages import Act, Standing, encode_act
+from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.session import client_pairs, configured
 
@@ -95,7 +95,7 @@ def frames(step: int) -> Iterator[bytes]:
 
 def acts(step: int) -> Iterator[bytes]:
     """Of a step that is closed."""
-    data = encode_act(Act(step - 1, 1.0, 0.0, (), Standing(), step))
+    data = encode_act(Act(step - 1, 1.0, 0.0, (), TreeStatus(), step))
     while True:
         yield data
 

@@ -64,12 +64,12 @@ def test_a_flood_of_reports_takes_no_room_on_the_uplink(tmp_path: Path) -> None:
     flooded = play(tmp_path / "run", "smoke", STEPS, "reports", rest_s=REST_S, others=uplink)
     assert flooded.outcome.events == silence.outcome.events
     columns = ("agents_in_trees", "trees", "frames_sent", "bytes_sent", "frames_received", "events_open")
-    for one, other in zip(flooded.outcome.tallies, silence.outcome.tallies, strict=True):
+    for one, other in zip(flooded.outcome.step_records, silence.outcome.step_records, strict=True):
         assert [getattr(one, name) for name in columns] == [getattr(other, name) for name in columns]
     assert flooded.world["excess"].keys() == {str(WHO)}
     assert max(flooded.peak_mb.values()) < MOST_MB
-    sent = [tally.reports_sent for tally in flooded.outcome.tallies]
-    assert max(sent) <= flooded.outcome.tallies[0].agents_alive, "at most one of each agent in a step"
+    sent = [record.reports_sent for record in flooded.outcome.step_records]
+    assert max(sent) <= flooded.outcome.step_records[0].agents_alive, "at most one of each agent in a step"
 
 
 def test_who_is_late_again_and_again_is_waited_for_ever_less(tmp_path: Path) -> None:

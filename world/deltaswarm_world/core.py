@@ -1,4 +1,4 @@
-"""The world's core: one step at a time, frames out, acts and radio frames in, truth and tally out.
+"""The world's core: one step at a time, frames out, acts and radio frames in, truth and record out.
 
 Inputs are processed in agent order, never in arrival order; `inbox.py` takes and checks them.
 """
@@ -12,11 +12,11 @@ from typing import Any
 
 from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
-from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, Standing
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, Said, Tally, Truth
+from deltaswarm_wire.truth import DEAD, Body, Said, StepRecord, Truth
 from deltaswarm_world.air.radio import Air, Carried
 from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.downlink import Downlink
@@ -25,7 +25,7 @@ from deltaswarm_world.faults.timeline import Faults
 from deltaswarm_world.inbox import Inbox
 from deltaswarm_world.lockstep import LockStep
 from deltaswarm_world.quiet import QuietSleep
-from deltaswarm_world.tally import tally
+from deltaswarm_world.step_record import record
 from deltaswarm_world.turns import AWAITED, OFF, Turns
 from deltaswarm_world.uplink.uplink import Uplink
 
@@ -34,7 +34,7 @@ HEARD_BYTES = 6
 
 NOBODY_HIT: frozenset[int] = frozenset()
 
-SILENT, GONE = Standing(), Standing(DEAD)
+SILENT, GONE = TreeStatus(), TreeStatus(DEAD)
 
 
 class WorldCore:
@@ -70,8 +70,8 @@ class WorldCore:
         self._present = [True] * count
         self._listening = self.speaking = [True] * count
         """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
-        self._standings: dict[int, Standing] = {}
-        """Each present agent's standing, by its last act."""
+        self._tree_statuses: dict[int, TreeStatus] = {}
+        """Each present agent's tree status, by its last act."""
         self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
         self._sensed: list[list[Event]] = []
         self.links: Sequence[tuple[int, int]] = ()
@@ -88,7 +88,7 @@ class WorldCore:
         if self._faults is None:
             return ()
         lockstep = self.lockstep
-        roots = [agent for agent, standing in self._standings.items() if standing.root == agent]
+        roots = [agent for agent, status in self._tree_statuses.items() if status.root == agent]
         orders = self._faults.inject(step, lockstep.alive, roots)
         for order in orders:
             for agent in order.agents:
@@ -128,8 +128,8 @@ class WorldCore:
         always = lockstep.boards.keys() | (self._faults.afflicted if self._faults else NOBODY_HIT)
         asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
         lockstep.begin(step, asked)
-        before = self._standings
-        self._standings = {agent: before[agent] for agent in taking_part if agent in before}
+        before = self._tree_statuses
+        self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
         self.inbox.begin(step)
         return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
 
@@ -188,8 +188,8 @@ class WorldCore:
             del frames[fitting:]
         return crowded
 
-    def end(self) -> Tally:
-        """Close the step: commands, work, completion, tally, digest."""
+    def end(self) -> StepRecord:
+        """Close the step: commands, work, completion, record, digest."""
         late = self.lockstep.give_up()
         self.inbox.drop_frames(late)
         observers: Counter[int] = Counter()
@@ -209,15 +209,15 @@ class WorldCore:
             if spoken is not None:
                 self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
-            self._standings[agent] = act.standing
+            self._tree_statuses[agent] = act.tree_status
             self._sleep.hold(agent, act)
         self.environment.work(observers, self._time_s)
         for agent in late:
-            self._standings.pop(agent, None)
+            self._tree_statuses.pop(agent, None)
             self._sleep.wake(agent)
         self._forward()
         self.digest.end_step()
-        row = self._tally(late)
+        row = self._step_record(late)
         if self._is_last:  # what arrives until the end is part of the run, whatever the length of a step
             self.environment.arrive(self._time_s + self.scenario.run.step_s)
         return row
@@ -237,18 +237,18 @@ class WorldCore:
         lockstep = self.lockstep
         absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
         there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
-        roots = {agent: standing.root for agent, standing in self._standings.items() if standing.root != NOBODY}
+        roots = {agent: status.root for agent, status in self._tree_statuses.items() if status.root != NOBODY}
         return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
 
-    def _tally(self, late: Collection[int]) -> Tally:
+    def _step_record(self, late: Collection[int]) -> StepRecord:
         uplink, sent = self.uplink, len(self._sent)
-        in_trees = sorted(agent for agent, standing in self._standings.items() if standing.root != NOBODY)
-        roots = [agent for agent in in_trees if self._standings[agent].root == agent]
+        in_trees = sorted(agent for agent, status in self._tree_statuses.items() if status.root != NOBODY)
+        roots = [agent for agent in in_trees if self._tree_statuses[agent].root == agent]
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, lost = self.inbox.take_counts()
         carried, others = self._carried, self.scenario.agents.count - 1
-        return tally(
+        return record(
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.lockstep.alive),
@@ -276,15 +276,15 @@ class WorldCore:
         )
 
     def _mean_delta(self) -> float | None:
-        deltas = [standing.delta for standing in self._standings.values() if standing.delta]
+        deltas = [status.delta for status in self._tree_statuses.values() if status.delta]
         return sum(deltas) / len(deltas) if deltas else None
 
-    def truth(self, row: Tally) -> Truth:
+    def truth(self, row: StepRecord) -> Truth:
         """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
         bodies = []
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
-            standing = self._standings.get(agent, SILENT) if agent in self.lockstep.alive else GONE
-            bodies.append(Body(agent, x_m, y_m, *standing))
+            status = self._tree_statuses.get(agent, SILENT) if agent in self.lockstep.alive else GONE
+            bodies.append(Body(agent, x_m, y_m, *status))
         events = tuple(self.environment.states_to_show())
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
 

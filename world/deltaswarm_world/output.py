@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deltaswarm_wire.truth import EventState, Tally
+from deltaswarm_wire.truth import EventState, StepRecord
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.environment import EventRecord
 
@@ -38,7 +38,7 @@ class WorldOutput:
         self._files = [(folder / name).open("a" if table_bytes else "w", newline="") for name in TABLES]
         self._rows, self._events = (csv.writer(file) for file in self._files)
         if not table_bytes:
-            self._rows.writerow(Tally._fields)
+            self._rows.writerow(StepRecord._fields)
             self._events.writerow(EventState._fields)
         self._wall_before_s = wall_s
         self._flush_due = time.monotonic() + FLUSH_EVERY_S
@@ -54,9 +54,9 @@ class WorldOutput:
         for file in self._files:
             file.close()
 
-    def write(self, tally: Tally, changed: Iterable[EventRecord]) -> None:
+    def write(self, record: StepRecord, changed: Iterable[EventRecord]) -> None:
         """Write one closed step, and the events that arrived, were first sensed or completed in it."""
-        self._rows.writerow(tally)
+        self._rows.writerow(record)
         self._events.writerows(event.state() for event in changed)
         now = time.monotonic()
         if now >= self._flush_due:

@@ -7,7 +7,7 @@ from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_wire.truth import Tally, encode_truth, encode_wire
+from deltaswarm_wire.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_world import saving
 from deltaswarm_world.attention import Attention
 from deltaswarm_world.config import WorldConfig
@@ -79,9 +79,9 @@ class WorldProcess(Attention):
             self._probe(last)
             self._wires.frames(self._core.begin(step, last))
             self._collect()
-            tally = self._core.end()
-            output.write(tally, self._core.environment.changed)  # a step is on file before anyone is told of it
-            self._close(tally, last)
+            record = self._core.end()
+            output.write(record, self._core.environment.changed)  # a step is on file before anyone is told of it
+            self._close(record, last)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")
             if last:
@@ -226,7 +226,7 @@ class WorldProcess(Attention):
             self._patience.missed(agent, lockstep.step)
             log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
 
-    def _close(self, tally: Tally, last: bool) -> None:
+    def _close(self, record: StepRecord, last: bool) -> None:
         """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
 
         Raises:
@@ -234,18 +234,18 @@ class WorldProcess(Attention):
         """
         core, wires = self._core, self._wires
         if self._config.publish_truth:
-            wires.truth(encode_truth(core.truth(tally)))
+            wires.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
-            wires.wire(encode_wire(tally.step, core.said))
+            wires.wire(encode_wire(record.step, core.said))
         self._take_news()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
-        clock = encode_clock(Clock(tally.step, tally.time_s, last))
-        self._handing_on.close(ClosedStep(tally.step, reports, clock, last), now=not self._operator_left)
+        clock = encode_clock(Clock(record.step, record.time_s, last))
+        self._handing_on.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
         if self._operator_left:
             self._welcome_operator()
         self._is_over = last
-        if not last and any(tally.step - taken > AHEAD_STEPS for taken in self._taken.values()):
-            self._let_catch_up(tally.step)
+        if not last and any(record.step - taken > AHEAD_STEPS for taken in self._taken.values()):
+            self._let_catch_up(record.step)
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""

@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.body import NOWHERE, Body, Sensed
-from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
 from deltaswarm_wire.messages import FREE, MAX_SENSED, Event, Frame, Heard
 
@@ -62,7 +62,7 @@ class SetPoint:
 class Driver:
     """Body, controller and set point of one agent."""
 
-    def __init__(self, shell: Shell, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
+    def __init__(self, core: AgentCore, body: Body, *, step_s: float, arrive_m: float, max_std_m: float) -> None:
         self.role = FREE
         """The agent's role by its own account."""
         self.faulty_steps = 0
@@ -71,7 +71,7 @@ class Driver:
         """The body's present fault in a few words; "" if none."""
         self.place_m = (math.nan, math.nan)
         """The agent's estimate of its position."""
-        self._shell = shell
+        self._core = core
         self._step_s = step_s
         self._body = body
         self._set_point = SetPoint(arrive_m)
@@ -81,9 +81,9 @@ class Driver:
     @property
     def refused_commands(self) -> int:
         """Number of relayed commands that are malformed, not the operator's, or over."""
-        return self._shell.commands.rejected
+        return self._core.commands.rejected
 
-    def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
+    def step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> StepOutput | None:
         """Sense, decide, move. With a fault of the body, stand, send nothing, and return None.
 
         `hear` returns the frames received at a position [m].
@@ -98,7 +98,7 @@ class Driver:
             self._failures = 0
         return said
 
-    def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> Outbound | None:
+    def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> StepOutput | None:
         sensed = self._sense(time_s)
         self.fault = self.fault or sensed.fault or self._doubt(sensed)
         if self.fault:
@@ -109,9 +109,9 @@ class Driver:
             return None
         self.place_m = self._set_point.settled(sensed.x_m, sensed.y_m)
         heard = hear(self.place_m)
-        said = self._shell.step(Frame(step, time_s, False, *self.place_m, (), sensed.events, heard))
+        said = self._core.step(Frame(step, time_s, False, *self.place_m, (), sensed.events, heard))
         act = said.act
-        self.role = act.standing.role
+        self.role = act.tree_status.role
         if self._move(act.vx_mps, act.vy_mps, act.observed):
             self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self._step_s)
         return said

@@ -11,6 +11,7 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Protocol
 
+from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.board.driver import Driver
 from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
@@ -22,7 +23,6 @@ from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.commands import Verify
 from deltaswarm_agent.controller import make_controller
-from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT
@@ -94,11 +94,11 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     options = options_of(body_class, settings.body.options)
     seed, agent = settings.agent.seed, settings.id
     step_s = settings.agent.step_s
-    shell = Shell(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
+    core = AgentCore(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
     told = settings.body
-    driver = Driver(shell, body, step_s=step_s, arrive_m=told.arrive_m, max_std_m=told.max_std_m)
+    driver = Driver(core, body, step_s=step_s, arrive_m=told.arrive_m, max_std_m=told.max_std_m)
     recorder = _recorder(settings)
     try:
         air.open(run.accelerate)
@@ -185,7 +185,7 @@ class _Loop:
                 log.error("recording stopped: %s", error)
                 self._recorder = None
 
-    def _send(self, said: Outbound) -> None:
+    def _send(self, said: StepOutput) -> None:
         agent = self._run.settings.id
         if said.radio is not None:
             self._air.say(said.radio, self._driver.place_m)

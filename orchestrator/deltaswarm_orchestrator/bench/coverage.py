@@ -59,8 +59,8 @@ def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:
     steps, step_s = scenario.run.steps, scenario.run.step_s
     shares = []
     for step in range(steps):
-        tally = swarm.step(step, step == steps - 1)
-        swarm.close(Clock(step, tally.time_s, step == steps - 1))
+        record = swarm.step(step, step == steps - 1)
+        swarm.close(Clock(step, record.time_s, step == steps - 1))
         if step * step_s >= SENT_S:
             shares.append(sum(agent.commands.knows(0) for agent in swarm.agents) / len(swarm.agents))
     return shares

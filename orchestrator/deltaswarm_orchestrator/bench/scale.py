@@ -131,13 +131,13 @@ def in_turns(
 def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
     """Return totals over some steps; the agents' CPU time is estimated by their share of the wall time."""
     agents_s, wall_began, began = swarm.agents_s, time.perf_counter(), time.process_time()
-    tallies = []
+    step_records = []
     for step in steps:
-        tallies.append(tally := swarm.step(step, last=False))
-        swarm.close(Clock(step, tally.time_s, False))
+        step_records.append(record := swarm.step(step, last=False))
+        swarm.close(Clock(step, record.time_s, False))
     whole_us = 1e6 * (time.process_time() - began)
     agents_us = whole_us * (swarm.agents_s - agents_s) / (time.perf_counter() - wall_began)
-    counts = {name: sum(getattr(tally, name) for tally in tallies) for name in COUNTED}
+    counts = {name: sum(getattr(record, name) for record in step_records) for name in COUNTED}
     return {"step_us": whole_us, "agents_us": agents_us, "world_us": whole_us - agents_us, **counts}
 
 

@@ -32,7 +32,7 @@ def write(film: Film, out: Path) -> None:
         for view in film.snapshots():
             shown = _log(stream, view, shown, longest_m)
         for entity, names, rows in (
-            ("swarm", SWARM, film.recording.tallies),
+            ("swarm", SWARM, film.recording.step_records),
             ("operator", WORKLOAD, film.recording.workloads),
         ):
             times = [

@@ -14,14 +14,14 @@ from deltaswarm_orchestrator.recording.recorder import MANIFEST, SCENARIO_ATTACH
 from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
-from deltaswarm_wire.truth import EventState, Tally
+from deltaswarm_wire.truth import EventState, StepRecord
 
 
 @dataclass
 class Recording:
     """The numbers in a recording. What is only for viewing is not read."""
 
-    tallies: list[Tally] = field(default_factory=list)
+    step_records: list[StepRecord] = field(default_factory=list)
     """One per step, in order."""
     events: list[EventState] = field(default_factory=list)
     """Each event's last known state, by id."""
@@ -97,14 +97,14 @@ class _Reader:
                 self._found.workloads.append(row_of(Workload, values_of(message)))
 
     def recording(self, is_whole: bool) -> Recording:
-        """Return what was found; if it is incomplete, the tallies end before the first missing step."""
+        """Return what was found; if it is incomplete, the step_records end before the first missing step."""
         found = self._found
         found.complete &= is_whole
         found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
         steps = sorted(self._net.keys() & self._state)
         if not found.complete:  # damage can hide a whole chunk
             steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
-        found.tallies = [row_of(Tally, {**self._net[step], **self._state[step]}) for step in steps]
+        found.step_records = [row_of(StepRecord, {**self._net[step], **self._state[step]}) for step in steps]
         return found
 
 

@@ -104,7 +104,7 @@ class Scene:
         self._transforms = FrameTransforms()
         self._points = LinePrimitive()
         self._agents: list[int] | None = None
-        self._standings: list[tuple[Any, ...]] | None = None
+        self._tree_statuses: list[tuple[Any, ...]] | None = None
         self._times: list[Any] = []
         """The timestamp of each frame."""
         self._places: list[tuple[Any, Any, Any]] = []
@@ -145,13 +145,13 @@ class Scene:
         yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
         yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
         standings = [body[3:] for body in truth.bodies]
-        if standings != self._standings:
-            self._standings = standings
+        if standings != self._tree_statuses:
+            self._tree_statuses = standings
             yield "/swarm/agents", _agents_message(truth).SerializeToString()
 
     def _begin_anew(self, agents: list[int]) -> None:
         """Make new messages for these agents, in this order."""
-        self._agents, self._standings = agents, None
+        self._agents, self._tree_statuses = agents, None
         frames = [_transform(ARENA_FRAME, f"agent/{agent}", (0.0, 0.0)) for agent in agents]
         # The arena's frame comes with each message, since a viewer may start anywhere.
         self._transforms = FrameTransforms(transforms=[self._arena, *frames])

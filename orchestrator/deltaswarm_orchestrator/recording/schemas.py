@@ -18,7 +18,7 @@ from google.protobuf.message_factory import GetMessageClass
 
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, Tally
+from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, StepRecord
 
 ROOT_FRAME = "world"
 """The root frame. Its origin is the arena's centre, where a viewer's camera looks first."""
@@ -40,10 +40,10 @@ NET_FIELDS = (
     "rejected",
     "transport_lost",
 )
-"""The fields of a tally that `/net/stats` holds."""
+"""The fields of a record that `/net/stats` holds."""
 
-STATE_FIELDS = tuple(name for name in Tally._fields if name not in NET_FIELDS and name not in ("step", "time_s"))
-"""The fields of a tally that `/swarm/state` holds: all the others."""
+STATE_FIELDS = tuple(name for name in StepRecord._fields if name not in NET_FIELDS and name not in ("step", "time_s"))
+"""The fields of a record that `/swarm/state` holds: all the others."""
 
 AGENT_FIELDS = tuple(name for name in Body._fields if name not in ("x_m", "y_m"))
 """The fields of a body that `/swarm/agents` holds, sent when one changes; positions are in `/tf`."""
@@ -57,8 +57,8 @@ def _hints(row: Any, names: Iterable[str]) -> dict[str, Any]:
 _HEAD: dict[str, Any] = {"step": int, "time_s": float}
 
 _MESSAGES: dict[str, Mapping[str, Any]] = {
-    "NetStats": {**_HEAD, **_hints(Tally, NET_FIELDS)},
-    "SwarmState": {**_HEAD, **_hints(Tally, STATE_FIELDS), "wall_s": float},
+    "NetStats": {**_HEAD, **_hints(StepRecord, NET_FIELDS)},
+    "SwarmState": {**_HEAD, **_hints(StepRecord, STATE_FIELDS), "wall_s": float},
     "Agents": {**_HEAD, **{name: list[hint] for name, hint in _hints(Body, AGENT_FIELDS).items()}},  # type: ignore[valid-type]
     "Event": _hints(EventState, EventState._fields),
     "Sighting": _hints(Event, Event._fields),

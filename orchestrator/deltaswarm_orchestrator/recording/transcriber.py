@@ -34,10 +34,10 @@ class Transcriber:
 
     def figures(self, truth: Truth, reports: Sequence[Report], wall_s: float) -> Iterator[TopicMessage]:
         """Yield the numbers of a step, without its events; `wall_s` is the run's wall time [s]."""
-        tally = truth.tally._asdict()
+        record = truth.step_record._asdict()
         head = {"step": truth.step, "time_s": truth.time_s}
-        yield _encoded("/net/stats", head | {name: tally[name] for name in NET_FIELDS if tally[name]})  # absent is 0
-        yield _encoded("/swarm/state", head | {name: tally[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
+        yield _encoded("/net/stats", head | {name: record[name] for name in NET_FIELDS if record[name]})  # absent is 0
+        yield _encoded("/swarm/state", head | {name: record[name] for name in STATE_FIELDS} | {"wall_s": wall_s})
         inbox = OURS["Inbox"](step=truth.step, time_s=truth.time_s, count=len(reports))
         for report in reports:
             _fill(inbox.reports.add(), report)

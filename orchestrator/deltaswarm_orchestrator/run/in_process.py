@@ -10,8 +10,8 @@ from collections.abc import Callable
 from logging import WARNING
 from typing import Any
 
+from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
-from deltaswarm_agent.shell import Outbound, Shell
 from deltaswarm_operator.console import Console
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
@@ -23,7 +23,7 @@ from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings, Scenario
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 from deltaswarm_world import tracing
 from deltaswarm_world.core import WorldCore
 
@@ -53,9 +53,9 @@ class InProcess:
         self.failed: list[str] = []
         """The errors of agents whose controller failed, one line each."""
 
-    def _agent(self, agent: int) -> Shell:
+    def _agent(self, agent: int) -> AgentCore:
         settings = self.scenario.for_agent(agent)
-        return Shell(agent, settings.step_s, self._make_controller(agent, settings, self._restarts[agent]))
+        return AgentCore(agent, settings.step_s, self._make_controller(agent, settings, self._restarts[agent]))
 
     def _inject(self, step: int, sink: Sink | None) -> None:
         """Inject the faults due before a step. Dead and frozen agents need no more than to get no frame."""
@@ -67,14 +67,14 @@ class InProcess:
             if sink is not None:
                 sink.log(WARNING, WORLD, order.text, order.time_s)
 
-    def step(self, step: int, last: bool, sink: Sink | None = None) -> Tally:
+    def step(self, step: int, last: bool, sink: Sink | None = None) -> StepRecord:
         """Run one step of the world and of all agents, in agent order."""
         world = self.world
         self._inject(step, sink)
         frames = world.begin(step, last)
         clock = time.perf_counter
         began = clock()
-        said: list[tuple[int, Outbound]] = []
+        said: list[tuple[int, StepOutput]] = []
         for agent, frame in frames:
             try:
                 said.append((agent, self.agents[agent].step(frame)))
@@ -92,10 +92,10 @@ class InProcess:
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
             world.inbox.take_act(agent, act, act_bytes)
-        tally = world.end()
+        record = world.end()
         for forwarded in world.forwarded:
             self.operator.take_forwarded(forwarded)
-        return tally
+        return record
 
     def close(self, clock: Clock) -> Workload:
         """Close the step at the operator, and give the world the operator's turn."""
@@ -141,32 +141,32 @@ def run_in_process(
     for step in range(steps):
         last = step == steps - 1 or bool(stopped())
         try:
-            tally = swarm.step(step, last, sink)
+            record = swarm.step(step, last, sink)
         except ControllerError as error:  # of an agent that is restarted after a fault
             outcome.messages.append(str(error))
             break
-        workload = swarm.close(Clock(step, tally.time_s, last))
-        outcome.tallies.append(tally)
+        workload = swarm.close(Clock(step, record.time_s, last))
+        outcome.step_records.append(record)
         outcome.workloads.append(workload)
         if sink is not None:
-            sink.step(swarm.world.truth(tally), swarm.operator.reports_of_closed_step)
+            sink.step(swarm.world.truth(record), swarm.operator.reports_of_closed_step)
             sink.workload(workload)
         if last or step % STATUS_EVERY_STEPS == 0:
             status = Status(
                 step,
                 steps,
-                tally.time_s,
-                tally.agents_alive,
-                tally.agents_in_trees,
+                record.time_s,
+                record.agents_alive,
+                record.agents_in_trees,
                 swarm.world.environment.mean_waiting_s(),
-                tally.events_open,
-                tally.events_completed,
+                record.events_open,
+                record.events_completed,
                 "ended" if last else "running",
             )
             reporter.update(status, workload.rate_60s_hz)
         if last:
             break
-    complete = len(outcome.tallies) == steps
+    complete = len(outcome.step_records) == steps
     outcome.messages += swarm.failed
     outcome.events = swarm.world.environment.states()
     outcome.world = swarm.world.totals(complete) | {"wall_s": time.monotonic() - began}

@@ -12,14 +12,14 @@ from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState
 
 def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Compute the metrics of an outcome. They do not depend on who recorded it; a recording gives the same."""
-    tallies, workloads = outcome.tallies, outcome.workloads
+    step_records, workloads = outcome.step_records, outcome.workloads
     step_s, horizon_s = scenario.run.step_s, scenario.metrics.horizon_s
-    events = followed(outcome.events, len(tallies) * step_s, horizon_s)
+    events = followed(outcome.events, len(step_records) * step_s, horizon_s)
     waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
     times, places = arrival_digests(outcome.events)
-    covered = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None]
-    with_trees = [t.covered_area_m2 for t in tallies if t.covered_area_m2 is not None and t.trees]
-    in_trees = [t.agents_in_trees for t in tallies]
+    covered = [t.covered_area_m2 for t in step_records if t.covered_area_m2 is not None]
+    with_trees = [t.covered_area_m2 for t in step_records if t.covered_area_m2 is not None and t.trees]
+    in_trees = [t.agents_in_trees for t in step_records]
     return {
         "waiting_time_s": {
             "mean": _mean(waits),
@@ -33,39 +33,41 @@ def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
             "median": float(median(event.completion_s for event in events)) if events else None,
         },
         "completed": sum(event.completed_s is not None for event in outcome.events),
-        "open_events": {"mean": _mean([t.events_open for t in tallies])},
+        "open_events": {"mean": _mean([t.events_open for t in step_records])},
         "arrivals": {"n": len(outcome.events), "followed": len(events), "times": times, "places": places},
         "operator_messages_per_s": {"mean": _rate([w.messages for w in workloads], step_s)},
         "operator_senders": {"mean": _mean([w.senders for w in workloads])},
         "operator_time_above_threshold_s": workloads[-1].time_above_s if workloads else None,
-        "frames_sent_per_s": {"mean": _rate([t.frames_sent for t in tallies], step_s)},
-        "frames_received_per_s": {"mean": _rate([t.frames_received for t in tallies], step_s)},
-        "bytes_sent_per_s": {"mean": _rate([t.bytes_sent for t in tallies], step_s)},
+        "frames_sent_per_s": {"mean": _rate([t.frames_sent for t in step_records], step_s)},
+        "frames_received_per_s": {"mean": _rate([t.frames_received for t in step_records], step_s)},
+        "bytes_sent_per_s": {"mean": _rate([t.bytes_sent for t in step_records], step_s)},
         "frames": {
-            "sent": sum(t.frames_sent for t in tallies),
-            "received": sum(t.frames_received for t in tallies),
-            "duplicated": sum(t.frames_duplicated for t in tallies),
-            "in_flight": tallies[-1].frames_in_flight if tallies else 0,
+            "sent": sum(t.frames_sent for t in step_records),
+            "received": sum(t.frames_received for t in step_records),
+            "duplicated": sum(t.frames_duplicated for t in step_records),
+            "in_flight": step_records[-1].frames_in_flight if step_records else 0,
         },
-        "frames_dropped": {reason: sum(getattr(t, f"dropped_{reason}") for t in tallies) for reason in DROP_REASONS},
+        "frames_dropped": {
+            reason: sum(getattr(t, f"dropped_{reason}") for t in step_records) for reason in DROP_REASONS
+        },
         "reports": {
-            "sent": sum(t.reports_sent for t in tallies),
-            "arrived": sum(t.reports_arrived for t in tallies),
-            "in_flight": tallies[-1].reports_in_flight if tallies else 0,
+            "sent": sum(t.reports_sent for t in step_records),
+            "arrived": sum(t.reports_arrived for t in step_records),
+            "in_flight": step_records[-1].reports_in_flight if step_records else 0,
         },
         "reports_dropped": {
-            reason: sum(getattr(t, f"reports_dropped_{reason}") for t in tallies) for reason in UPLINK_REASONS
+            reason: sum(getattr(t, f"reports_dropped_{reason}") for t in step_records) for reason in UPLINK_REASONS
         },
         "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
-        "trees": {"mean": _mean([t.trees for t in tallies])},
+        "trees": {"mean": _mean([t.trees for t in step_records])},
         "roots_from_densest_m": {
-            "mean": _mean([t.roots_from_densest_m for t in tallies if t.roots_from_densest_m is not None])
+            "mean": _mean([t.roots_from_densest_m for t in step_records if t.roots_from_densest_m is not None])
         },
-        "delta": {"mean": _mean([t.delta for t in tallies if t.delta is not None])},
+        "delta": {"mean": _mean([t.delta for t in step_records if t.delta is not None])},
         "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},
-        "transport_lost": sum(t.transport_lost for t in tallies) + sum(w.lost for w in workloads),
-        "samples_rejected": sum(t.rejected for t in tallies) + sum(w.rejected for w in workloads),
-        "steps": len(tallies),
+        "transport_lost": sum(t.transport_lost for t in step_records) + sum(w.lost for w in workloads),
+        "samples_rejected": sum(t.rejected for t in step_records) + sum(w.rejected for w in workloads),
+        "steps": len(step_records),
     }
 
 

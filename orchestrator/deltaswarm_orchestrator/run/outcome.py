@@ -5,14 +5,14 @@ from typing import Any
 
 from deltaswarm_wire import digest
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.truth import EventState, Tally
+from deltaswarm_wire.truth import EventState, StepRecord
 
 
 @dataclass
 class Outcome:
     """What the parts of one run recorded."""
 
-    tallies: list[Tally] = field(default_factory=list)
+    step_records: list[StepRecord] = field(default_factory=list)
     events: list[EventState] = field(default_factory=list)
     workloads: list[Workload] = field(default_factory=list)
     world: dict[str, Any] = field(default_factory=dict)

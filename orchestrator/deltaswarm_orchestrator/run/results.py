@@ -19,7 +19,7 @@ from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import source_digest
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, Tally
+from deltaswarm_wire.truth import EventState, StepRecord
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""
@@ -40,7 +40,7 @@ MAX_NAMED = 5
 OFTEN = 5
 """Number of sequence number resets that cannot be chance: an agent that restarts behind a dead link causes only one."""
 
-Row = TypeVar("Row", Tally, Workload, EventState)
+Row = TypeVar("Row", StepRecord, Workload, EventState)
 
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
@@ -70,17 +70,17 @@ def read_outcome(folder: Path) -> Outcome:
     """Read a run folder, merged or not, of a complete or an interrupted run."""
     if (folder / "series.csv").exists():
         rows = _table(folder / "series.csv")
-        tallies = [_row(Tally, row) for row in rows]
+        step_records = [_row(StepRecord, row) for row in rows]
         own = [{**row, **{name: row[column] for name, column in OPERATOR_COLUMNS.items()}} for row in rows]
         workloads = [_row(Workload, row) for row in own if row["messages"]]
     else:
-        tallies = [_row(Tally, row) for row in _table(folder / "world.csv")]
+        step_records = [_row(StepRecord, row) for row in _table(folder / "world.csv")]
         workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
     events = _table(folder / "events.csv")
     if not events:
         events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
     return Outcome(
-        tallies,
+        step_records,
         [_row(EventState, row) for row in events],
         workloads,
         _json(folder / "world.json"),
@@ -119,11 +119,11 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     by_step = {workload.step: workload for workload in outcome.workloads}
 
     def rows() -> Iterable[list[Any]]:
-        for tally in outcome.tallies:
-            workload = by_step.get(tally.step)
-            yield [*tally, *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
+        for record in outcome.step_records:
+            workload = by_step.get(record.step)
+            yield [*record, *(getattr(workload, name, None) for name in OPERATOR_COLUMNS)]
 
-    header = [*Tally._fields, *OPERATOR_COLUMNS.values()]
+    header = [*StepRecord._fields, *OPERATOR_COLUMNS.values()]
     write_csv(folder / "series.csv", header, rows())
     write_csv(folder / "events.csv", EventState._fields, outcome.events)
     if commands := outcome.world.get("commands"):
@@ -190,7 +190,7 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "agents_lost": outcome.world.get("agents_lost", []),
         "boards": outcome.world.get("boards", {}),
         "faults": outcome.world.get("faults", []),
-        "agents_late": sum(t.agents_late for t in outcome.tallies),
+        "agents_late": sum(t.agents_late for t in outcome.step_records),
         "refused_claims": outcome.world.get("refused_claims"),
         "events_cut": outcome.world.get("events_cut"),
         "realtime_overruns": outcome.world.get("realtime_overruns", 0),

@@ -15,7 +15,7 @@ from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.operator_messages import Clock
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
     """
     scenario, outcome = read_run(folder)
     _check(scenario, sender, receiver, at_s)
-    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.tallies)
+    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.step_records)
 
 
 def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:
@@ -66,7 +66,7 @@ def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) ->
         raise SettingsError(found)
 
 
-def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[Tally]) -> Answer:
+def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[StepRecord]) -> Answer:
     """Do a scenario's run up to a step, examine the link there, and compare the run with `rows`, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
@@ -75,8 +75,8 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
     for step in range(at_step + 1):
         if step == at_step and is_traced:
             watch(swarm, sender, at)
-        tally = swarm.step(step, last=False)
-        if differs is None and step < len(rows) and _air_of(tally) != _air_of(rows[step]):
+        record = swarm.step(step, last=False)
+        if differs is None and step < len(rows) and _air_of(record) != _air_of(rows[step]):
             differs = step
     findings, outcomes = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
     cut = next((finding["reason"] for finding in findings if finding["cuts"]), None)
@@ -100,9 +100,9 @@ def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
     return ["arrived"] * len(came)
 
 
-def _air_of(tally: Tally) -> tuple[Any, ...]:
+def _air_of(record: StepRecord) -> tuple[Any, ...]:
     """Return a row's values for comparison: all except the covered area, which is not measured in every row."""
-    return tuple(value for name, value in tally._asdict().items() if name != "covered_area_m2")
+    return tuple(value for name, value in record._asdict().items() if name != "covered_area_m2")
 
 
 def text(answer: Answer) -> str:

@@ -91,8 +91,8 @@ def _run_s(scenario: Scenario) -> float:
     swarm = InProcess(scenario)
     began = time.monotonic()
     for step in _steps(scenario, began):
-        tally = swarm.step(step, False)
-        swarm.close(Clock(step, tally.time_s, False))
+        record = swarm.step(step, False)
+        swarm.close(Clock(step, record.time_s, False))
     return (time.monotonic() - began) / (step + 1) * scenario.run.steps
 
 

@@ -29,7 +29,7 @@ from deltaswarm_orchestrator.run.results import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Tally
+from deltaswarm_wire.truth import StepRecord
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 
@@ -150,10 +150,10 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
         return {}
     step_s = scenario.run.step_s
     width = round(every_s / step_s)
-    starts = range(0, len(outcome.tallies), width)
+    starts = range(0, len(outcome.step_records), width)
     columns: dict[str, list[float | None]] = {"time_s": [index * step_s for index in starts]}
     rows: Sequence[tuple[str, str, Sequence[Any]]] = [
-        *((name, name, outcome.tallies) for name in Tally._fields if name not in ("step", "time_s")),
+        *((name, name, outcome.step_records) for name in StepRecord._fields if name not in ("step", "time_s")),
         *((column, name, outcome.workloads) for name, column in OPERATOR_COLUMNS.items()),
     ]
     for column, name, source in rows:
@@ -169,7 +169,7 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     for column, counts in (("completed", completed), ("never_sensed", never_sensed)):
         columns[column] = [float(counts[index]) for index in range(len(edges_s))]
     windows: list[list[FollowedEvent]] = [[] for _ in starts]
-    for event in followed(outcome.events, len(outcome.tallies) * step_s, scenario.metrics.horizon_s):
+    for event in followed(outcome.events, len(outcome.step_records) * step_s, scenario.metrics.horizon_s):
         windows[window_of(event.arrived_s)].append(event)
     columns["events_followed"] = [float(len(window)) for window in windows]
     columns["waiting_time_s"] = [_mean(np.array([event.waiting_s for event in window])) for window in windows]

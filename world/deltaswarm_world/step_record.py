@@ -3,15 +3,15 @@
 from collections.abc import Mapping
 from typing import Any
 
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Tally
+from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, StepRecord
 
 _NOTHING_DROPPED = {f"dropped_{reason}": 0 for reason in DROP_REASONS} | {
     f"reports_dropped_{reason}": 0 for reason in UPLINK_REASONS
 }
 
 
-def tally(*, frames_dropped: Mapping[str, int], reports_dropped: Mapping[str, int], **counts: Any) -> Tally:
+def record(*, frames_dropped: Mapping[str, int], reports_dropped: Mapping[str, int], **counts: Any) -> StepRecord:
     """The row: frames and reports that were dropped by reason, all other fields by name."""
     frames = {f"dropped_{reason}": count for reason, count in frames_dropped.items()}
     reports = {f"reports_dropped_{reason}": count for reason, count in reports_dropped.items()}
-    return Tally(**{**_NOTHING_DROPPED, **frames, **reports, **counts})
+    return StepRecord(**{**_NOTHING_DROPPED, **frames, **reports, **counts})

@@ -1,4 +1,4 @@
-"""The shell around a controller: decodes, numbers and encodes messages, and checks what the controller returns."""
+"""An agent around its controller: decodes, numbers and encodes messages, and checks what the controller returns."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -24,7 +24,7 @@ _opened = lru_cache(maxsize=256)(decode_sample)
 """Caches a frame with many receivers in one process."""
 
 
-class Outbound(NamedTuple):
+class StepOutput(NamedTuple):
     """An agent's output in one step; the act closes it."""
 
     act: Act
@@ -71,7 +71,7 @@ class Receiver:
         return [(sender, newest[sender]) for sender in sorted(newest)], relayed
 
 
-class Shell:
+class AgentCore:
     """One agent without input and output. `step` is its only mutating method.
 
     Args:
@@ -99,12 +99,12 @@ class Shell:
 
     @property
     def counts(self) -> str:
-        """Counts for the log: this shell's, and the controller's own."""
+        """Counts for the log: its own, and the controller's own."""
         counts = {"rejected_envelopes": self.rejected_frames, "report_rows_cut": self.rows_cut}
         counts |= getattr(self.controller, "counts", {})
         return ", ".join(f"{name} {count}" for name, count in counts.items())
 
-    def step(self, frame: Frame) -> Outbound:
+    def step(self, frame: Frame) -> StepOutput:
         """Decide. Frames come in order of their steps; steps may be missing between them.
 
         Raises:
@@ -128,13 +128,13 @@ class Shell:
             name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
             raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
 
-    def _outbound(self, act: Act, decision: Decision, pose: Pose) -> Outbound:
+    def _outbound(self, act: Act, decision: Decision, pose: Pose) -> StepOutput:
         """Number and encode. Raises ValueError for values that the wire cannot carry."""
         radio = report = report_bytes = None
         counter, payload, relay = self._counter, decision.payload, self.commands
         if decision.done or decision.refused:
             relay.note(decision.done, decision.refused)
-        self._root = act.standing.root
+        self._root = act.tree_status.root
         items: tuple[bytes, ...] = ()
         answers: tuple[Answer, ...] = ()
         if relay.known:
@@ -152,18 +152,18 @@ class Shell:
                 self.agent,
                 self._sequence,
                 act.step,
-                act.standing.role,
+                act.tree_status.role,
                 *pose,
                 told.followers,
                 self._rows(told.events, MAX_REPORTED, "events"),
                 self._rows(told.members, MAX_MEMBERS, "members"),
                 answers,
-                act.standing.delta,
+                act.tree_status.delta,
             )
             report_bytes = encode_report(report)
             report = decode_report(report_bytes)  # a controller may be third-party code
             self._sequence += 1
-        return Outbound(act, encode_act(act), counter, radio, report, report_bytes)
+        return StepOutput(act, encode_act(act), counter, radio, report, report_bytes)
 
     def _rows(self, rows: Any, most: int, name: str) -> tuple[Any, ...]:
         if not isinstance(rows, tuple | list):

@@ -1,4 +1,4 @@
-"""The shell around a controller: it hears, numbers and encodes, and lets no bad decision out."""
+"""An agent around its controller: it hears, numbers and encodes, and lets no bad decision out."""
 
 import math
 from dataclasses import dataclass
@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_agent.agent_core import FORGET_SENDER_S, AgentCore, Receiver, StepOutput
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, OperatorReport, Percept
-from deltaswarm_agent.shell import FORGET_SENDER_S, Outbound, Receiver, Shell
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import (
@@ -22,7 +22,7 @@ from deltaswarm_wire.messages import (
     Event,
     Frame,
     Heard,
-    Standing,
+    TreeStatus,
     decode_act,
 )
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, decode_report
@@ -53,9 +53,9 @@ class Scripted:
         return cast(Decision, found)
 
 
-def shell_of(*decisions: Any) -> tuple[Shell, Scripted]:
+def core_of(*decisions: Any) -> tuple[AgentCore, Scripted]:
     controller = Scripted(*decisions)
-    return Shell(ME, 1.0, cast(Controller, controller)), controller
+    return AgentCore(ME, 1.0, cast(Controller, controller)), controller
 
 
 def frame(step: int, *heard: Heard, events: tuple[Event, ...] = ()) -> Frame:
@@ -66,8 +66,8 @@ def sample(sender: int, counter: int, payload: bytes = b"hello") -> Heard:
     return sender, encode_sample(Sample(counter, payload))
 
 
-def outbound(decision: Decision, step: int = 3) -> Outbound:
-    return shell_of(decision)[0].step(frame(step))
+def outbound(decision: Decision, step: int = 3) -> StepOutput:
+    return core_of(decision)[0].step(frame(step))
 
 
 # What a controller is told, and what is sent
@@ -75,9 +75,9 @@ def outbound(decision: Decision, step: int = 3) -> Outbound:
 
 def test_a_controller_is_told_what_is_sensed_and_heard() -> None:
     """Step, time, pose, the poses since, events, and payloads without their envelopes."""
-    shell, controller = shell_of(Decision())
+    core, controller = core_of(Decision())
     near = Event(4, 2.0, 2.0)
-    shell.step(frame(3, sample(5, 0, b"five"), sample(2, 9, b"two"), events=(near,)))
+    core.step(frame(3, sample(5, 0, b"five"), sample(2, 9, b"two"), events=(near,)))
     assert controller.percepts == [
         Percept(3, 3.0, (1.5, 2.5), ((1.0, 2.0),), (near,), [(2, b"two"), (5, b"five")]),
     ]
@@ -89,14 +89,14 @@ def test_a_decision_becomes_an_act() -> None:
     out = outbound(decision)
     assert out.act == decode_act(out.act_bytes)
     assert (out.act.step, out.act.vx_mps, out.act.vy_mps, out.act.observed) == (3, 0.5, -0.25, (4,))
-    assert (out.act.standing, out.act.until) == (Standing("guide", 2, 3, 1), 9)
+    assert (out.act.tree_status, out.act.until) == (TreeStatus("guide", 2, 3, 1), 9)
     assert (out.radio, out.report, out.report_bytes) == (None, None, None)
 
 
 def test_a_controller_that_says_nothing_of_itself_is_free() -> None:
     """It stands, observes and sends nothing, and is asked again in the next step."""
     act = outbound(Decision()).act
-    assert (act.vx_mps, act.vy_mps, act.observed, act.standing) == (0.0, 0.0, (), Standing(FREE))
+    assert (act.vx_mps, act.vy_mps, act.observed, act.tree_status) == (0.0, 0.0, (), TreeStatus(FREE))
     assert act.until == 4
 
 
@@ -109,8 +109,8 @@ def test_an_agent_is_asked_at_least_each_64_steps() -> None:
 
 def test_radio_frames_are_counted_from_0() -> None:
     """One up with each that is sent, not with each step."""
-    shell, _ = shell_of(Decision(payload=b"a"), Decision(), Decision(payload=b""), Decision(payload=b"c"))
-    outs = [shell.step(frame(step)) for step in range(4)]
+    core, _ = core_of(Decision(payload=b"a"), Decision(), Decision(payload=b""), Decision(payload=b"c"))
+    outs = [core.step(frame(step)) for step in range(4)]
     sent = [(out.counter, decode_sample(out.radio)) for out in outs if out.radio is not None]
     assert sent == [(0, Sample(0, b"a")), (1, Sample(1, b"")), (2, Sample(2, b"c"))]
 
@@ -119,18 +119,18 @@ def test_reports_are_numbered_from_0() -> None:
     """With the agent, the step, its place and its role."""
     event = Event(4, 2.0, 2.0)
     told = OperatorReport((event,), 5)
-    shell, _ = shell_of(Decision(), Decision(report=told, role="root"), Decision(report=told, role="root"))
-    reports = [shell.step(frame(step)).report for step in range(3)]
+    core, _ = core_of(Decision(), Decision(report=told, role="root"), Decision(report=told, role="root"))
+    reports = [core.step(frame(step)).report for step in range(3)]
     assert reports == [None, *(Report(ME, n, n + 1, "root", 1.5, 2.5, 5, (event,)) for n in (0, 1))]
 
 
 def test_a_report_carries_at_most_64_events() -> None:
     """It carries the first of those that the controller names; the others are counted."""
     events = tuple(Event(number, 0.0, 0.0) for number in range(MAX_REPORTED + 5))
-    shell, _ = shell_of(Decision(report=OperatorReport(events)))
-    out = shell.step(frame(0))
-    assert shell.rows_cut == 5
-    assert "report_rows_cut 5" in shell.counts
+    core, _ = core_of(Decision(report=OperatorReport(events)))
+    out = core.step(frame(0))
+    assert core.rows_cut == 5
+    assert "report_rows_cut 5" in core.counts
     assert out.report is not None
     assert out.report.events == events[:MAX_REPORTED]
     assert out.report_bytes is not None
@@ -195,9 +195,9 @@ BAD = {
 @pytest.mark.parametrize("bad", BAD.values(), ids=BAD)
 def test_a_bad_decision_is_one_line_with_controller_and_step(bad: Any) -> None:
     """Whatever a controller returns or raises: the agent has failed, and the text says where to look."""
-    shell, _ = shell_of(bad)
+    core, _ = core_of(bad)
     with pytest.raises(ControllerError) as caught:
-        shell.step(frame(3))
+        core.step(frame(3))
     text = str(caught.value)
     assert f"{__name__}:Scripted" in text
     assert "step 3" in text
@@ -226,14 +226,14 @@ def test_a_bad_decision_is_one_line_with_controller_and_step(bad: Any) -> None:
 def test_a_bad_decision_is_explained(bad: str, said: str) -> None:
     """What must hold, and what was got."""
     with pytest.raises(ControllerError) as caught:
-        shell_of(BAD[bad])[0].step(frame(3))
+        core_of(BAD[bad])[0].step(frame(3))
     assert said in str(caught.value)
 
 
 def test_an_interrupt_is_not_a_controllers_failure() -> None:
     """Ctrl-C goes through."""
     with pytest.raises(KeyboardInterrupt):
-        shell_of(KeyboardInterrupt())[0].step(frame(3))
+        core_of(KeyboardInterrupt())[0].step(frame(3))
 
 
 finite = st.floats(-MAX_SPEED_MPS, MAX_SPEED_MPS)
@@ -259,7 +259,9 @@ def test_every_good_decision_is_sent_as_it_is(decision: Decision) -> None:
     out = outbound(decision)
     assert decode_act(out.act_bytes) == out.act
     assert ((out.act.vx_mps, out.act.vy_mps), out.act.observed) == (decision.velocity, decision.observed)
-    assert out.act.standing == Standing(decision.role, decision.level, decision.parent, decision.root, decision.delta)
+    assert out.act.tree_status == TreeStatus(
+        decision.role, decision.level, decision.parent, decision.root, decision.delta
+    )
     assert (out.radio and decode_sample(out.radio).payload) == decision.payload
 
 
@@ -293,10 +295,10 @@ def test_own_frames_are_dropped() -> None:
 )
 def test_malformed_frames_are_counted_and_dropped(data: bytes) -> None:
     """Not MessagePack, another version, a payload that is not bytes, too long: the others are heard."""
-    shell, controller = shell_of(Decision())
-    shell.step(frame(0, (4, data), sample(5, 0)))
+    core, controller = core_of(Decision())
+    core.step(frame(0, (4, data), sample(5, 0)))
     assert controller.percepts[0].heard == [(5, b"hello")]
-    assert shell.rejected_frames == 1
+    assert core.rejected_frames == 1
 
 
 def test_a_malformed_frame_does_not_hide_its_senders_good_one() -> None:
