@@ -10,7 +10,7 @@ import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_orchestrator.bench.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.air.radio import Air, Carried
+from deltaswarm_world.air.radio import Air, Reception
 from deltaswarm_world.arrays import Floats
 
 OBSTACLES = (
@@ -45,7 +45,7 @@ class Stage:
         senders: Sequence[int] | None = None,
         listening: Sequence[bool] | None = None,
         data: Mapping[int, bytes] | None = None,
-    ) -> Carried:
+    ) -> Reception:
         """One step. A frame says in which step it was sent and by whom, unless `data` does."""
         self.step += 1
         agents = range(len(self.positions_m))

@@ -30,7 +30,7 @@ class Cable:
         """Chunks that were not passed on as they came."""
         self._replaced = (b"", b"")
         self._pairs: dict[socket.socket, socket.socket] = {}
-        self._waker, self._woken = socket.socketpair()
+        self._wakeup, self._woken = socket.socketpair()
         self._thread = threading.Thread(target=self._serve, daemon=True)
         self._thread.start()
 
@@ -62,11 +62,11 @@ class Cable:
         self._wake()
         self._thread.join(5)
         self._server.close()
-        self._waker.close()
+        self._wakeup.close()
         self._woken.close()
 
     def _wake(self) -> None:
-        self._waker.send(b"!")
+        self._wakeup.send(b"!")
 
     def _serve(self) -> None:
         while not self._is_over:

@@ -115,7 +115,7 @@ def test_a_crowd_takes_no_more_memory_than_allowed() -> None:
     inbox = Inbox(0, 3.0)
     for sender in range(1, MAX_NEIGHBOURS + 11):
         inbox.take(sender, frame(), None, 0.0)
-    assert inbox.dropped == {"crowded": 10}
+    assert inbox.dropped == {"frame_full": 10}
     assert len(inbox.empty(0.0, HERE)) == MAX_NEIGHBOURS
 
 

@@ -185,8 +185,8 @@ def test_the_body_says_what_is_wrong() -> None:
     guard.beat(True, "LOITER", 0.0)
     assert "mode LOITER" in guard.sensed(0.0).fault
     guard.beat(True, "GUIDED", 0.0)
-    guard.doubt(0.7)
-    guard.doubt(math.nan)
+    guard.set_uncertainty(0.7)
+    guard.set_uncertainty(math.nan)
     assert guard.sensed(0.5) == (5.0, 5.0, 0.7, (), "")
     assert "no position" in guard.sensed(2.0).fault
     assert "heartbeat" in guard.sensed(4.0).fault

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.bodies.events_file import MAX_ROWS, read_events, surroundings
+from deltaswarm_agent.bodies.events_file import MAX_ROWS, event_field, read_events
 from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import check, load
@@ -170,4 +170,4 @@ def test_options_name_a_file_that_is_not_there(tmp_path: Path) -> None:
     assert [problem.path for problem in problems] == ["drift"]
     _, problems = check(KinematicSettings, {"events": str(tmp_path / "none.csv")}, "body.options")
     assert [problem.path for problem in problems] == ["body.options.events"]
-    assert surroundings("", 5.0).sensed(0.0, 0.0, 0.0, (0.0, 0.0)) == ()
+    assert event_field("", 5.0).sensed(0.0, 0.0, 0.0, (0.0, 0.0)) == ()

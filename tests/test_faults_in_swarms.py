@@ -140,10 +140,10 @@ def test_a_noisy_sensor_is_never_taken_at_its_word() -> None:
 
     def note(step: int, record: StepRecord) -> None:
         nonlocal wrong
-        happenings = {happening.event: happening for happening in watched.crew.world.environment.arrived}
+        scheduled = {happening.event: happening for happening in watched.crew.world.environment.arrived}
         for frame in watched.frames.values():
             for event in frame.events:
-                happening = happenings[event.event]
+                happening = scheduled[event.event]
                 assert (happening.x_m - frame.x_m) ** 2 + (happening.y_m - frame.y_m) ** 2 <= 25 + 1e-9
                 wrong += event != happening.as_sensed
 

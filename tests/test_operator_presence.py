@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.lives import RESTART_S, RETURNS
 from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
+from deltaswarm_operator.process_tracker import RESTART_S, RETURNS
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report
@@ -87,12 +87,12 @@ def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
     books = meter()
     books.came(3)
     for agent, fault in ((3, "no battery"), (1, "no position"), (3, "no fuel"), (1, "")):
-        assert books.feels(agent, encode_health(Health(fault))) is None
-    assert books.ill == {3: "no fuel"}
+        assert books.on_health(agent, encode_health(Health(fault))) is None
+    assert books.faulty == {3: "no fuel"}
     assert (books.fault_of(3), books.fault_of(1), books.fault_of(9), books.fault_of(None)) == ("no fuel", "", "", "")
     assert books.totals["agents"]["3"]["fault"] == "no fuel"
     books.went(3)
-    assert books.ill == {}
+    assert books.faulty == {}
     assert [books.totals["agents"]["3"][name] for name in ("fault", "last_fault")] == ["", "no fuel"]
     workload = books.close(1.0, 0)
     assert workload is not None
@@ -105,11 +105,11 @@ def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
 def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: bytes, reason: str) -> None:
     """And counted; what was known stays."""
     books = meter()
-    books.feels(1, encode_health(Health("no battery")))
-    said = books.feels(agent, data)
+    books.on_health(1, encode_health(Health("no battery")))
+    said = books.on_health(agent, data)
     assert said is not None
     assert reason in said
-    assert books.ill == {1: "no battery"}
+    assert books.faulty == {1: "no battery"}
     books.close(1.0, 0)
     assert books.totals["rejected"] == 1
 
@@ -317,7 +317,7 @@ def test_strangers_are_known_up_to_a_number() -> None:
     for agent in range(MAX_AGENTS + 10):
         (books.came, books.went)[agent % 2](agent)
     assert hear(books, 60_000, 0, 10.0) is not None
-    assert books.feels(60_001, encode_health(Health("ill"))) is not None
+    assert books.on_health(60_001, encode_health(Health("faulty"))) is not None
     assert len(books.agents) == MAX_AGENTS
     assert hear(books, 3, 0, 10.0) is None
 

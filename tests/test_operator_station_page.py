@@ -25,7 +25,7 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert not re.search(r"agent 9\b", page.text("agents-list") + page.text("inbox-list") + page.text("command-agent"))
     assert page.text("agents-count") == "11 of 12 heard of"
     assert page.texts("#agents-list > li")[6] == "agent 6at event 1, delta 3, seen 2 min ago"
-    assert page.texts("#agents-list > li")[0] == "agent 0root of a tree, 3 known followers, seen just now"
+    assert page.texts("#agents-list > li")[0] == "agent 0root of a tree, 3 known followers, delta 3, seen just now"
     assert (
         page.texts("#agents-list > li")[3] == "agent 3in the tree of agent 0, below agent 1, told by agent 0 27 s ago"
     )

@@ -185,7 +185,7 @@ def test_commanded_agents_decide_the_same_with_and_without_sleep(sets: list[str]
             arrived += record.frames_received + dropped - record.frames_duplicated
             assert sent == arrived + record.frames_in_flight
             reports = [forwarded.report for forwarded in world.forwarded]
-            yield (world.inbox.spoken, world._tree_statuses, places(found), reports), record.agents_asked
+            yield (world.inbox.transmitted, world._tree_statuses, places(found), reports), record.agents_asked
         assert len(found.world.turns.log) >= 6
 
     asleep = awake = 0

@@ -265,7 +265,7 @@ def test_an_orphan_far_behind_is_not_adopted_by_a_branch_as_dead_as_itself() -> 
 
 
 @pytest.mark.parametrize(("root", "pulse", "joins"), [(ROOT, 100, False), (ROOT, 130, True), (2, 1, True)])
-@pytest.mark.parametrize("waited", [STEPS.former, STEPS.former + 1])
+@pytest.mark.parametrize("waited", [STEPS.previous_tree, STEPS.previous_tree + 1])
 def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, joins: bool, waited: int) -> None:
     """For 20 steps it joins it on a fresh pulse only; other trees at once."""
     lone = a_member()
@@ -273,4 +273,4 @@ def test_a_freed_agent_is_careful_with_its_former_tree(root: int, pulse: int, jo
     lone.at = OUTSIDE
     lone.steps(waited - 1)
     lone.step(member((root, PARENT), PARENT_AT, pulse=pulse), at=INSIDE)
-    assert (lone.core.state is State.MEMBER) == (joins or waited > STEPS.former)
+    assert (lone.core.state is State.MEMBER) == (joins or waited > STEPS.previous_tree)

@@ -130,7 +130,7 @@ def test_an_order_is_forgotten_when_a_tree_is_entered_anew() -> None:
     lone.step(parent_says(102, None))
     lone.step(leaving(PARENT, PARENT_AT))
     assert lone.core.state is State.WALKING
-    lone.steps(STEPS.former)
+    lone.steps(STEPS.previous_tree)
     lone.step(at=(61.0, 50.0))
     lone.step(parent_says(150, None), at=INSIDE)
     assert lone.core.state is State.MEMBER

@@ -121,7 +121,7 @@ def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
     code, found, _ = finished(module, "Well")
     assert (code, found["valid"], found["agents_lost"], found["transport_lost"]) == (0, True, [], 0)
     assert found["bytes_sent_per_s"]["mean"] == pytest.approx(6 * 2007, rel=0.01)
-    assert found["frames_dropped"]["crowded"] == 0
+    assert found["frames_dropped"]["frame_full"] == 0
     assert main(["run", "smoke", *sets("Well"), "--in-process", "--out", str(module / "one")]) == 0
     assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
 

@@ -44,7 +44,7 @@ def outside_and_inside(folder: Path, *faults: str) -> tuple[dict[str, Any], dict
 
 @pytest.mark.parametrize("name", TIMELINES)
 def test_a_fault_is_the_same_with_and_without_processes(tmp_path: Path, name: str) -> None:
-    """The same victims, the same digest; a planned end is no accident and has no obituary."""
+    """The same targets, the same digest; a planned end is no accident and has no obituary."""
     outside, inside, errors = outside_and_inside(tmp_path, TIMELINES[name])
     assert outside["digest"] == inside["digest"]
     assert outside["faults"] == inside["faults"]

@@ -48,13 +48,15 @@ NOT_IN_A_CORE = {
 """Whole modules; of `random` a core may import the class `Random` and be handed an instance."""
 
 ADAPTERS = {
-    *("process.py", "run.py", "__main__.py", "output.py", "waker.py", "wires.py", "slow_links.py", "news.py"),
+    *("process.py", "run.py", "__main__.py", "output.py", "wakeup.py", "transport.py", "slow_links.py"),
+    "control_input.py",
     *("open_air.py", "mavlink.py", "mavlink_link.py", "notify.py", "recording.py", "logs.py"),
     *("signals.py", "waiting.py", "server.py", "channel.py", "console_server.py", "field_console.py", "page.py"),
     *("attention.py", "replaying.py"),
 }
-"""They do the input and output of their parts; output.py writes the world's tables, by the wall clock, and wires.py,
-waker.py and slow_links.py are the world's ends of the fabric; news.py is what Zenoh's threads tell its main one.
+"""They do the input and output of their parts; output.py writes the world's tables, by the wall clock; transport.py,
+wakeup.py and slow_links.py are the world's ends of the fabric, and control_input.py is what Zenoh's threads tell its
+main one.
 On a board: its air, its vehicle and the link to it, systemd, signals, and what it writes; in open air, what waits for
 the operator. server.py has the station's sockets, channel.py and console_server.py the operator's end of them; in open
 air page.py starts the station, and field_console.py reads the clock. attention.py is what the world's end of the fabric

@@ -142,7 +142,7 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     for agent in trees.rng.sample(followers, 3):
         trees.crew.world.lockstep.gone(agent)
     trees.run(15, kills=False)
-    (loss,) = (piece for piece in trees.crew.world.air._pieces if isinstance(piece, Loss))
+    (loss,) = (model for model in trees.crew.world.air._models if isinstance(model, Loss))
     loss._share = 0.0
     for _ in range(60):
         for agent, core in controllers_of(trees.crew).items():

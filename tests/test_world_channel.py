@@ -1,4 +1,4 @@
-"""The pieces of the air, one by one: reach, chance, places and times, queues."""
+"""The models of the air, one by one: reach, chance, places and times, queues."""
 
 import math
 from collections import deque
@@ -18,8 +18,8 @@ from deltaswarm_wire.settings_radio import (
 )
 from deltaswarm_world.air.channel.asymmetry import Asymmetry
 from deltaswarm_world.air.channel.chance import Bursts, Contention
-from deltaswarm_world.air.channel.links import Ends, LinkDice, Links
-from deltaswarm_world.air.channel.queues import DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.links import Ends, LinkDraws, Links
+from deltaswarm_world.air.channel.queues import DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
 from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
 from tests.airs import Stage
@@ -54,12 +54,12 @@ def crowd(count: int) -> Links:
 
 def test_a_link_keeps_its_luck() -> None:
     """In any company and order; another link, direction or seed has its own; from either end the same if mutual."""
-    dice = LinkDice(rng())
+    dice = LinkDraws(rng())
     senders, receivers = dice.ends(np.arange(50)), dice.ends(np.arange(50) + 1)
     all_at_once = dice.uniform(senders, receivers)
     assert dice.uniform(dice.ends(np.array([7])), dice.ends(np.array([8]))) == all_at_once[7]
     assert list(dice.uniform(senders[::-1], receivers[::-1])) == list(all_at_once[::-1])
-    other = LinkDice(rng(2))
+    other = LinkDraws(rng(2))
     others = (
         dice.uniform(receivers, senders),
         dice.uniform(senders, receivers, mutual=True),
@@ -73,7 +73,7 @@ def test_a_link_keeps_its_luck() -> None:
 @pytest.mark.parametrize("mutual", [False, True])
 def test_dice_are_fair(mutual: bool) -> None:
     """Uniform and normal, over 90,000 links; those of one end, or of the other direction, tell nothing of a link."""
-    dice = LinkDice(rng(3))
+    dice = LinkDraws(rng(3))
     one, other = (dice.ends(axis.ravel()) for axis in np.meshgrid(np.arange(300), np.arange(300, 600)))
     uniform = dice.uniform(one, other, mutual)
     normal, back = (dice.normals[dice.pick(*ends, mutual)] for ends in ((one, other), (other, one)))
@@ -120,7 +120,7 @@ def test_the_default_reaches_as_far_as_is_said() -> None:
 def test_shadowing_is_mutual_unless_asked(a: Place, b: Place, mutual: bool, side_m: float, sigma_db: float) -> None:
     """The same both ways, bounded, and the same again when both ends are where they were."""
     settings = PathLossSettings(shadowing_db=sigma_db, shadowing_symmetric=mutual, decorrelation_m=side_m)
-    model = PathLoss(settings, None, LinkDice(rng()))
+    model = PathLoss(settings, None, LinkDraws(rng()))
     there, back = model.shadowing_db(link(3, a, 8, b))[0], model.shadowing_db(link(8, b, 3, a))[0]
     if mutual:
         assert there == back
@@ -133,7 +133,7 @@ def test_shadowing_is_mutual_unless_asked(a: Place, b: Place, mutual: bool, side
 def test_shadowing_stays_with_a_link_or_changes_with_the_ground() -> None:
     """Fixed by default; drawn anew once an end is in another square, and no sooner."""
     for side_m, kinds in ((0.0, 1), (5.0, 8)):
-        model = PathLoss(PathLossSettings(decorrelation_m=side_m), None, LinkDice(rng()))
+        model = PathLoss(PathLossSettings(decorrelation_m=side_m), None, LinkDraws(rng()))
         drawn = [float(model.shadowing_db(link(0, (x, 0.0), 1, (3.0, 3.0)))[0]) for x in range(40)]
         assert len(set(drawn)) == kinds
         assert len(set(drawn[:5])) == 1
@@ -141,14 +141,14 @@ def test_shadowing_stays_with_a_link_or_changes_with_the_ground() -> None:
 
 def test_shadowing_has_its_spread() -> None:
     """Its standard deviation over many links is the one asked for."""
-    found = PathLoss(PathLossSettings(shadowing_db=6.0), None, LinkDice(rng())).shadowing_db(crowd(150))
+    found = PathLoss(PathLossSettings(shadowing_db=6.0), None, LinkDraws(rng())).shadowing_db(crowd(150))
     assert found.std() == pytest.approx(6.0, rel=0.05)
 
 
 @given(st.lists(points, min_size=2, max_size=8), st.integers(0, 99))
 def test_nobody_in_reach_is_missed(places: list[Place], seed: int) -> None:
     """The search for pairs is as wide as the luckiest link; every pair with enough power is found."""
-    model = PathLoss(PathLossSettings(shadowing_db=8.0), np.linspace(-3, 6, len(places)), LinkDice(rng(seed)))
+    model = PathLoss(PathLossSettings(shadowing_db=8.0), np.linspace(-3, 6, len(places)), LinkDraws(rng(seed)))
     agents = ends(range(len(places)), places)
     found = set(zip(*(side.tolist() for side in model.find(agents, agents)[:2]), strict=True))
     for receiver, to in enumerate(places):
@@ -340,7 +340,7 @@ def test_a_jammer_goes_its_way(time_s: float, at: Place) -> None:
 )
 def test_a_pipe_is_exact(steps: list[list[int]], rate: float, queue_bytes: int) -> None:
     """In order, never faster than its rate, never more waiting than its queue, each packet once, every byte counted."""
-    pipes = Pipes(rate, queue_bytes)
+    pipes = RateLimitedQueue(rate, queue_bytes)
     entered, left, dropped = deque[Packet](), [], []
     number = 0
     for now, sizes in enumerate(steps, 1):
@@ -361,7 +361,7 @@ def test_a_pipe_is_exact(steps: list[list[int]], rate: float, queue_bytes: int) 
 @given(st.lists(st.integers(1, 60), max_size=40), st.integers(60, 200))
 def test_a_wide_pipe_is_none(sizes: list[int], rate: int) -> None:
     """Nothing waits, nothing falls."""
-    pipes = Pipes(float(rate), 0)
+    pipes = RateLimitedQueue(float(rate), 0)
     for number, size in enumerate(sizes):
         packet = Packet(0, number, bytes(size))
         assert pipes.take(0, [packet]) == ([packet], [])

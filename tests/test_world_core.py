@@ -222,7 +222,7 @@ def test_a_crowded_frame_drops_what_does_not_fit_and_says_so() -> None:
     assert all(len(encode_frame(frame)) <= MAX_SAMPLE_BYTES for frame in frames.values())
     heard = [len(frame.heard) for frame in frames.values()]
     assert set(heard) == {3}
-    assert (record.frames_received, record.dropped_crowded) == (27, 9 * 8 - 27)
+    assert (record.frames_received, record.dropped_frame_full) == (27, 9 * 8 - 27)
 
 
 def test_more_events_than_a_frame_may_hold_are_left_out() -> None:
@@ -295,7 +295,7 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
         dropped.update(drops)
     assert heard > 500
     if radio == list(EVERYTHING):
-        assert {reason for reason in DROP_REASONS if not dropped[reason]} == {"crowded"}
+        assert {reason for reason in DROP_REASONS if not dropped[reason]} == {"frame_full"}
 
 
 def digest_of(heard: bytes, act: Act, agent: int = 0) -> str:

@@ -72,7 +72,7 @@ def test_a_share_is_a_share_of_the_living(alive: set[int], fraction: float, seed
 
 
 def test_chance_is_each_faults_own() -> None:
-    """One fault more leaves the victims of the others as they are, and seeds differ."""
+    """One fault more leaves the targets of the others as they are, and seeds differ."""
     share = fault("kill", 5, fraction=0.5)
     (_, alone), (_, beside) = (
         orders(faults(share), 5)[0],
@@ -174,22 +174,22 @@ def test_orders_can_always_be_carried_out(timeline: list[dict[str, Any]], roots:
     for step in range(STEPS):
         for order in made.inject(step, frozenset(alive), roots):
             numbers.append(order.number)
-            victims = set(order.agents)
+            targets = set(order.agents)
             assert order.step == step
-            assert list(order.agents) == sorted(victims)
+            assert list(order.agents) == sorted(targets)
             if order.action == KILL:
-                assert victims <= alive
-                alive -= victims
-                stopped -= victims
+                assert targets <= alive
+                alive -= targets
+                stopped -= targets
             elif order.action == START:
-                assert not victims & alive
-                alive |= victims
+                assert not targets & alive
+                alive |= targets
             elif order.action == STOP:
-                assert victims <= alive - stopped
-                stopped |= victims
+                assert targets <= alive - stopped
+                stopped |= targets
             elif order.action == GO_ON:
-                assert victims <= stopped
-                stopped -= victims
+                assert targets <= stopped
+                stopped -= targets
         assert made.frozen == stopped
     assert numbers == list(range(len(numbers)))
     assert len(made.log) == len(timeline)

@@ -11,23 +11,23 @@ from deltaswarm_wire import checkpoint
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.handing_on import ClosedStep
-from deltaswarm_world.news import NewsQueue, Taken, Token
+from deltaswarm_world.control_input import ControlQueue, Persisted, Token
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.process import WorldProcess
+from deltaswarm_world.retransmit_buffer import ClosedStep
 from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.waker import Waker
-from deltaswarm_world.wires import Wires
+from deltaswarm_world.transport import Transport
+from deltaswarm_world.wakeup import Wakeup
 
 LAST = 3
 AGENTS = [Token(AGENT, agent, True) for agent in range(6)]
 
 
 class Fabric:
-    """Wires and waker in one: brings news batch by batch, and keeps what is sent."""
+    """Transport and wakeup in one: brings message batch by batch, and keeps what is sent."""
 
-    def __init__(self, batches: Iterable[list[Token | Taken]]) -> None:
-        self.news = NewsQueue()
+    def __init__(self, batches: Iterable[list[Token | Persisted]]) -> None:
+        self.control = ControlQueue()
         self.deadline = float("inf")
         self.stop_requested = False
         self.clocks: list[bytes] = []
@@ -36,13 +36,13 @@ class Fabric:
         self._batches = iter(batches)
 
     def take(self, taker: Any) -> bool:
-        """A wake-up, with the next batch of news."""
-        for news in next(self._batches):
-            self.news.put(news)
+        """A wake-up, with the next batch of message."""
+        for message in next(self._batches):
+            self.control.put(message)
         return False
 
     def wake_at(self, deadline_s: float) -> None:
-        """There is always news at once."""
+        """There is always message at once."""
 
     def forwarded(self, data: bytes) -> None:
         """No reports here."""
@@ -79,7 +79,7 @@ COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
 def begun(fabric: Fabric, folder: Path) -> WorldProcess:
     """A world for which all have come."""
     config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), folder, folder, publish_truth=True)
-    world = WorldProcess(config, cast(Wires, fabric), cast(Waker, fabric), SavedWorld.new(config))
+    world = WorldProcess(config, cast(Transport, fabric), cast(Wakeup, fabric), SavedWorld.new(config))
     world.wait_for_all()
     return world
 
@@ -87,15 +87,21 @@ def begun(fabric: Fabric, folder: Path) -> WorldProcess:
 @pytest.mark.parametrize(
     "batches",
     [
-        [[Taken(OPERATOR, LAST)], [GOES]],
-        [[Taken(OPERATOR, LAST), GOES]],
-        [[GOES], [Taken(OPERATOR, 1)], [COMES], [Taken(OPERATOR, LAST)], [GOES]],
-        [[GOES, Taken(OPERATOR, 1)], [COMES, Taken(OPERATOR, LAST), GOES]],
-        [[GOES], [Taken(OPERATOR, 1), COMES], [GOES, Taken(OPERATOR, 1), COMES], [Taken(OPERATOR, LAST)], [GOES]],
+        [[Persisted(OPERATOR, LAST)], [GOES]],
+        [[Persisted(OPERATOR, LAST), GOES]],
+        [[GOES], [Persisted(OPERATOR, 1)], [COMES], [Persisted(OPERATOR, LAST)], [GOES]],
+        [[GOES, Persisted(OPERATOR, 1)], [COMES, Persisted(OPERATOR, LAST), GOES]],
+        [
+            [GOES],
+            [Persisted(OPERATOR, 1), COMES],
+            [GOES, Persisted(OPERATOR, 1), COMES],
+            [Persisted(OPERATOR, LAST)],
+            [GOES],
+        ],
     ],
 )
-def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Taken]], tmp_path: Path) -> None:
-    """However the news of one that dies and of its successor come together."""
+def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Persisted]], tmp_path: Path) -> None:
+    """However the message of one that dies and of its successor come together."""
     fabric = Fabric([[COMES, *AGENTS], *batches])
     world = begun(fabric, tmp_path)
     world._core.lockstep.step, world._has_begun = LAST, True
@@ -103,7 +109,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Ta
         world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
-    lives = sum(news == GOES for batch in batches for news in batch)
+    lives = sum(message == GOES for batch in batches for message in batch)
     assert fabric.clocks == [b"0", b"1", b"2", b"3"] + [b"2", b"3"] * (lives - 1)
 
 

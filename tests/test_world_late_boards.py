@@ -57,7 +57,7 @@ class Late:
         for _ in range(min(answers, len(self.frames))):
             self.answer(self.frames.popleft())
         is_closed = is_awaited and self.reported[-1:] == [self.step]
-        said = self.core.inbox.spoken.get(BOARD)
+        said = self.core.inbox.transmitted.get(BOARD)
         assert said == (sample(len(self.reported) - 1, b"%d" % self.step) if is_closed else None)
         self.core.end()
         self.forwarded += [decode_report(forwarded.report).step for forwarded in self.core.forwarded]
@@ -95,7 +95,7 @@ def test_who_owes_nothing_may_say_nothing_of_before() -> None:
     stage.core.begin(1, last=False)
     assert stage.hear(REPORT, report_of(0, 1)) is not None
     assert stage.hear(RADIO, sample(1, b"old"), act_of(0)) is not None
-    assert stage.core.inbox.spoken == {}
+    assert stage.core.inbox.transmitted == {}
     assert stage.core.inbox.excess == {BOARD: 3}, "with the report that was said twice"
 
 

@@ -5,7 +5,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from deltaswarm_world.lockstep import FORGIVEN_STEPS, LockStep, Patience
+from deltaswarm_world.lockstep import FORGIVEN_STEPS, LockStep, TimeoutBackoff
 
 AGENTS = range(5)
 agents = st.integers(0, 6)
@@ -183,14 +183,14 @@ def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away
 
 def test_an_agent_that_is_late_again_and_again_costs_little() -> None:
     """Nine thousand steps in which it misses each: less than a minute; and a single miss is forgotten."""
-    patience = Patience(5.0)
+    backoff = TimeoutBackoff(5.0)
     waited_s = 0.0
     for step in range(9000):
-        waited_s += patience.left_s(0, step)
-        patience.missed(0, step)
+        waited_s += backoff.left_s(0, step)
+        backoff.missed(0, step)
     assert 10.0 <= waited_s < 60.0
-    assert patience.left_s(1, 9000) == 5.0
-    once = Patience(5.0)
+    assert backoff.left_s(1, 9000) == 5.0
+    once = TimeoutBackoff(5.0)
     once.missed(0, 10)
     assert [once.left_s(0, step) for step in (11, 10 + FORGIVEN_STEPS)] == [2.5, 5.0]
 

@@ -7,22 +7,22 @@ from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS
 from deltaswarm_world.air.channel.model import Context
-from deltaswarm_world.air.channel.models import MODELS, pieces_of
+from deltaswarm_world.air.channel.models import MODELS, models_of
 from deltaswarm_world.air.channel.reach import RangeDisc
 from tests.airs import EVERYTHING
 
 
 def test_a_model_is_built_only_where_the_scenario_asks_for_it() -> None:
     """None by default; all of them, in the order of the table, where every model is on."""
-    assert pieces_of(Context(Scenario(), RangeDisc(9.0))) == []
-    pieces = pieces_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
-    assert [type(piece) for piece in pieces] == list(MODELS)
+    assert models_of(Context(Scenario(), RangeDisc(9.0))) == []
+    models = models_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
+    assert [type(model) for model in models] == list(MODELS)
 
 
 def test_reasons_of_models_are_columns_in_the_order_of_the_table() -> None:
     """Each model's drops have a column of their own in `series.csv`."""
-    pieces = pieces_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
-    reasons = [piece.reason for piece in pieces]
+    models = models_of(Context(load_scenario("smoke", [*EVERYTHING]), RangeDisc(9.0)))
+    reasons = [model.reason for model in models]
     assert reasons == [reason for reason in DROP_REASONS if reason in reasons]
 
 

@@ -162,12 +162,12 @@ def test_each_hop_loses() -> None:
 
 
 def test_delay_outage_and_a_narrow_operator() -> None:
-    """Latency is in steps; an outage takes what is sent in it; the operator's full queue drops the rest as crowded."""
+    """Latency is in steps; an outage takes what is sent in it; the operator's full queue drops the rest."""
     stage = Stage(LINE_M, {"latency_s": 2.0, "outages": [{"from_s": 1, "until_s": 2}]})
     assert [stage.carry([0]) for _ in range(5)] == [[], [], ["0@0"], [], ["0@2"]]
     narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90, "queue_bytes": 170}})
     assert len(narrow.carry(range(5))) == 1
-    assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"crowded": 2}, 2)
+    assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"base_full": 2}, 2)
 
 
 def test_bursts_on_the_uplink_keep_one_state_per_agent() -> None:

@@ -39,7 +39,7 @@ DROP_REASONS = (
     "burst",
     "contention",
     "bandwidth",
-    "crowded",
+    "frame_full",
     "dead",
 )
 """Why a frame did not reach a receiver: the first cause that applied.
@@ -47,16 +47,16 @@ DROP_REASONS = (
 range: too far, or too little power; blackout: no frame gets through; partition: a wall is in between; jam: the
 receiver is within a jammer's circle; obstacle: an obstacle blocks the frame or takes too much power; asymmetry:
 this direction of the link is worse; loss: by chance; burst: by chance, on a link in its bad state; contention: too
-many bytes on the air around the receiver; bandwidth: the queue at the sender or the receiver was full; crowded: the
+many bytes on the air around the receiver; bandwidth: the queue at the sender or the receiver was full; frame_full: the
 receiver's frame over the fabric was full; dead: the receiver's process is gone or hangs, or the radio of the sender
 or the receiver is dead.
 """
 
-UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "crowded", "expired", "left", "dead")
+UPLINK_REASONS = ("outage", "range", "loss", "burst", "bandwidth", "base_full", "expired", "left", "dead")
 """Why a report did not reach the operator: the first cause that applied.
 
 outage: no report got through; range: too far from the base, and no tree to relay it; loss: by chance, at any hop;
-burst: by chance, on a link in its bad state; bandwidth: the queue at the sender or relay was full; crowded: the queue
+burst: by chance, on a link in its bad state; bandwidth: the queue at the sender or relay was full; base_full: the queue
 at the operator's radio was full; expired: relayed for too long; left: the relay left the tree; dead: the sender or
 relay is gone, hangs, or has a dead radio.
 """
@@ -132,7 +132,7 @@ class StepRecord(NamedTuple):
     dropped_burst: int
     dropped_contention: int
     dropped_bandwidth: int
-    dropped_crowded: int
+    dropped_frame_full: int
     dropped_dead: int
     reports_sent: int
     reports_arrived: int
@@ -142,7 +142,7 @@ class StepRecord(NamedTuple):
     reports_dropped_loss: int
     reports_dropped_burst: int
     reports_dropped_bandwidth: int
-    reports_dropped_crowded: int
+    reports_dropped_base_full: int
     reports_dropped_expired: int
     reports_dropped_left: int
     reports_dropped_dead: int

@@ -109,7 +109,7 @@ class OpenAirOperator:
             if self.console:
                 self.console.go_on(now_s, workload)
             if workload is not None:
-                self._write((*workload, len(self.meter.alive), len(self.meter.ill)))
+                self._write((*workload, len(self.meter.alive), len(self.meter.faulty)))
                 if now_s >= self._status_due_s:
                     self._status_due_s = now_s + self._config.status_every_s
                     log.info("%s", self._line(workload))
@@ -152,10 +152,10 @@ class OpenAirOperator:
         alive = self.meter.alive
         doubled = self.meter.doubled
         totals = self.meter.totals
-        ill = "; ".join(f"{agent}: {fault}" for agent, fault in self.meter.ill.items())
+        faulty = "; ".join(f"{agent}: {fault}" for agent, fault in self.meter.faulty.items())
         return (
             f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
-            + (f"not well ({ill}), " if ill else "")
+            + (f"not well ({faulty}), " if faulty else "")
             + (f"doubled ({', '.join(map(str, doubled))}), " if doubled else "")
             + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
             f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused.total()} refused"
@@ -185,7 +185,7 @@ class OpenAirOperator:
 
     def _take_health(self, agent: int | None, data: bytes) -> str | None:
         before = self.meter.fault_of(agent)
-        reason = self.meter.feels(agent, data)
+        reason = self.meter.on_health(agent, data)
         fault = self.meter.fault_of(agent)
         if bool(fault) != bool(before):
             log.warning("agent %d is %s", agent, f"not well: {fault}" if fault else "well")

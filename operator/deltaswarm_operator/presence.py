@@ -8,7 +8,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltaswarm_operator.lives import RESTART_S, Lives
+from deltaswarm_operator.process_tracker import RESTART_S, ProcessTracker
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_wire.codec import WireError, number, unpack
 from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_health, decode_report
@@ -40,7 +40,7 @@ class Known:
 
     `reports` counts accepted reports; `stale` counts duplicates and reports older than the newest, the last `stale_run`
     of them in order up to the sequence number `newest_stale`. `step_bytes` arrived since step `step` was closed.
-    `recent` has the newest reports with their sending times, `lives` the processes that sent them.
+    `recent` has the newest reports with their sending times, `processes` the processes that sent them.
     """
 
     is_alive: bool = False
@@ -57,7 +57,7 @@ class Known:
     step: int = -1
     step_bytes: int = 0
     recent: deque[tuple[Report, float | None]] = field(default_factory=lambda: deque(maxlen=RECENT))
-    lives: Lives = field(default_factory=Lives)
+    processes: ProcessTracker = field(default_factory=ProcessTracker)
 
     def follow(self, report: Report, sent_s: float | None, now_s: float) -> int:
         """Assign a report, old or not, to one of the agent's processes; return the change in lost reports.
@@ -67,9 +67,9 @@ class Known:
         if (report, sent_s) in self.recent:
             return 0
         self.recent.append((report, sent_s))
-        lost = self.lives.lost
-        self.lives.hear(report.sequence, now_s)
-        return self.lives.lost - lost
+        lost = self.processes.lost
+        self.processes.hear(report.sequence, now_s)
+        return self.processes.lost - lost
 
     def is_old(self, sequence: int, sent_s: float | None, now_s: float) -> bool:
         """Whether a report whose sequence number did not grow is old."""
@@ -119,26 +119,26 @@ class OpenAirMeter:
         known.fault = ""  # no longer known
 
     @property
-    def ill(self) -> dict[int, str]:
+    def faulty(self) -> dict[int, str]:
         """Faults of agents' bodies by number, ascending."""
         return {agent: known.fault for agent, known in sorted(self.agents.items()) if known.fault}
 
     @property
     def doubled(self) -> list[int]:
         """Agents for which several processes report, ascending."""
-        return sorted(agent for agent, known in self.agents.items() if known.lives.is_doubled)
+        return sorted(agent for agent, known in self.agents.items() if known.processes.is_doubled)
 
     def is_doubled(self, agent: int | None) -> bool:
         """Whether several processes report as this agent."""
         known = None if agent is None else self.agents.get(agent)
-        return known is not None and known.lives.is_doubled
+        return known is not None and known.processes.is_doubled
 
     def fault_of(self, agent: int | None) -> str:
         """Return the fault of an agent's body; "" if none or unknown."""
         known = None if agent is None else self.agents.get(agent)
         return known.fault if known else ""
 
-    def feels(self, agent: int | None, data: bytes) -> str | None:
+    def on_health(self, agent: int | None, data: bytes) -> str | None:
         """Take a health message from an agent's key (None: no agent's key); return the reason if it is dropped.
 
         Health is not part of the workload.
@@ -213,8 +213,8 @@ class OpenAirMeter:
                 "fault": known.fault,
                 "last_fault": known.last_fault,
                 "absences": known.absences,
-                "restarts": known.lives.restarts,
-                "doubled": known.lives.was_doubled,
+                "restarts": known.processes.restarts,
+                "doubled": known.processes.was_doubled,
                 "last_heard_s": known.last_heard_s,
                 "reports": known.reports,
                 "stale": known.stale,

@@ -10,14 +10,14 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.handing_on import HandingOn
-from deltaswarm_world.news import Counted, Said, Taken
+from deltaswarm_world.control_input import Ack, OperatorMessage, Persisted
 from deltaswarm_world.pace import RealTimePace
+from deltaswarm_world.retransmit_buffer import HandingOn
 from deltaswarm_world.rhythm import Rhythm
 from deltaswarm_world.saving import SavedWorld
+from deltaswarm_world.transport import Transport
 from deltaswarm_world.turns import LIVE, OFF
-from deltaswarm_world.waker import Waker
-from deltaswarm_world.wires import Wires
+from deltaswarm_world.wakeup import Wakeup
 
 log = logging.getLogger("deltaswarm.world")
 
@@ -29,13 +29,13 @@ MAX_TOLD = 100
 class Attention:
     """The state of one run at the world's edge. The world's process decides by it what to do next."""
 
-    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
+    def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
         self._config = config
         self._settings = config.scenario.run
         self._core = saved.core
-        self._wires = wires
-        self._waker = waker
-        self._handing_on = HandingOn(wires.forwarded, wires.clock)
+        self._transport = transport
+        self._wakeup = wakeup
+        self._handing_on = HandingOn(transport.forwarded, transport.clock)
         self._handing_on.confirm(self._core.lockstep.step)
         self._has_begun = False
         self._pace: RealTimePace | None = None
@@ -65,13 +65,13 @@ class Attention:
             InterruptedError: a signal came, and the condition did not hold soon.
         """
         began = time.monotonic()
-        self._waker.wake_at(began + within_s)
+        self._wakeup.wake_at(began + within_s)
         while not condition():
-            if self._wires.take(self._take):
+            if self._transport.take(self._take):
                 continue
             self._look_up()
-            if not condition() and time.monotonic() >= self._waker.deadline:
-                if self._waker.stop_requested:
+            if not condition() and time.monotonic() >= self._wakeup.deadline:
+                if self._wakeup.stop_requested:
                     raise InterruptedError("stopped by a signal")
                 return False
         if self._pace:
@@ -80,7 +80,7 @@ class Attention:
 
     def _look_up(self) -> None:
         """What the world does each time that it is woken."""
-        self._take_news()
+        self._take_control()
         if time.monotonic() >= self._status_due:  # also where a step, or the end, takes long
             self._send_status(self._core.lockstep.step, self._phase)
 
@@ -95,24 +95,24 @@ class Attention:
             self._warned.add(agent)
             log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
 
-    def _take_news(self) -> None:
+    def _take_control(self) -> None:
         """Take note of who came and who went, and of what operator and recorder have, in that order.
 
         What the operator counted is handed on to the recorder.
         """
-        for news in self._waker.news.take():
-            if isinstance(news, Taken):
-                self._taken[news.role] = news.step
-                if news.role == OPERATOR and not self._operator_left:
-                    self._handing_on.confirm(news.step)
+        for message in self._wakeup.control.take():
+            if isinstance(message, Persisted):
+                self._taken[message.role] = message.step
+                if message.role == OPERATOR and not self._operator_left:
+                    self._handing_on.confirm(message.step)
                 continue
-            if isinstance(news, Counted):
-                self._wires.workload(news.data)
+            if isinstance(message, Ack):
+                self._transport.workload(message.data)
                 continue
-            if isinstance(news, Said):
-                self._take_word(news.word)
+            if isinstance(message, OperatorMessage):
+                self._take_operator_message(message.word)
                 continue
-            role, number, is_there = news
+            role, number, is_there = message
             (self._there.add if is_there else self._there.discard)((role, number))
             if role == RECORDER and is_there and self._config.publish_truth:  # what it has, it says only later
                 self._taken.setdefault(role, self._core.lockstep.step)
@@ -122,7 +122,7 @@ class Attention:
                 self._taken.pop(role, None)
                 self._operator_left |= role == OPERATOR and self._has_begun
 
-    def _take_word(self, word: Turn | Pace) -> None:
+    def _take_operator_message(self, word: Turn | Pace) -> None:
         """The operator's turn, or the pace that it wants."""
         if isinstance(word, Pace):
             self._rhythm.take(word)
@@ -147,7 +147,7 @@ class Attention:
         self._phase = phase
         self._status_due = time.monotonic() + STATUS_EVERY_S
         core = self._core
-        self._wires.status(
+        self._transport.status(
             Status(
                 max(step, 0),
                 self._settings.steps,

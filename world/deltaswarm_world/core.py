@@ -17,7 +17,7 @@ from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DEAD, Body, Said, StepRecord, Truth
-from deltaswarm_world.air.radio import Air, Carried
+from deltaswarm_world.air.radio import Air, Reception
 from deltaswarm_world.coverage import Coverage
 from deltaswarm_world.downlink import Downlink
 from deltaswarm_world.environment import Environment
@@ -79,7 +79,7 @@ class WorldCore:
         self._step = -1
         self._is_last = False
         self._time_s = 0.0
-        self._carried = Carried(0)
+        self._carried = Reception(0)
 
     # A step: inject and begin, then acts and radio frames as they arrive, then end
 
@@ -125,7 +125,7 @@ class WorldCore:
         self._sensed = self._sense((*taking_part, *probed))
         heard = self._hear(taking_part)
         self._sleep.move_to(environment.positions_m.tolist())
-        always = lockstep.boards.keys() | (self._faults.afflicted if self._faults else NOBODY_HIT)
+        always = lockstep.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
         asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
         lockstep.begin(step, asked)
         before = self._tree_statuses
@@ -160,33 +160,33 @@ class WorldCore:
         for agent in taking_part:
             listening[agent] = agent not in deaf
         self.speaking, self._listening = self._listening, listening
-        carried = self.air.carry(
-            self._step, self._time_s, self.inbox.spoken, self.environment.positions_m, listening, mute
+        reception = self.air.carry(
+            self._step, self._time_s, self.inbox.transmitted, self.environment.positions_m, listening, mute
         )
-        self.links = carried.links
-        if crowded := self._cut_crowded(carried.heard, carried.largest_bytes):
-            self.links = [(sender, agent) for agent, frames in enumerate(carried.heard) for sender, _ in frames]
-            carried.drop("crowded", crowded)
+        self.links = reception.links
+        if cut := self._cut_overfull(reception.heard, reception.largest_bytes):
+            self.links = [(sender, agent) for agent, frames in enumerate(reception.heard) for sender, _ in frames]
+            reception.drop("frame_full", cut)
         self._delivered = self.downlink.carry(self._step, self._time_s, self.environment.positions_m, listening)
         for agent, data in self._delivered:
-            carried.heard[agent].append((BASE, data))
-        self._carried = carried
-        return carried.heard
+            reception.heard[agent].append((BASE, data))
+        self._carried = reception
+        return reception.heard
 
-    def _cut_crowded(self, heard: list[list[Heard]], largest_bytes: int) -> int:
+    def _cut_overfull(self, heard: list[list[Heard]], largest_bytes: int) -> int:
         """Drop frames that do not fit into their receiver's frame; return their number."""
         largest = largest_bytes + HEARD_BYTES
         least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
-        crowded = 0
+        cut = 0
         for frames, sensed in zip(heard, self._sensed, strict=True):
             if len(frames) * largest <= least_room:
                 continue  # they always fit
             room = FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(sensed))
             ends = list(accumulate(len(data) + HEARD_BYTES for _, data in frames))
             fitting = bisect_right(ends, room)
-            crowded += len(frames) - fitting
+            cut += len(frames) - fitting
             del frames[fitting:]
-        return crowded
+        return cut
 
     def end(self) -> StepRecord:
         """Close the step: commands, work, completion, record, digest."""
@@ -205,7 +205,7 @@ class WorldCore:
                         observers[event] += 1
                     else:
                         self.refused_claims += 1
-            spoken = self.inbox.spoken.get(agent)
+            spoken = self.inbox.transmitted.get(agent)
             if spoken is not None:
                 self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
@@ -247,7 +247,7 @@ class WorldCore:
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
         rejected, lost = self.inbox.take_counts()
-        carried, others = self._carried, self.scenario.agents.count - 1
+        reception, others = self._carried, self.scenario.agents.count - 1
         return record(
             step=self._step,
             time_s=self._time_s,
@@ -261,14 +261,14 @@ class WorldCore:
             delta=self._mean_delta(),
             events_open=len(self.environment.active),
             events_completed=self.environment.completed,
-            frames_sent=len(self.inbox.spoken),
-            bytes_sent=sum(map(len, self.inbox.spoken.values())),
+            frames_sent=len(self.inbox.transmitted),
+            bytes_sent=sum(map(len, self.inbox.transmitted.values())),
             frames_received=len(self.links),
-            frames_duplicated=carried.duplicated,
-            frames_in_flight=len(self.inbox.spoken) * others + self.air.under_way,
+            frames_duplicated=reception.duplicated,
+            frames_in_flight=len(self.inbox.transmitted) * others + self.air.under_way,
             rejected=rejected,
             transport_lost=lost,
-            frames_dropped=carried.dropped,
+            frames_dropped=reception.dropped,
             reports_sent=sent,
             reports_arrived=len(self.forwarded) if uplink else sent,
             reports_in_flight=uplink.under_way if uplink else 0,

@@ -25,7 +25,7 @@ class Inbox:
     """The samples of one step, and the counts of a run."""
 
     def __init__(self, lockstep: LockStep) -> None:
-        self.spoken: dict[int, bytes] = {}
+        self.transmitted: dict[int, bytes] = {}
         """Radio frames, by sender."""
         self._reports: dict[int, deque[bytes]] = {}
         """Reports not yet taken; only an agent that was late has more than one."""
@@ -52,7 +52,7 @@ class Inbox:
     def begin(self, step: int) -> None:
         """Open a step; reports since the last step was closed belong to this one."""
         self._step = step
-        self.spoken, self.acts = {}, {}
+        self.transmitted, self.acts = {}, {}
 
     def begin_anew(self, agent: int) -> None:
         """Expect the numbers of a new process of this agent."""
@@ -100,9 +100,9 @@ class Inbox:
         self._radio_numbers.follow(agent, counter)
         if late and self._lockstep.unanswered(agent):
             return None
-        if late or agent in self.spoken or agent not in self._lockstep.waiting:
+        if late or agent in self.transmitted or agent not in self._lockstep.waiting:
             return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
-        self.spoken[agent] = data
+        self.transmitted[agent] = data
         return None
 
     def hear_report(self, agent: int, data: bytes) -> str | None:
@@ -180,7 +180,7 @@ class Inbox:
     def drop_frames(self, late: Iterable[int]) -> None:
         """Drop the radio frames of agents without an act in this step."""
         for agent in late:
-            self.spoken.pop(agent, None)
+            self.transmitted.pop(agent, None)
 
     def take_reports(self) -> dict[int, bytes]:
         """Take each agent's oldest report; its newer ones wait for the next steps."""
@@ -190,7 +190,7 @@ class Inbox:
 
     def said(self, reports: dict[int, bytes]) -> list[Said]:
         """Return the step's radio frames and these reports, in agent order."""
-        frames = [(agent, RADIO, data) for agent, data in self.spoken.items()]
+        frames = [(agent, RADIO, data) for agent, data in self.transmitted.items()]
         return sorted(frames + [(agent, REPORT, data) for agent, data in reports.items()])
 
     def take_counts(self) -> tuple[int, int]:

@@ -5,16 +5,16 @@ from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
 FORGIVEN_STEPS = 2500
-"""After this many steps the patience with a late agent doubles again, up to its initial value."""
+"""After this many steps the backoff with a late agent doubles again, up to its initial value."""
 
 MAX_RETURNS = 20
 """Number of times that an agent, unless it is a board, may come back after its process died."""
 
 MAX_MISSES = 20
-"""Maximum number of counted misses; almost no patience is left then."""
+"""Maximum number of counted misses; almost no backoff is left then."""
 
 
-class Patience:
+class TimeoutBackoff:
     """Time that a step waits for an agent: half as long after each missed step.
 
     So an agent that is always late costs a run of n steps at most (2 + n / FORGIVEN_STEPS) times `most_s` [s].

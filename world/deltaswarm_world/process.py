@@ -1,4 +1,4 @@
-"""The world's process: lock-step and clock. Only `wires.py`, `waker.py` and `slow_links.py` use Zenoh."""
+"""The world's process: lock-step and clock. Only `transport.py`, `wakeup.py` and `slow_links.py` use Zenoh."""
 
 import logging
 import time
@@ -11,13 +11,13 @@ from deltaswarm_wire.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_world import saving
 from deltaswarm_world.attention import Attention
 from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.handing_on import AHEAD_STEPS, ClosedStep
-from deltaswarm_world.lockstep import Patience
+from deltaswarm_world.lockstep import TimeoutBackoff
 from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.pace import RealTimePace
+from deltaswarm_world.retransmit_buffer import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.waker import Waker
-from deltaswarm_world.wires import Wires
+from deltaswarm_world.transport import Transport
+from deltaswarm_world.wakeup import Wakeup
 
 log = logging.getLogger("deltaswarm.world")
 
@@ -29,12 +29,12 @@ GOODBYE_S = 3.0
 
 
 class WorldProcess(Attention):
-    """One run of the world over its wires, or the rest of a run from a checkpoint."""
+    """One run of the world over its transport, or the rest of a run from a checkpoint."""
 
-    def __init__(self, config: WorldConfig, wires: Wires, waker: Waker, saved: SavedWorld) -> None:
-        super().__init__(config, wires, waker, saved)
-        self._patience = saved.patience
-        self._saving_patience = Patience(SAVING_STEPS * self._settings.step_timeout_s)
+    def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
+        super().__init__(config, transport, wakeup, saved)
+        self._backoff = saved.backoff
+        self._saving_backoff = TimeoutBackoff(SAVING_STEPS * self._settings.step_timeout_s)
         self._restarts = saved.restarts
         self._overruns_before = saved.overruns
         self._probe_due = 0.0
@@ -75,9 +75,9 @@ class WorldProcess(Attention):
             self._await_operator(step)
             for order in self._core.inject(step):
                 self._give(order)
-            last = step == settings.steps - 1 or self._waker.stop_requested
+            last = step == settings.steps - 1 or self._wakeup.stop_requested
             self._probe(last)
-            self._wires.frames(self._core.begin(step, last))
+            self._transport.frames(self._core.begin(step, last))
             self._collect()
             record = self._core.end()
             output.write(record, self._core.environment.changed)  # a step is on file before anyone is told of it
@@ -101,16 +101,16 @@ class WorldProcess(Attention):
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
-        rhythm, waker = self._rhythm, self._waker
-        self._take_news()
-        while not rhythm.may_begin(step) and not waker.stop_requested:
+        rhythm, wakeup = self._rhythm, self._wakeup
+        self._take_control()
+        while not rhythm.may_begin(step) and not wakeup.stop_requested:
             if self._operator_left:
                 self._welcome_operator()
             wait_s = rhythm.wait_s(step)
             patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
 
             def is_over() -> bool:
-                return rhythm.may_begin(step) or waker.stop_requested or self._operator_left
+                return rhythm.may_begin(step) or wakeup.stop_requested or self._operator_left
 
             if not self._wait_until(is_over, patience_s) and wait_s is None:
                 raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
@@ -136,28 +136,28 @@ class WorldProcess(Attention):
         def others_have() -> bool:
             return all(self._taken.get(role, -1) >= step for role in others)
 
-        patience, began = self._saving_patience, time.monotonic()
+        backoff, began = self._saving_backoff, time.monotonic()
 
         def is_enough() -> bool:
-            _, longest_s = patience.with_any(inbox.unsaved, step)
+            _, longest_s = backoff.with_any(inbox.unsaved, step)
             return not inbox.unsaved or time.monotonic() >= began + longest_s
 
         if can_be_saved():
             inbox.await_saved(agents)
-            self._wires.save(agents, step)
-            self._wait_until(lambda: not can_be_saved() or is_enough(), patience.most_s)
+            self._transport.save(agents, step)
+            self._wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
             self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
         inbox.unsaved |= saving.missing(self._config.out, step, agents)
         is_whole = others_have() and saving.has_operator(self._config.out, step)
         if not can_be_saved() or inbox.unsaved or not is_whole:
             log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
             for agent in sorted(inbox.unsaved):
-                patience.missed(agent, step)
+                backoff.missed(agent, step)
                 log.warning("agent %d did not save itself", agent)
             return
         saving.save(
             self._config.out,
-            SavedWorld(self._core, self._patience, self._restarts, output.sync(), output.wall_s, self._overruns),
+            SavedWorld(self._core, self._backoff, self._restarts, output.sync(), output.wall_s, self._overruns),
         )
 
     def _probe(self, last: bool) -> None:
@@ -172,11 +172,11 @@ class WorldProcess(Attention):
         """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
 
         Raises:
-            TimeoutError: the order was not carried out in time.
+            TimeoutError: the order was not reception out in time.
             InterruptedError: a signal came first.
         """
         log.warning("%s", order.text)
-        self._wires.order(order)
+        self._transport.order(order)
         if order.action == NOTE:
             return
         self._in_hand = order
@@ -189,41 +189,41 @@ class WorldProcess(Attention):
     def _is_done(self, order: ProcessOrder) -> bool:
         tokens = [(AGENT, agent) in self._there for agent in order.agents]
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
-        return as_told and order.number in self._waker.done
+        return as_told and order.number in self._wakeup.done
 
     def _collect(self) -> None:
         """Wait until every agent has closed the step or its time is up; if all hang, wait for the first to return.
 
         Sleeping agents take part, so a step in which no agent is asked does not wait.
         """
-        lockstep, waker, pace = self._core.lockstep, self._waker, self._pace
+        lockstep, wakeup, pace = self._core.lockstep, self._wakeup, self._pace
         began = time.monotonic()
         everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
-        soonest_s, _ = self._patience.with_any(lockstep.waiting, lockstep.step)
-        waker.wake_at(pace.next_tick() if pace else began + soonest_s)
+        soonest_s, _ = self._backoff.with_any(lockstep.waiting, lockstep.step)
+        wakeup.wake_at(pace.next_tick() if pace else began + soonest_s)
         while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
-            if self._wires.take(self._take):
+            if self._transport.take(self._take):
                 continue
             self._look_up()
-            if time.monotonic() < waker.deadline:
+            if time.monotonic() < wakeup.deadline:
                 continue
-            _, latest_s = self._patience.with_any(lockstep.waiting, lockstep.step)
-            if pace or waker.stop_requested or time.monotonic() >= began + latest_s:
+            _, latest_s = self._backoff.with_any(lockstep.waiting, lockstep.step)
+            if pace or wakeup.stop_requested or time.monotonic() >= began + latest_s:
                 self._give_up()
                 break
-            waker.wake_at(began + latest_s)
+            wakeup.wake_at(began + latest_s)
         if pace:
-            waker.wake_at(pace.tick_ends_s)
-            while time.monotonic() < pace.tick_ends_s and not waker.stop_requested:
-                if not self._wires.take(self._take):
+            wakeup.wake_at(pace.tick_ends_s)
+            while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
+                if not self._transport.take(self._take):
                     self._look_up()
-        self._wires.take_waiting(self._take)  # late agents take part again in the next step
+        self._transport.take_waiting(self._take)  # late agents take part again in the next step
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
         lockstep = self._core.lockstep
         for agent in sorted(lockstep.waiting):
-            self._patience.missed(agent, lockstep.step)
+            self._backoff.missed(agent, lockstep.step)
             log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
 
     def _close(self, record: StepRecord, last: bool) -> None:
@@ -232,12 +232,12 @@ class WorldProcess(Attention):
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
-        core, wires = self._core, self._wires
+        core, transport = self._core, self._transport
         if self._config.publish_truth:
-            wires.truth(encode_truth(core.truth(record)))
+            transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
-            wires.wire(encode_wire(record.step, core.said))
-        self._take_news()
+            transport.wire(encode_wire(record.step, core.said))
+        self._take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
         self._handing_on.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
@@ -264,7 +264,7 @@ class WorldProcess(Attention):
             return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
 
         def is_over() -> bool:
-            return self._waker.stop_requested or self._operator_left or not behind()
+            return self._wakeup.stop_requested or self._operator_left or not behind()
 
         if not self._wait_until(is_over, self._settings.start_timeout_s):
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
@@ -288,4 +288,4 @@ class WorldProcess(Attention):
                 raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("not all parts left within %g s", GOODBYE_S)
-        self._wires.leave()
+        self._transport.leave()

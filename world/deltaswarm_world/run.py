@@ -10,8 +10,8 @@ from deltaswarm_world.output import WorldOutput
 from deltaswarm_world.process import WorldProcess
 from deltaswarm_world.saving import SavedWorld
 from deltaswarm_world.slow_links import SlowLinks, trusted_sessions
-from deltaswarm_world.waker import Waker
-from deltaswarm_world.wires import Wires, open_router
+from deltaswarm_world.transport import Transport, open_router
+from deltaswarm_world.wakeup import Wakeup
 
 log = logging.getLogger("deltaswarm.world")
 
@@ -34,13 +34,13 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
     with WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output:
         session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
         with session:
-            waker, wires = Waker(session, keys), Wires(session, keys, len(agents))
-            slow_links = SlowLinks(session, trusted, wires.waits_for)
+            wakeup, transport = Wakeup(session, keys), Transport(session, keys, len(agents))
+            slow_links = SlowLinks(session, trusted, transport.waits_for)
             announce(" ".join(endpoints))  # from here on they come
-            if early:  # the signal came before the waker was ready
+            if early:  # the signal came before the wakeup was ready
                 signal.raise_signal(early[0])
             try:
-                world = WorldProcess(config, wires, waker, saved)
+                world = WorldProcess(config, transport, wakeup, saved)
                 world.wait_for_all()
                 complete = world.run(output)
                 world.goodbye()
@@ -48,7 +48,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
                 log.error("the run ends: %s", error)
                 complete = False
             finally:
-                wires.close()
-                waker.close()
+                transport.close()
+                wakeup.close()
                 slow_links.close()
     return 0 if complete else 1

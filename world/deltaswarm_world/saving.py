@@ -12,7 +12,7 @@ from typing import Self
 from deltaswarm_wire import checkpoint
 from deltaswarm_world.config import WorldConfig
 from deltaswarm_world.core import WorldCore
-from deltaswarm_world.lockstep import Patience
+from deltaswarm_world.lockstep import TimeoutBackoff
 from deltaswarm_world.output import TABLES
 
 
@@ -21,7 +21,7 @@ class SavedWorld:
     """The full state of a world, also of a `new` one."""
 
     core: WorldCore
-    patience: Patience
+    backoff: TimeoutBackoff
     restarts: Counter[int] = field(default_factory=Counter)
     """Restarts of each agent by orders."""
     table_bytes: Sequence[int] = ()
@@ -34,7 +34,7 @@ class SavedWorld:
     def new(cls, config: WorldConfig) -> Self:
         """Make the state before the first step."""
         scenario = config.scenario
-        return cls(WorldCore(scenario, config.boards), Patience(scenario.run.step_timeout_s))
+        return cls(WorldCore(scenario, config.boards), TimeoutBackoff(scenario.run.step_timeout_s))
 
 
 def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:

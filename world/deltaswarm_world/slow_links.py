@@ -27,7 +27,7 @@ LOOK_EVERY_S = 0.05
 PATIENCE_S = 2.0
 """Total time that slow links may take before they are cut on sight [s]."""
 REGAINED = 0.01
-"""Patience regained in each second without a slow link [s/s]; bounds what a client that keeps coming back costs."""
+"""Time regained in each second without a slow link [s/s]; bounds what a client that keeps coming back costs."""
 
 DESCRIPTORS = "/dev/fd"
 

@@ -1,11 +1,11 @@
 """Questions to a running world for `deltaswarm why`: could one agent, or the operator, hear another, and why not?"""
 
-from deltaswarm_world.air.channel.links import Finding
+from deltaswarm_world.air.channel.links import Diagnosis
 from deltaswarm_world.air.trace import TracedAir
 from deltaswarm_world.core import WorldCore
 from deltaswarm_world.uplink.trace import TracedUplink
 
-Answer = tuple[list[Finding], list[str]]
+Answer = tuple[list[Diagnosis], list[str]]
 """What each model says of a link in the last step, and what became of its frames or reports."""
 
 

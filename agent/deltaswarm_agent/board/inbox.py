@@ -166,7 +166,7 @@ class Inbox:
             return "stale"
         before = self._newest.get(sender)
         if before is None and len(self._newest) >= MAX_NEIGHBOURS:
-            return "crowded"
+            return "frame_full"
         if before is None or counter > before.counter:
             place_m = None if told is None else (told.x_m, told.y_m)
             self._newest[sender] = _Arrival(counter, now_s, place_m, data)

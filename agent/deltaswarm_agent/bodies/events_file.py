@@ -21,7 +21,7 @@ _OPTIONAL = ("from_s", "until_s", "work_s")
 MAX_ROWS, MAX_BYTES = 10_000, 2_000_000
 
 
-class Happening(NamedTuple):
+class ScheduledEvent(NamedTuple):
     """One row. Position in m, arena frame; times in s by the agent's clock; work in s of its observation."""
 
     event: int
@@ -32,7 +32,7 @@ class Happening(NamedTuple):
     work_s: float = math.inf
 
 
-def read_events(lines: Iterable[str]) -> tuple[Happening, ...]:
+def read_events(lines: Iterable[str]) -> tuple[ScheduledEvent, ...]:
     """Read the rows of an events file.
 
     Raises:
@@ -40,22 +40,22 @@ def read_events(lines: Iterable[str]) -> tuple[Happening, ...]:
     """
     reader = csv.DictReader(lines)
     try:
-        return _happenings(reader)
+        return _scheduled(reader)
     except csv.Error as error:
         raise ValueError(f"line {reader.line_num + 1}: {error}") from None
 
 
-def _happenings(reader: "csv.DictReader[str]") -> tuple[Happening, ...]:
+def _scheduled(reader: "csv.DictReader[str]") -> tuple[ScheduledEvent, ...]:
     names = tuple(reader.fieldnames or ())
     unknown = [name for name in names if name not in _NEEDED + _OPTIONAL]
     if unknown or any(name not in names for name in _NEEDED):
         rule = f"must be {', '.join(_NEEDED)} and optionally {', '.join(_OPTIONAL)}"
         raise ValueError(f"line 1: columns {rule} (got {', '.join(names) or 'none'})")
-    rows: dict[int, Happening] = {}
+    rows: dict[int, ScheduledEvent] = {}
     for row in reader:
         if None in row:
             raise ValueError(f"line {reader.line_num} must have at most {len(names)} columns, as the header")
-        happening = _happening(row, reader.line_num)
+        happening = _scheduled_event(row, reader.line_num)
         if happening.event in rows:
             raise ValueError(f"line {reader.line_num}: event must be unique (got {happening.event} again)")
         if len(rows) >= MAX_ROWS:
@@ -64,7 +64,7 @@ def _happenings(reader: "csv.DictReader[str]") -> tuple[Happening, ...]:
     return tuple(rows.values())
 
 
-def _happening(row: dict[str | None, str | None], line: int) -> Happening:
+def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledEvent:
     def number(name: str, low: float, high: float, default: float = math.nan) -> float:
         text = row.get(name)
         try:
@@ -78,7 +78,7 @@ def _happening(row: dict[str | None, str | None], line: int) -> Happening:
     event = number("event", 0, MAX_ID)
     if event != int(event):
         raise ValueError(f"line {line}: event must be an integer (got {row['event']!r})")
-    made = Happening(
+    made = ScheduledEvent(
         int(event),
         number("x_m", -MAX_ABS_M, MAX_ABS_M),
         number("y_m", -MAX_ABS_M, MAX_ABS_M),
@@ -91,18 +91,18 @@ def _happening(row: dict[str | None, str | None], line: int) -> Happening:
     return made
 
 
-class Surroundings:
+class EventField:
     """The events of a file for one agent."""
 
-    def __init__(self, happenings: Iterable[Happening], sensing_range_m: float) -> None:
-        self._happenings = {happening.event: happening for happening in happenings}
+    def __init__(self, scheduled: Iterable[ScheduledEvent], sensing_range_m: float) -> None:
+        self._scheduled = {happening.event: happening for happening in scheduled}
         self._reach_m2 = sensing_range_m**2
         self._done_s: dict[int, float] = {}
 
-    def _near(self, x_m: float, y_m: float, time_s: float) -> list[Happening]:
+    def _near(self, x_m: float, y_m: float, time_s: float) -> list[ScheduledEvent]:
         return [
             h
-            for h in self._happenings.values()
+            for h in self._scheduled.values()
             if h.from_s <= time_s < h.until_s
             and (h.x_m - x_m) ** 2 + (h.y_m - y_m) ** 2 <= self._reach_m2
             and self._done_s.get(h.event, 0.0) < h.work_s
@@ -121,24 +121,24 @@ class Surroundings:
         return tuple(Event(h.event, h.x_m + dx_m, h.y_m + dy_m) for h in near)
 
 
-def surroundings(file: str, sensing_range_m: float) -> Surroundings:
+def event_field(file: str, sensing_range_m: float) -> EventField:
     """Read the events file for one agent; without a file there are no events.
 
     Raises:
         OSError, ValueError: the file cannot be read.
     """
     if not file:
-        return Surroundings((), sensing_range_m)
+        return EventField((), sensing_range_m)
     if not os.path.isfile(file) or os.path.getsize(file) > MAX_BYTES:
         raise ValueError(f"must be an existing file of at most {MAX_BYTES} bytes")
     text = Path(file).read_text("utf-8-sig")  # spreadsheets write a byte-order mark
-    return Surroundings(read_events(text.splitlines()), sensing_range_m)
+    return EventField(read_events(text.splitlines()), sensing_range_m)
 
 
 def file_problems(file: str) -> list[Problem]:
     """Check the file of the option `events`."""
     try:
-        surroundings(file, 1.0)
+        event_field(file, 1.0)
     except (OSError, ValueError) as error:
         return [Problem("events", repr(file), str(error))]
     return []

@@ -63,7 +63,7 @@ class Guard:
         if math.isfinite(x_m) and math.isfinite(y_m):
             self._at, self._at_s = (x_m, y_m), now_s
 
-    def doubt(self, std_m: float) -> None:
+    def set_uncertainty(self, std_m: float) -> None:
         """Take the standard deviation of the vehicle's position [m]."""
         if math.isfinite(std_m) and std_m >= 0.0:
             self._std_m = std_m

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from deltaswarm_agent.bodies.events_file import file_problems, surroundings
+from deltaswarm_agent.bodies.events_file import event_field, file_problems
 from deltaswarm_agent.body import BodyContext, Sensed
 from deltaswarm_wire.checked import Problem, key
 
@@ -18,7 +18,7 @@ SUBSTEP_S = 0.1
 
 @dataclass(frozen=True)
 class KinematicSettings:
-    """The unicycle, its errors, and its surroundings."""
+    """The unicycle, its errors, and its event_field."""
 
     x_m: float = key(0.0, "start position along x [m]")
     y_m: float = key(0.0, "start position along y [m]")
@@ -49,7 +49,7 @@ class KinematicBody:
         self._rng = context.rng
         self._top_mps = context.settings.speed_mps
         self._hold_s = 2 * context.settings.step_s
-        self._surroundings = surroundings(options.events, context.settings.sensing_range_m)
+        self._surroundings = event_field(options.events, context.settings.sensing_range_m)
         self._error_m = self._fixed()
         self._since_fix_m = 0.0
         self._time_s = 0.0

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from importlib.util import find_spec
 from typing import Any, ClassVar
 
-from deltaswarm_agent.bodies.events_file import file_problems, surroundings
+from deltaswarm_agent.bodies.events_file import event_field, file_problems
 from deltaswarm_agent.bodies.fence import Fence, Place
 from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
@@ -146,7 +146,7 @@ class MavlinkBody:
         self._frame = LocalFrame(options.origin_north_m, options.origin_east_m, options.heading_deg)
         fence = options.fence(agent.width_m, agent.height_m)
         self._guard = Guard(options.limits(agent.step_s), fence, options.std_m)
-        self._surroundings = surroundings(options.events, agent.sensing_range_m)
+        self._surroundings = event_field(options.events, agent.sensing_range_m)
         self._observed: tuple[int, ...] = ()
         self._sensed_s = 0.0
         self._lock = threading.Lock()
@@ -257,7 +257,7 @@ class MavlinkBody:
                 self._object()
             case mavlink.MAVLINK_MSG_ID_ESTIMATOR_STATUS:
                 with self._lock:
-                    self._guard.doubt(message.pos_horiz_accuracy)
+                    self._guard.set_uncertainty(message.pos_horiz_accuracy)
 
     def _is_of_the_vehicle(self, heartbeat: Any, source: tuple[int, int]) -> bool:
         # The first autopilot heard, not a ground station or another companion.

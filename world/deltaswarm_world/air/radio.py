@@ -4,7 +4,7 @@ Each frame is tried once at every other agent. These effects apply in order: the
 one step a missing receiver (`dead`), reach (`range`), blackouts, walls (`partition`), obstacles (`obstacle`), jammers
 (`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then duplication and delay; on arrival again a missing
 receiver (`dead`); and the receiver's queue (`bandwidth`). The first effect that drops a frame is the reason. (Frames
-beyond the room in an agent's own frame are `crowded`; the core drops them.) A duplicate counts as one more reception:
+beyond the room in an agent's own frame are `frame_full`; the core drops them.) A duplicate is one more reception:
 
     sent x other agents + duplicated = received + dropped, by reason + in flight
 """
@@ -20,8 +20,8 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 from deltaswarm_world.air.channel.links import Ends, Links, Mask
 from deltaswarm_world.air.channel.model import Context
-from deltaswarm_world.air.channel.models import pieces_of
-from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.models import models_of
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.air.channel.reach import reach_of
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.chance import generator
@@ -40,7 +40,7 @@ class _Moment(NamedTuple):
     listening: Sequence[bool]
 
 
-class Carried:
+class Reception:
     """The outcome of frames in one step."""
 
     def __init__(self, ends: int) -> None:
@@ -69,8 +69,8 @@ class Carried:
             self.dropped[reason] = self.dropped.get(reason, 0) + count
 
 
-def _pipes(bytes_per_s: float, radio: RadioSettings, step_s: float) -> Pipes | None:
-    return Pipes(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
+def _queue(bytes_per_s: float, radio: RadioSettings, step_s: float) -> RateLimitedQueue | None:
+    return RateLimitedQueue(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
 
 
 def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
@@ -85,10 +85,10 @@ class Air:
         count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
         self._ids = np.arange(count)
         self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
-        self._pieces = pieces_of(Context(scenario, self._reach))
-        self._steady = [piece for piece in self._pieces if piece.holds_for_step]
-        self._sending = _pipes(radio.bandwidth.sender_bytes_per_s, radio, step_s)
-        self._taking_in = _pipes(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
+        self._models = models_of(Context(scenario, self._reach))
+        self._steady = [model for model in self._models if model.holds_for_step]
+        self._sending = _queue(radio.bandwidth.sender_bytes_per_s, radio, step_s)
+        self._taking_in = _queue(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
         self._duplication = radio.duplication
         self._delays: DelayLine | None = None
         if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
@@ -120,28 +120,28 @@ class Air:
         positions_m: Floats,
         listening: Sequence[bool],
         mute: Collection[int] = (),
-    ) -> Carried:
+    ) -> Reception:
         """Run one step: frames by sender, positions (n, 2) [m], present receivers, muted senders."""
-        carried = Carried(len(listening))
+        reception = Reception(len(listening))
         senders = sorted(spoken)
         if mute:
             senders = [sender for sender in senders if sender not in mute]
-            carried.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
+            reception.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
         frames = [spoken[sender] for sender in senders]
         if self._sending is not None:
-            senders, frames = self._send(self._sending, senders, frames, listening, carried)
+            senders, frames = self._send(self._sending, senders, frames, listening, reception)
         self._moment = _Moment(time_s, positions_m, listening)
         is_late = self._delays is not None or self._taking_in is not None
-        if not (is_late or self._pieces):
-            self._hear_at_once(senders, frames, carried)
-            return carried
-        links = self._cross(senders, frames, carried) if frames else None
+        if not (is_late or self._models):
+            self._hear_at_once(senders, frames, reception)
+            return reception
+        links = self._cross(senders, frames, reception) if frames else None
         if is_late:
-            arriving = [] if links is None else self._set_off(step, links, senders, frames, carried)
-            self._deliver(step, arriving, listening, carried)
+            arriving = [] if links is None else self._set_off(step, links, senders, frames, reception)
+            self._deliver(step, arriving, listening, reception)
         elif links is not None:
-            _hear_all(links, senders, frames, carried)
-        return carried
+            _hear_all(links, senders, frames, reception)
+        return reception
 
     def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
         """Return sender and receiver of each link among agents that is open for the whole step, ignoring chance."""
@@ -150,30 +150,35 @@ class Air:
         links = Links(agents, agents, (), columns[others], rows[others])
         if spare_db is not None:
             links.spare_db = spare_db[others]
-        for piece in self._steady:
-            cut = piece.cuts(links, time_s)
+        for model in self._steady:
+            cut = model.cuts(links, time_s)
             if cut is not None:
                 links.is_open &= ~cut
         is_open = links.is_open
         return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))
 
     def _send(
-        self, pipes: Pipes, senders: list[int], frames: list[bytes], listening: Sequence[bool], carried: Carried
+        self,
+        queue: RateLimitedQueue,
+        senders: list[int],
+        frames: list[bytes],
+        listening: Sequence[bool],
+        reception: Reception,
     ) -> tuple[list[int], list[bytes]]:
         """Pass frames through the senders' queues; return those on the air now, by sender, then age."""
         new = dict(zip(senders, frames, strict=True))
-        narrow = pipes.pass_wide({sender: len(data) for sender, data in new.items()})
+        narrow = queue.pass_wide({sender: len(data) for sender, data in new.items()})
         if not narrow:
             return senders, frames
         others = len(listening) - 1
         on_air: list[tuple[int, bytes]] = []
         for sender in narrow:
             arriving = self._packets([sender], [new.pop(sender)]) if sender in new else []
-            passed, dropped = pipes.take(sender, arriving)
+            passed, dropped = queue.take(sender, arriving)
             on_air += [(sender, packet.data) for packet in passed]
-            gone = [] if listening[sender] else pipes.clear(sender)
-            carried.drop("bandwidth", len(dropped) * others)
-            carried.drop("dead", len(gone) * others)
+            gone = [] if listening[sender] else queue.clear(sender)
+            reception.drop("bandwidth", len(dropped) * others)
+            reception.drop("dead", len(gone) * others)
         on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
         return [sender for sender, _ in on_air], [data for _, data in on_air]
 
@@ -181,7 +186,7 @@ class Air:
         first, self._numbers = self._numbers, self._numbers + len(frames)
         return list(map(Packet._make, zip(senders, range(first, self._numbers), frames, strict=True)))
 
-    def _hear_at_once(self, senders: list[int], frames: list[bytes], carried: Carried) -> None:
+    def _hear_at_once(self, senders: list[int], frames: list[bytes], reception: Reception) -> None:
         """Receive in reach: equal to `_cross` without models, in half the time."""
         if not frames:
             return
@@ -193,16 +198,16 @@ class Air:
         if absent := listening.count(False):
             heard &= np.array(listening)[rows]
             dead = sum(absent - (not listening[sender]) for sender in senders)
-            carried.drop("dead", dead)
+            reception.drop("dead", dead)
         columns, receivers = columns[heard], rows[heard].tolist()
-        carried.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
-        carried.largest_bytes = max(map(len, frames))
-        carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
+        reception.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
+        reception.largest_bytes = max(map(len, frames))
+        reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
         said = list(zip(senders, frames, strict=True))
         for column, receiver in zip(columns.tolist(), receivers, strict=True):
-            carried.heard[receiver].append(said[column])
+            reception.heard[receiver].append(said[column])
 
-    def _cross(self, senders: list[int], frames: list[bytes], carried: Carried) -> Links:
+    def _cross(self, senders: list[int], frames: list[bytes], reception: Reception) -> Links:
         """Apply the models to all links in reach; return the links with the open ones marked."""
         time_s, positions_m, listening = self._moment
         speaking = np.array(senders)
@@ -217,19 +222,19 @@ class Air:
         if spare_db is not None:
             links.spare_db = spare_db[there]
         dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
-        carried.drop("dead", dead)
-        carried.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
-        for piece in self._pieces:
-            cut = piece.cuts(links, time_s)
+        reception.drop("dead", dead)
+        reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
+        for model in self._models:
+            cut = model.cuts(links, time_s)
             if cut is None:
                 continue
             cut &= links.is_open
             links.is_open ^= cut
-            carried.drop(piece.reason, int(np.count_nonzero(cut)))
+            reception.drop(model.reason, int(np.count_nonzero(cut)))
         return links
 
     def _set_off(
-        self, step: int, links: Links, senders: list[int], frames: list[bytes], carried: Carried
+        self, step: int, links: Links, senders: list[int], frames: list[bytes], reception: Reception
     ) -> list[Arrival]:
         """Duplicate and delay frames; return those that arrive at once."""
         packets = self._packets(senders, frames)
@@ -244,31 +249,31 @@ class Air:
             later = self._copy_delays.draw(len(links))[is_open]
             copied = (self._copies_rng.random(len(links)) < self._duplication)[is_open]
             copies = [crossed[row] for row in copied.nonzero()[0].tolist()]
-            carried.duplicated = len(copies)
+            reception.duplicated = len(copies)
             arriving += delays.send(step, copies, later[copied].tolist())
         return arriving
 
-    def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], carried: Carried) -> None:
+    def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], reception: Reception) -> None:
         """Pass arriving and waiting frames to the receivers."""
         if self._delays is not None:
             due = self._delays.take(step)
             there = [arrival for arrival in due if listening[arrival[0]]]
-            carried.drop("dead", len(due) - len(there))
+            reception.drop("dead", len(due) - len(there))
             arriving += there
         if self._taking_in is not None:
-            arriving = self._take_in(self._taking_in, arriving, listening, carried)
+            arriving = self._take_in(self._taking_in, arriving, listening, reception)
         arriving.sort()
-        carried.hear_all(arriving)
+        reception.hear_all(arriving)
 
     def _take_in(
-        self, pipes: Pipes, arriving: list[Arrival], listening: Sequence[bool], carried: Carried
+        self, queue: RateLimitedQueue, arriving: list[Arrival], listening: Sequence[bool], reception: Reception
     ) -> list[Arrival]:
         """Pass frames through the receivers' queues; return the passed ones in any order."""
-        luck = self._order_rng.random(len(listening)).tolist()
+        order = self._order_rng.random(len(listening)).tolist()
         loads: dict[int, int] = {}
         for receiver, (_, _, data) in arriving:
             loads[receiver] = loads.get(receiver, 0) + len(data)
-        by_receiver: dict[int, list[Packet]] = {receiver: [] for receiver in pipes.pass_wide(loads)}
+        by_receiver: dict[int, list[Packet]] = {receiver: [] for receiver in queue.pass_wide(loads)}
         passing = []
         for arrival in arriving:
             if arrival[0] in by_receiver:
@@ -277,21 +282,21 @@ class Air:
                 passing.append(arrival)
         for receiver, packets in by_receiver.items():
             if not listening[receiver]:
-                carried.drop("dead", len(pipes.clear(receiver)))
+                reception.drop("dead", len(queue.clear(receiver)))
                 continue
-            packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
-            passed, dropped = pipes.take(receiver, packets)
-            carried.drop("bandwidth", len(dropped))
+            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+            passed, dropped = queue.take(receiver, packets)
+            reception.drop("bandwidth", len(dropped))
             passing += [(receiver, packet) for packet in passed]
         return passing
 
 
-def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], carried: Carried) -> None:
-    """Receive on all open links at once; equal to `Carried.hear_all` for frames without delay."""
+def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], reception: Reception) -> None:
+    """Receive on all open links at once; equal to `Reception.hear_all` for frames without delay."""
     is_open = links.is_open
     receivers = links.receivers[is_open].tolist()
-    carried.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
-    carried.largest_bytes = max(map(len, frames))
-    heard, said = carried.heard, list(zip(senders, frames, strict=True))
+    reception.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
+    reception.largest_bytes = max(map(len, frames))
+    heard, said = reception.heard, list(zip(senders, frames, strict=True))
     for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
         heard[receiver].append(said[column])

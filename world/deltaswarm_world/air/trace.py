@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
-from deltaswarm_world.air.channel.links import Ends, Finding, Links, Mask, Piece
+from deltaswarm_world.air.channel.links import Diagnosis, Ends, LinkModel, Links, Mask
 from deltaswarm_world.air.channel.queues import Arrival, Packet
-from deltaswarm_world.air.radio import Air, Carried
+from deltaswarm_world.air.radio import Air, Reception
 from deltaswarm_world.arrays import Floats
 
 
@@ -24,8 +24,8 @@ class TracedAir(Air):
         vars(self).update(vars(air))
         self.sender, self.receiver = sender, receiver
         self._outcomes: list[str] = []
-        self._models = air._pieces
-        self._pieces = [_TracedPiece(piece, self._note_cuts) for piece in self._models]
+        self._models = air._models
+        self._models = [_TracedModel(model, self._note_cuts) for model in self._models]
         if self._sending is not None:
             spy(self._sending, "take", self._note_sending)
             spy(self._sending, "clear", self._note_sender_gone)
@@ -43,12 +43,12 @@ class TracedAir(Air):
         positions_m: Floats,
         listening: Sequence[bool],
         mute: Collection[int] = (),
-    ) -> Carried:
+    ) -> Reception:
         """See `Air`."""
         self._outcomes = []
         self._listening = listening
-        carried = super().carry(step, time_s, spoken, positions_m, listening, mute)
-        self._note("delivered", carried.links.count((self.sender, self.receiver)))
+        reception = super().carry(step, time_s, spoken, positions_m, listening, mute)
+        self._note("delivered", reception.links.count((self.sender, self.receiver)))
         if self._sending is not None:
             self._note("waits in the sender's queue", len(self._sending.holds(self.sender)))
         if self._delays is not None:
@@ -58,16 +58,16 @@ class TracedAir(Air):
             held = self._own([(self.receiver, packet) for packet in self._taking_in.holds(self.receiver)])
             self._note("waits in the receiver's queue", held)
         self._note("dropped: dead, the sender's radio", self.sender in spoken and self.sender in mute)
-        return carried
+        return reception
 
     def outcomes_of(self, links: Sequence[tuple[int, int]]) -> list[str]:
         """Return the outcomes of the link's frames in the last step, given the received links."""
         outcomes = list(self._outcomes)
         for _ in range(outcomes.count("delivered") - list(links).count((self.sender, self.receiver))):
-            outcomes[outcomes.index("delivered")] = "dropped: crowded"
+            outcomes[outcomes.index("delivered")] = "dropped: frame_full"
         return outcomes
 
-    def explain(self, speaking: Sequence[bool]) -> list[Finding]:
+    def explain(self, speaking: Sequence[bool]) -> list[Diagnosis]:
         """Return each model's finding about the link in the last step, in order.
 
         Args:
@@ -79,17 +79,17 @@ class TracedAir(Air):
         gone = [] if speaking[self.sender] else [self.sender]
         gone += [] if listening[self.receiver] else [self.receiver]
         says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        found = [Finding("dead", bool(gone), says, {"gone": gone})]
+        found = [Diagnosis("dead", bool(gone), says, {"gone": gone})]
         found.append(self._reach.explain(links, time_s))
-        found += [piece.explain(links, time_s) for piece in self._models]
+        found += [model.explain(links, time_s) for model in self._models]
         if self._delays is not None:
             found.append(self._delays.explain())
-        for pipes, end, whose in (
+        for queue, end, whose in (
             (self._sending, self.sender, "sender"),
             (self._taking_in, self.receiver, "receiver"),
         ):
-            if pipes is not None:
-                found.append(pipes.explain(end, whose))
+            if queue is not None:
+                found.append(queue.explain(end, whose))
         return found
 
     def _note(self, outcome: str, count: int) -> None:
@@ -101,12 +101,12 @@ class TracedAir(Air):
 
     # On the air
 
-    def _hear_at_once(self, senders: list[int], frames: list[bytes], carried: Carried) -> None:
-        super()._hear_at_once(senders, frames, carried)
-        self._note_reach(senders, (self.sender, self.receiver) in carried.links)
+    def _hear_at_once(self, senders: list[int], frames: list[bytes], reception: Reception) -> None:
+        super()._hear_at_once(senders, frames, reception)
+        self._note_reach(senders, (self.sender, self.receiver) in reception.links)
 
-    def _cross(self, senders: list[int], frames: list[bytes], carried: Carried) -> Links:
-        links = super()._cross(senders, frames, carried)
+    def _cross(self, senders: list[int], frames: list[bytes], reception: Reception) -> Links:
+        links = super()._cross(senders, frames, reception)
         self._note_reach(senders, bool(self._between(links).any()))
         return links
 
@@ -144,17 +144,17 @@ class TracedAir(Air):
         self._note("dropped: dead, in the receiver's queue", self._own([(end, packet) for packet in cleared]))
 
 
-class _TracedPiece:
+class _TracedModel:
     """A model that traces its cuts, except for the relay, which uses the same models."""
 
-    def __init__(self, piece: Piece, see: Callable[[str, Mask, Links], None]) -> None:
-        self.reason, self.holds_for_step = piece.reason, piece.holds_for_step
-        self.explain = piece.explain
-        self._piece, self._see = piece, see
+    def __init__(self, model: LinkModel, see: Callable[[str, Mask, Links], None]) -> None:
+        self.reason, self.holds_for_step = model.reason, model.holds_for_step
+        self.explain = model.explain
+        self._model, self._see = model, see
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
-        cut = self._piece.cuts(links, time_s)
+        """See `LinkModel`."""
+        cut = self._model.cuts(links, time_s)
         if cut is not None:
             self._see(self.reason, cut, links)
         return cut

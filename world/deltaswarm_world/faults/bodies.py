@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from deltaswarm_wire import settings_fault
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.arrays import Floats
-from deltaswarm_world.faults.kind import Kind, Orders, Spell
+from deltaswarm_world.faults.kind import ActiveFault, Kind, Orders
 
 STANDING = (0.0, 0.0)
 """Velocity of a body at rest [m/s]."""
@@ -20,10 +20,10 @@ class Slow(Kind):
         super().__init__(scenario, orders)
         self._factors: list[tuple[list[int], float]] = []
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`."""
-        super().look(spells)
-        self._factors = [(sorted(spell.agents), spell.fault.factor or 0.0) for spell in spells]
+        super().look(faults)
+        self._factors = [(sorted(fault.agents), fault.fault.factor or 0.0) for fault in faults]
 
     def drive(self, velocities_mps: Floats) -> None:
         """See `Kind`."""
@@ -40,13 +40,13 @@ class Stuck(Kind):
         super().__init__(scenario, orders)
         self._kept_mps: dict[int, tuple[float, float]] = {}
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`. A body stuck from the first step on never moves."""
-        super().look(spells)
+        super().look(faults)
         self._kept_mps = {agent: kept for agent, kept in self._kept_mps.items() if agent in self.agents}
-        for spell in spells:
-            if spell.fault.begins(self._scenario.run.step_s) == 0:
-                self._kept_mps |= dict.fromkeys(spell.agents, STANDING)
+        for fault in faults:
+            if fault.fault.begins(self._scenario.run.step_s) == 0:
+                self._kept_mps |= dict.fromkeys(fault.agents, STANDING)
 
     def drive(self, velocities_mps: Floats) -> None:
         """See `Kind`."""

@@ -14,7 +14,7 @@ from deltaswarm_world.arrays import Floats
 
 
 @dataclass
-class Spell:
+class ActiveFault:
     """A started fault; `index` is its index in the scenario, `end` the first step after it."""
 
     index: int
@@ -70,23 +70,23 @@ class Kind:
 
     # When something begins or ends
 
-    def begin(self, spell: Spell, living: set[int], why: str) -> bool:
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """Begin a fault and update `living`; return whether the fault lasts."""
-        self._orders.give(NOTE, spell.agents, why)
+        self._orders.give(NOTE, fault.agents, why)
         return True
 
-    def end(self, spell: Spell, living: set[int]) -> None:
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
         """End a fault and update `living`."""
-        self._orders.give(NOTE, spell.agents, f"{self.name} ends")
+        self._orders.give(NOTE, fault.agents, f"{self.name} ends")
 
-    def see_killed(self, victims: Collection[int], spells: Sequence[Spell]) -> None:
+    def see_killed(self, targets: Collection[int], faults: Sequence[ActiveFault]) -> None:
         """Note agents killed by a fault of any kind during these active faults of this kind."""
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """Note the active faults of this kind from this step on, by start."""
-        self.agents = frozenset(agent for spell in spells for agent in spell.agents)
+        self.agents = frozenset(agent for fault in faults for agent in fault.agents)
 
-    # In each step, while a spell is under way
+    # In each step, while a fault is under way
 
     @property
     def blind(self) -> frozenset[int]:

@@ -4,7 +4,7 @@ from collections.abc import Collection, Sequence
 
 from deltaswarm_wire import settings_fault
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
-from deltaswarm_world.faults.kind import Kind, Spell
+from deltaswarm_world.faults.kind import ActiveFault, Kind
 
 
 class Kill(Kind):
@@ -14,11 +14,11 @@ class Kill(Kind):
     hits_dead = False
     kills = True
 
-    def begin(self, spell: Spell, living: set[int], why: str) -> bool:
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`."""
-        victims = spell.agents & living
-        self._orders.give(KILL if victims else NOTE, victims, why)
-        living -= victims
+        targets = fault.agents & living
+        self._orders.give(KILL if targets else NOTE, targets, why)
+        living -= targets
         return False
 
 
@@ -28,21 +28,21 @@ class Restart(Kind):
     name = settings_fault.RESTART
     kills = True
 
-    def begin(self, spell: Spell, living: set[int], why: str) -> bool:
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`. Also starts agents without a process."""
-        self._orders.give(KILL, spell.agents & living, why)
-        living -= spell.agents
-        if spell.end is None:
-            self._orders.give(START, spell.agents, why)
-            living |= spell.agents
-        if not spell.agents:
+        self._orders.give(KILL, fault.agents & living, why)
+        living -= fault.agents
+        if fault.end is None:
+            self._orders.give(START, fault.agents, why)
+            living |= fault.agents
+        if not fault.agents:
             self._orders.give(NOTE, (), why)
-        return spell.end is not None
+        return fault.end is not None
 
-    def end(self, spell: Spell, living: set[int]) -> None:
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
         """See `Kind`."""
-        self._orders.give(START, spell.agents - living, "restart after a while")
-        living |= spell.agents
+        self._orders.give(START, fault.agents - living, "restart after a while")
+        living |= fault.agents
 
 
 class Freeze(Kind):
@@ -51,25 +51,25 @@ class Freeze(Kind):
     name = settings_fault.FREEZE
     hits_dead = False
 
-    def begin(self, spell: Spell, living: set[int], why: str) -> bool:
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`; `look` gives the order."""
-        if not spell.agents:
+        if not fault.agents:
             self._orders.give(NOTE, (), why)
         return True
 
-    def end(self, spell: Spell, living: set[int]) -> None:
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
         """See `Kind`; `look` gives the order."""
 
-    def see_killed(self, victims: Collection[int], spells: Sequence[Spell]) -> None:
+    def see_killed(self, targets: Collection[int], faults: Sequence[ActiveFault]) -> None:
         """See `Kind`. A killed process is not frozen any more."""
-        self.agents = self.agents.difference(victims)
-        for spell in spells:
-            spell.agents.difference_update(victims)
+        self.agents = self.agents.difference(targets)
+        for fault in faults:
+            fault.agents.difference_update(targets)
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`."""
         before = self.agents
-        super().look(spells)
+        super().look(faults)
         self._orders.give(GO_ON, before - self.agents, "freeze ends")
         self._orders.give(STOP, self.agents - before, self.name)
 

@@ -11,7 +11,7 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.event_ids import EventIds
-from deltaswarm_world.faults.kind import Kind, Orders, Spell
+from deltaswarm_world.faults.kind import ActiveFault, Kind, Orders
 
 FIRST_PHANTOM = MAX_ID
 """Phantoms are numbered downwards from here, events upwards from 0, before both get opaque ids."""
@@ -35,37 +35,37 @@ class Noisy(Kind):
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)
-        self._missing: dict[int, list[Spell]] = {}
-        self._noisy: dict[int, list[Spell]] = {}
+        self._missing: dict[int, list[ActiveFault]] = {}
+        self._noisy: dict[int, list[ActiveFault]] = {}
         self._errors_m: dict[tuple[int, int, int], tuple[float, float]] = {}
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`."""
-        super().look(spells)
+        super().look(faults)
         self._missing, self._noisy = {}, {}
-        for spell in spells:
-            for agent in sorted(spell.agents):
-                if spell.fault.miss is not None:
-                    self._missing.setdefault(agent, []).append(spell)
-                if spell.fault.noise_m is not None:
-                    self._noisy.setdefault(agent, []).append(spell)
+        for fault in faults:
+            for agent in sorted(fault.agents):
+                if fault.fault.miss is not None:
+                    self._missing.setdefault(agent, []).append(fault)
+                if fault.fault.noise_m is not None:
+                    self._noisy.setdefault(agent, []).append(fault)
 
     def misses(self, agent: int) -> bool:
         """See `Kind`."""
-        spells = self._missing.get(agent)
-        return spells is not None and any(spell.rng.random() < (spell.fault.miss or 0.0) for spell in spells)
+        faults = self._missing.get(agent)
+        return faults is not None and any(fault.rng.random() < (fault.fault.miss or 0.0) for fault in faults)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """See `Kind`."""
-        for agent, spells in self._noisy.items():
-            for spell in spells:
-                sensed[agent][:] = [self._displaced(event, agent, spell) for event in sensed[agent]]
+        for agent, faults in self._noisy.items():
+            for fault in faults:
+                sensed[agent][:] = [self._displaced(event, agent, fault) for event in sensed[agent]]
 
-    def _displaced(self, event: Event, agent: int, spell: Spell) -> Event:
+    def _displaced(self, event: Event, agent: int, fault: ActiveFault) -> Event:
         """Return a constant error: with a new error each step agents would never arrive."""
-        key = (spell.index, agent, event.event)
+        key = (fault.index, agent, event.event)
         if key not in self._errors_m:
-            dx_m, dy_m = (spell.rng.standard_normal(2) * (spell.fault.noise_m or 0.0)).tolist()
+            dx_m, dy_m = (fault.rng.standard_normal(2) * (fault.fault.noise_m or 0.0)).tolist()
             self._errors_m[key] = dx_m, dy_m
         dx_m, dy_m = self._errors_m[key]
         return Event(event.event, *_in_arena(self._scenario, event.x_m + dx_m, event.y_m + dy_m))
@@ -79,24 +79,24 @@ class Lying(Kind):
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)
         self._range_m = scenario.agents.sensing_range_m
-        self._liars: dict[int, Spell] = {}
+        self._liars: dict[int, ActiveFault] = {}
         self._phantoms: dict[int, list[Event]] = {}
         self._next = FIRST_PHANTOM
         self._ids = EventIds(scenario.seed)
 
-    def look(self, spells: Sequence[Spell]) -> None:
+    def look(self, faults: Sequence[ActiveFault]) -> None:
         """See `Kind`."""
-        super().look(spells)
-        self._liars = {agent: spell for spell in spells for agent in sorted(spell.agents)}
+        super().look(faults)
+        self._liars = {agent: fault for fault in faults for agent in sorted(fault.agents)}
         self._phantoms = {agent: self._phantoms.get(agent, []) for agent in sorted(self._liars)}
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """See `Kind`. A phantom out of range is replaced."""
-        for agent, spell in self._liars.items():
+        for agent, fault in self._liars.items():
             x_m, y_m = positions_m[agent].tolist()
             phantoms = [event for event in self._phantoms[agent] if self._is_near(event, x_m, y_m)]
-            while len(phantoms) < (spell.fault.phantoms or 0):
-                phantoms.append(self._phantom(x_m, y_m, spell.rng))
+            while len(phantoms) < (fault.fault.phantoms or 0):
+                phantoms.append(self._phantom(x_m, y_m, fault.rng))
             self._phantoms[agent] = phantoms
             sensed[agent].extend(phantoms)
 

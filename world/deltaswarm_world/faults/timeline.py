@@ -13,7 +13,7 @@ from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.chance import generator
-from deltaswarm_world.faults.kind import Kind, Orders, Spell
+from deltaswarm_world.faults.kind import ActiveFault, Kind, Orders
 from deltaswarm_world.faults.kinds import KINDS
 
 FAULT_STREAM = 11
@@ -38,8 +38,8 @@ class Faults:
         self._kinds: dict[str, Kind] = {kind.name: kind(scenario, self._orders) for kind in KINDS}
         self._due = sorted(((fault.begins(self._step_s), index) for index, fault in enumerate(scenario.fault)))[::-1]
         """Step and index of pending faults, the next one last."""
-        self._spells: list[Spell] = []
-        self._active: list[Kind] = []
+        self._active: list[ActiveFault] = []
+        self._active_kinds: list[Kind] = []
         """Kinds with active faults, in the order of the table."""
         self._blind: frozenset[int] = frozenset()
 
@@ -51,39 +51,39 @@ class Faults:
     def inject(self, step: int, alive: Collection[int], roots: Collection[int]) -> list[ProcessOrder]:
         """End and begin faults before this step; return the resulting orders, to be executed in order."""
         self.mute = self.deaf
-        over = [spell for spell in self._spells if spell.end is not None and spell.end <= step]
+        over = [fault for fault in self._active if fault.end is not None and fault.end <= step]
         if not over and not (self._due and self._due[-1][0] <= step):
             return []
         living = set(alive)
         self._orders.begin(step)
-        for spell in over:
-            self._spells.remove(spell)
-            self._kinds[spell.fault.kind].end(spell, living)
+        for fault in over:
+            self._active.remove(fault)
+            self._kinds[fault.fault.kind].end(fault, living)
         while self._due and self._due[-1][0] <= step:
             self._begin(step, self._due.pop()[1], living, roots)
         for name, kind in self._kinds.items():
             kind.look(self._of(name))
-        self._active = [kind for name, kind in self._kinds.items() if self._of(name)]
-        self._blind = frozenset(agent for kind in self._active for agent in kind.blind)
-        self.deaf = frozenset(agent for kind in self._active for agent in kind.deaf)
+        self._active_kinds = [kind for name, kind in self._kinds.items() if self._of(name)]
+        self._blind = frozenset(agent for kind in self._active_kinds for agent in kind.blind)
+        self.deaf = frozenset(agent for kind in self._active_kinds for agent in kind.deaf)
         return self._orders.given
 
     def _begin(self, step: int, index: int, living: set[int], roots: Collection[int]) -> None:
         fault = self._faults[index]
         kind = self._kinds[fault.kind]
-        victims = self._victims(index, living, roots)
+        targets = self._targets(index, living, roots)
         end = fault.ends(self._step_s)
         until_s = None if end is None else end * self._step_s
         head = {"fault": index, "kind": fault.kind, "step": step, "at_s": step * self._step_s}
-        self.log.append({**head, "until_s": until_s, "agents": sorted(victims)})
-        spell = Spell(index, fault, victims, end, generator(self._seed, FAULT_STREAM, index, 1))
-        if kind.begin(spell, living, f"{fault.kind} of {_whom(fault)}"):
-            self._spells.append(spell)
+        self.log.append({**head, "until_s": until_s, "agents": sorted(targets)})
+        active = ActiveFault(index, fault, targets, end, generator(self._seed, FAULT_STREAM, index, 1))
+        if kind.begin(active, living, f"{fault.kind} of {_whom(fault)}"):
+            self._active.append(active)
         if kind.kills:
             for name, other in self._kinds.items():
-                other.see_killed(victims, self._of(name))
+                other.see_killed(targets, self._of(name))
 
-    def _victims(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
+    def _targets(self, index: int, living: set[int], roots: Collection[int]) -> set[int]:
         """Return the targets of a fault."""
         fault = self._faults[index]
         if fault.agents:
@@ -97,12 +97,12 @@ class Faults:
         return set([agent for agent in shuffled if agent in living][:wanted])
 
     @property
-    def afflicted(self) -> frozenset[int]:
+    def affected(self) -> frozenset[int]:
         """Return all agents under a fault in this step."""
-        return frozenset(agent for spell in self._spells for agent in spell.agents)
+        return frozenset(agent for fault in self._active for agent in fault.agents)
 
-    def _of(self, name: str) -> list[Spell]:
-        return [spell for spell in self._spells if spell.fault.kind == name]
+    def _of(self, name: str) -> list[ActiveFault]:
+        return [fault for fault in self._active if fault.fault.kind == name]
 
     # What bodies do and sense in each step
 
@@ -114,16 +114,16 @@ class Faults:
 
     def misses(self, agent: int) -> bool:
         """Whether an agent misses one of its events."""
-        return any(kind.misses(agent) for kind in self._active)
+        return any(kind.misses(agent) for kind in self._active_kinds)
 
     def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
         """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
-        for kind in self._active:
+        for kind in self._active_kinds:
             kind.distort(sensed, positions_m)
 
     def drive(self, velocities_mps: Floats) -> None:
         """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""
-        for kind in self._active:
+        for kind in self._active_kinds:
             kind.drive(velocities_mps)
 
 

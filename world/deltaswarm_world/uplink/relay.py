@@ -26,7 +26,7 @@ SteadyLinks = Callable[[float, Ends], list[tuple[int, int]]]
 """Maps a time [s] and agents to sender and receiver of each link among them that is open for a whole step."""
 
 
-class Moment(NamedTuple):
+class StepState(NamedTuple):
     """The state of the world at the end of a step, by agent."""
 
     step: int
@@ -40,14 +40,14 @@ class Moment(NamedTuple):
     """Whether an agent is within the base's range."""
 
 
-class Trip(NamedTuple):
+class RelayedReport(NamedTuple):
     """A report in relay."""
 
     root: int
     last_step: int
 
 
-class Way(NamedTuple):
+class Route(NamedTuple):
     """Next hop of an agent's reports, and the hops to a member within the base's range."""
 
     to: int
@@ -66,7 +66,7 @@ class Relay:
         self._loss = scenario.uplink.loss
         self._rng = generator(scenario.seed, RELAY_STREAM)
         self._steady_links = steady_links
-        self._trips: dict[int, Trip] = {}
+        self._relayed: dict[int, RelayedReport] = {}
         """By number, reports that did not reach the base directly."""
 
     @property
@@ -74,35 +74,35 @@ class Relay:
         """Number of relayed reports."""
         return len(self.handed) + len(self.waiting)
 
-    def check(self, moment: Moment, arrival: Arrival) -> str | None:
+    def check(self, state: StepState, arrival: Arrival) -> str | None:
         """Return why a relay drops a report; None if it keeps it or the report is its own."""
         carrier, packet = arrival
-        trip = self._trips.get(packet.number)
+        trip = self._relayed.get(packet.number)
         if trip is None:
             return None
-        if not moment.there[carrier]:
+        if not state.there[carrier]:
             return "dead"
-        if moment.roots.get(carrier) != trip.root:
+        if state.roots.get(carrier) != trip.root:
             return "left"
-        return "expired" if moment.step > trip.last_step else None
+        return "expired" if state.step > trip.last_step else None
 
     def forget(self, number: int) -> None:
         """End the relay of a report."""
-        self._trips.pop(number, None)
+        self._relayed.pop(number, None)
 
-    def hand_on(self, moment: Moment, arrivals: Iterable[Arrival]) -> list[tuple[Arrival, str]]:
+    def hand_on(self, state: StepState, arrivals: Iterable[Arrival]) -> list[tuple[Arrival, str]]:
         """Move all reports beyond the base's range by one hop; return the dropped ones with reasons."""
         self.handed, self.waiting = [], []
         dropped = []
-        ways: dict[int, Way] | None = None
+        ways: dict[int, Route] | None = None
         for carrier, packet in arrivals:
-            root = moment.roots.get(carrier)
-            if root is None or not moment.there[carrier]:
+            root = state.roots.get(carrier)
+            if root is None or not state.there[carrier]:
                 dropped.append(((carrier, packet), "range" if root is None else "dead"))
                 continue
-            self._trips.setdefault(packet.number, Trip(root, moment.step + self._life))
+            self._relayed.setdefault(packet.number, RelayedReport(root, state.step + self._life))
             if ways is None:
-                ways = self.ways(moment)
+                ways = self.ways(state)
             way = ways.get(carrier)
             if way is None:
                 self.waiting.append((carrier, packet))
@@ -112,17 +112,17 @@ class Relay:
                 self.handed.append((way.to, packet))
         return dropped
 
-    def ways(self, moment: Moment) -> dict[int, Way]:
+    def ways(self, state: StepState) -> dict[int, Route]:
         """Return the next hops in this step for all agents beyond the base's range with a path to it."""
-        members = [agent for agent in sorted(moment.roots) if moment.there[agent]]
+        members = [agent for agent in sorted(state.roots) if state.there[agent]]
         heard_from: dict[int, list[int]] = {}
         ids = np.array(members, dtype=np.int64)
-        links = self._steady_links(moment.time_s, Ends(ids, moment.positions_m[ids])) if members else []
+        links = self._steady_links(state.time_s, Ends(ids, state.positions_m[ids])) if members else []
         for sender, receiver in links:
-            if moment.roots[sender] == moment.roots[receiver]:
+            if state.roots[sender] == state.roots[receiver]:
                 heard_from.setdefault(receiver, []).append(sender)
-        nearest = [agent for agent in members if moment.within[agent]]
-        found = dict.fromkeys(nearest, Way(-1, 0))
+        nearest = [agent for agent in members if state.within[agent]]
+        found = dict.fromkeys(nearest, Route(-1, 0))
         hops = 0
         while nearest:
             hops += 1
@@ -130,7 +130,7 @@ class Relay:
             for receiver in nearest:
                 for sender in heard_from.get(receiver, ()):
                     if sender not in found:
-                        found[sender] = Way(receiver, hops)
+                        found[sender] = Route(receiver, hops)
                         further.append(sender)
             nearest = sorted(further)
         return {agent: way for agent, way in found.items() if way.hops}

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from deltaswarm_world.air.channel.links import Finding, Links
+from deltaswarm_world.air.channel.links import Diagnosis, Links
 from deltaswarm_world.air.channel.queues import Packet
 from deltaswarm_world.air.channel.reach import RangeDisc
 from deltaswarm_world.arrays import Floats
@@ -63,35 +63,35 @@ class TracedUplink(Uplink):
         self._arrived = sum(packet.sender == self.sender for packet in passed)
         return passed
 
-    def explain(self) -> list[Finding]:
+    def explain(self) -> list[Diagnosis]:
         """Return each model's finding about the agent's link to the operator in the last step, in order."""
-        moment, sender = self._moment, self.sender
-        there = moment.there[sender]
+        state, sender = self._state, self.sender
+        there = state.there[sender]
         says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
-        found = [Finding("dead", not there, says, {"gone": [] if there else [sender]})]
+        found = [Diagnosis("dead", not there, says, {"gone": [] if there else [sender]})]
         if self._sending is not None:
             found.append(self._sending.explain(sender, "sender"))
-        links = self._links(moment, [sender])
+        links = self._links(state, [sender])
         if self._range_m is not None:
             found.append(self._explain_range(self._range_m, links))
-        found += [piece.explain(links, moment.time_s) for piece in self._pieces]
+        found += [model.explain(links, state.time_s) for model in self._models]
         if self._delays is not None:
             found.append(self._delays.explain())
         if self._taking_in is not None:
             found.append(self._taking_in.explain(BASE, "operator"))
         return found
 
-    def _explain_range(self, range_m: float, links: Links) -> Finding:
+    def _explain_range(self, range_m: float, links: Links) -> Diagnosis:
         """Explain with distance and range, and with the relays of an agent out of range."""
-        moment, sender = self._moment, self.sender
-        direct = RangeDisc(range_m).explain(links, moment.time_s)
+        state, sender = self._state, self.sender
+        direct = RangeDisc(range_m).explain(links, state.time_s)
         says = f"{direct.says} from the operator's base"
         if self._relay is None or not direct.cuts:
             return direct._replace(says=says)
-        if sender not in moment.roots:
+        if sender not in state.roots:
             return direct._replace(says=f"{says}; in no tree that could carry it")
-        way = self._relay.ways(moment).get(sender)
+        way = self._relay.ways(state).get(sender)
         if way is None:
-            return direct._replace(says=f"{says}; the tree of root {moment.roots[sender]} has no way to it now")
+            return direct._replace(says=f"{says}; the tree of root {state.roots[sender]} has no way to it now")
         says = f"{says}; its tree carries it, first to agent {way.to}, over {way.hops} hops to one within range"
         return direct._replace(cuts=False, says=says, numbers={**direct.numbers, **way._asdict()})

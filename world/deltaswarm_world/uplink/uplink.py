@@ -3,7 +3,7 @@
 Each report is tried once. These effects apply in order: a missing sender (`dead`); the sender's queue (`bandwidth`);
 the base's range (`range`, or the relay, `relay.py`, with each relay's queue and `loss` at each hop); then outages
 (`outage`), `loss` and bursts (`burst`) on the link to the base; then delay; and the queue of the operator's radio
-(`crowded`). The first effect that drops a report is the reason:
+(`base_full`). The first effect that drops a report is the reason:
 
     sent = arrived + dropped, by reason + in flight
 """
@@ -14,12 +14,12 @@ import numpy as np
 
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.air.channel.chance import Bursts, Loss
-from deltaswarm_world.air.channel.links import Ends, Links, Piece
-from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, Pipes
+from deltaswarm_world.air.channel.links import Ends, LinkModel, Links
+from deltaswarm_world.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
 from deltaswarm_world.air.channel.zones import Blackouts
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.chance import generator
-from deltaswarm_world.uplink.relay import Moment, Relay, SteadyLinks
+from deltaswarm_world.uplink.relay import Relay, SteadyLinks, StepState
 
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
 """Each model has its own stream, as for radio; the relay's is 45."""
@@ -39,27 +39,27 @@ class Uplink:
         self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
         self._range_m = uplink.range_m
         self._relay = Relay(scenario, steady_links) if uplink.relay else None
-        self._pieces: list[Piece] = []
+        self._models: list[LinkModel] = []
         if uplink.outages:
-            self._pieces.append(Blackouts(uplink.outages, "outage"))
+            self._models.append(Blackouts(uplink.outages, "outage"))
         if uplink.loss > 0:
-            self._pieces.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
+            self._models.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
         if uplink.burst.is_on:
             rng = generator(scenario.seed, BURST_STREAM)
-            self._pieces.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
+            self._models.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
         self._delays: DelayLine | None = None
         if uplink.latency_s > 0 or uplink.jitter_s > 0:
             rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
             self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
         width = uplink.bandwidth
         self._sending, self._taking_in = (
-            Pipes(rate * step_s, width.queue_bytes) if rate > 0 else None
+            RateLimitedQueue(rate * step_s, width.queue_bytes) if rate > 0 else None
             for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
         )
         self._order_rng = generator(scenario.seed, ORDER_STREAM)
         """Random order into the operator's queue, so that low numbers have no priority."""
         self._numbers = 0
-        self._moment = Moment(-1, 0.0, np.zeros((count, 2)), [True] * count, {}, [True] * count)
+        self._state = StepState(-1, 0.0, np.zeros((count, 2)), [True] * count, {}, [True] * count)
 
     @property
     def under_way(self) -> int:
@@ -78,7 +78,7 @@ class Uplink:
     ) -> list[bytes]:
         """Run one step with positions [m], presence and root by agent, and reports; return arrived reports."""
         self.dropped = {}
-        self._moment = moment = Moment(step, time_s, positions_m, there, roots, self._within(positions_m))
+        self._state = state = StepState(step, time_s, positions_m, there, roots, self._within(positions_m))
         entering = []
         for sender in sorted(sent):
             self._numbers += 1
@@ -87,8 +87,8 @@ class Uplink:
                 entering.append((sender, packet))
             else:
                 self._drop(packet, "dead")
-        near = self._near(moment, entering)
-        arriving = [(BASE, packet) for packet in self._cross(moment, near)]
+        near = self._near(state, entering)
+        arriving = [(BASE, packet) for packet in self._cross(state, near)]
         if self._delays is not None:
             arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
             arriving += self._delays.take(step)
@@ -108,79 +108,79 @@ class Uplink:
         if self._relay:
             self._relay.forget(packet.number)
 
-    def _near(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
+    def _near(self, state: StepState, entering: list[Arrival]) -> list[Arrival]:
         """Pass reports through the senders' queues and the relay; return those on the link to the base."""
-        relay, within = self._relay, moment.within
+        relay, within = self._relay, state.within
         if relay is None:
-            on_air = self._send(moment, entering)
+            on_air = self._send(state, entering)
             for end, packet in on_air:
                 if not within[end]:
                     self._drop(packet, "range")
             return [(end, packet) for end, packet in on_air if within[end]]
         near, beyond = [], []
-        for end, packet in sorted(self._send(moment, entering + relay.handed) + relay.waiting, key=_by_carrier):
-            if reason := relay.check(moment, (end, packet)):
+        for end, packet in sorted(self._send(state, entering + relay.handed) + relay.waiting, key=_by_carrier):
+            if reason := relay.check(state, (end, packet)):
                 self._drop(packet, reason, f", at agent {end}")
             elif within[end]:
                 relay.forget(packet.number)
                 near.append((end, packet))
             else:
                 beyond.append((end, packet))
-        for (end, packet), reason in relay.hand_on(moment, beyond):
+        for (end, packet), reason in relay.hand_on(state, beyond):
             self._drop(packet, reason, f", at agent {end}")
         return near
 
-    def _send(self, moment: Moment, entering: list[Arrival]) -> list[Arrival]:
+    def _send(self, state: StepState, entering: list[Arrival]) -> list[Arrival]:
         """Pass reports through the queues of senders and relays; return those on the air, by relay, then age."""
         entering.sort(key=_by_carrier)
-        pipes = self._sending
-        if pipes is None or pipes.pass_all(entering):
+        queue = self._sending
+        if queue is None or queue.pass_all(entering):
             return entering
         by_end: dict[int, list[Packet]] = {}
         for end, packet in entering:
             by_end.setdefault(end, []).append(packet)
         on_air = []
-        for end in sorted(by_end.keys() | pipes.ends):
-            passed, dropped = pipes.take(end, by_end.get(end, []))
+        for end in sorted(by_end.keys() | queue.ends):
+            passed, dropped = queue.take(end, by_end.get(end, []))
             on_air += [(end, packet) for packet in passed]
             for packet in dropped:
                 self._drop(packet, "bandwidth", f", the queue of agent {end} is full")
-            for packet in [] if moment.there[end] else pipes.clear(end):
+            for packet in [] if state.there[end] else queue.clear(end):
                 self._drop(packet, "dead", f", in the queue of agent {end}")
         return on_air
 
-    def _cross(self, moment: Moment, near: list[Arrival]) -> list[Packet]:
+    def _cross(self, state: StepState, near: list[Arrival]) -> list[Packet]:
         """Apply the models of the link to the base; return the received reports."""
         if not near:
             return []
-        links = self._links(moment, [end for end, _ in near])
-        for piece in self._pieces:
-            cut = piece.cuts(links, moment.time_s)
+        links = self._links(state, [end for end, _ in near])
+        for model in self._models:
+            cut = model.cuts(links, state.time_s)
             if cut is None:
                 continue
             cut &= links.is_open
             links.is_open &= ~cut
             for row in np.flatnonzero(cut).tolist():
-                self._drop(near[row][1], piece.reason)
+                self._drop(near[row][1], model.reason)
         return [near[row][1] for row in np.flatnonzero(links.is_open).tolist()]
 
-    def _links(self, moment: Moment, senders: Sequence[int]) -> Links:
+    def _links(self, state: StepState, senders: Sequence[int]) -> Links:
         """Make links from agents, ascending, to the base, the end after the last agent."""
         ids = np.array(senders)
         base = Ends(np.full(len(ids), self._count), np.tile(self._base_m, (len(ids), 1)))
-        return Links.of_pairs(Ends(ids, moment.positions_m[ids]), base)
+        return Links.of_pairs(Ends(ids, state.positions_m[ids]), base)
 
     def _take_in(self, packets: list[Packet]) -> list[Packet]:
         """Pass reports through the queue of the operator's radio."""
-        pipes = self._taking_in
-        if pipes is None:
+        queue = self._taking_in
+        if queue is None:
             return packets
-        luck = self._order_rng.random(self._count).tolist()
-        if not pipes.is_wide_enough(BASE, packets):
-            packets.sort(key=lambda packet: (luck[packet.sender], packet.number))
-        passed, dropped = pipes.take(BASE, packets)
+        order = self._order_rng.random(self._count).tolist()
+        if not queue.is_wide_enough(BASE, packets):
+            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+        passed, dropped = queue.take(BASE, packets)
         for packet in dropped:
-            self._drop(packet, "crowded")
+            self._drop(packet, "base_full")
         return passed
 
 

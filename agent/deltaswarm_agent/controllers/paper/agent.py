@@ -6,7 +6,7 @@ from deltaswarm_agent.controllers.paper.delta import delta_for
 from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.hybrid import strategy_of
-from deltaswarm_agent.controllers.paper.membership import Former, Membership
+from deltaswarm_agent.controllers.paper.membership import Membership, PreviousTree
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_agent.controllers.paper.states import TRANSITIONS, WALKING, Cause
@@ -57,20 +57,20 @@ class Agent:
         """The order that this agent sends, or relays, in this step."""
         self.followed_order: int | None = None
         """The number of the last order that this agent carried out in its tree."""
-        self.post: Pose = (0.0, 0.0)
+        self.recruit_goal: Pose = (0.0, 0.0)
         """Target of a recruitment order."""
-        self.movers: dict[int, tuple[Pose, int]] = {}
+        self.recruits_in_transit: dict[int, tuple[Pose, int]] = {}
         """A root's travelling recruited agents: their targets, and until when these are blocked."""
         self.since = 0
         """Since when an orphan, or a recruited agent at its target, has looked for a parent."""
-        self.farewells = 0
+        self.leave_frames_left = 0
         """Remaining frames that announce its leaving."""
-        self.former: Former | None = None
+        self.previous_tree: PreviousTree | None = None
         self.founds_from = 0
         """The step from which it may found a tree: later, once the operator has recalled its tree."""
         self.holds_until = 0
         """The step up to which the operator makes it stand still."""
-        self.errand: Pose | None = None
+        self.goto: Pose | None = None
         """Where the operator has sent it."""
         self.errand_command = 0
         self.done: list[int] = []
@@ -104,8 +104,8 @@ class Agent:
         self.stay()
         self.contested = 0
         self.target = self.order = self.followed_order = None
-        self.movers.clear()
-        self.farewells = 0
+        self.recruits_in_transit.clear()
+        self.leave_frames_left = 0
         return self.membership
 
     def stay(self) -> None:
@@ -116,9 +116,9 @@ class Agent:
     def leave_tree(self, cause: Cause) -> None:
         """Become free; the whole subtree follows, since children hear it and leave, too."""
         assert self.membership is not None
-        self.former = Former(self.membership, self.now, self.timers)
+        self.previous_tree = PreviousTree(self.membership, self.now, self.timers)
         self.membership = None
-        self.farewells = self.timers.leaving
+        self.leave_frames_left = self.timers.leaving
         self.change(cause)
 
     def sender_distance(self, frame: PaperFrame) -> tuple[float, int]:

@@ -21,38 +21,38 @@ class Beliefs:
     def __init__(self, sensing_range_m: float, timers: Timers) -> None:
         self._memory, self._gone = timers.memory, timers.gone
         self._near_cm2 = (100.0 * max(0.0, sensing_range_m - GONE_MARGIN_M)) ** 2
-        self._word: dict[int, int] = {}
+        self._last_update_step: dict[int, int] = {}
         """Step of the freshest information about each event, present or gone."""
         self._places: dict[int, tuple[int, int]] = {}
         """Positions of the events believed present [cm]."""
 
     def sense(self, events: Sequence[Event], x_m: float, y_m: float, now: int) -> None:
         """Take the own sensor's events at a position, and the missing ones."""
-        word, places = self._word, self._places
+        last_update, places = self._last_update_step, self._places
         for event, ex_m, ey_m in events:
-            word[event] = now
+            last_update[event] = now
             places[event] = (to_cm(ex_m), to_cm(ey_m))
         x_cm, y_cm, near_cm2 = 100.0 * x_m, 100.0 * y_m, self._near_cm2
         missing = [
             event
             for event, place in places.items()
-            if word[event] != now and (place[0] - x_cm) ** 2 + (place[1] - y_cm) ** 2 < near_cm2
+            if last_update[event] != now and (place[0] - x_cm) ** 2 + (place[1] - y_cm) ** 2 < near_cm2
         ]
         for event in missing:
-            word[event] = now
+            last_update[event] = now
             del places[event]
 
     def hear(self, events: Sequence[Sighting], gone: Sequence[Gone], now: int) -> None:
         """Take the frame of a tree member from one step ago; fresher information wins."""
         sent = now - 1
-        word, known = self._word, self._word.get
+        last_update, known = self._last_update_step, self._last_update_step.get
         for event, x_cm, y_cm, age in events:
             if known(event, -1) < sent - age:
-                word[event] = sent - age
+                last_update[event] = sent - age
                 self._places[event] = (x_cm, y_cm)
         for event, age in gone:
             if known(event, -1) < sent - age:
-                word[event] = sent - age
+                last_update[event] = sent - age
                 self._places.pop(event, None)
 
     def hear_tree(self, heard: Sequence[PaperFrame], root: int, now: int) -> None:
@@ -63,11 +63,11 @@ class Beliefs:
 
     def forget(self, now: int) -> None:
         """Drop information that is too old to use or to send."""
-        word, places = self._word, self._places
-        old = [event for event, step in word.items() if now - step > self._memory]
+        last_update, places = self._last_update_step, self._places
+        old = [event for event, step in last_update.items() if now - step > self._memory]
         for event in old:
-            if event in places or now - word[event] > self._gone:
-                del word[event]
+            if event in places or now - last_update[event] > self._gone:
+                del last_update[event]
                 places.pop(event, None)
 
     def active(self) -> list[Event]:
@@ -79,8 +79,8 @@ class Beliefs:
 
     def sightings(self, now: int) -> tuple[Sighting, ...]:
         """The freshest events believed present, as in frames."""
-        word = self._word
-        rows = [sighting((event, x_cm, y_cm, now - word[event])) for event, (x_cm, y_cm) in self._places.items()]
+        last_update = self._last_update_step
+        rows = [sighting((event, x_cm, y_cm, now - last_update[event])) for event, (x_cm, y_cm) in self._places.items()]
         if len(rows) > MAX_EVENTS:
             rows.sort(key=lambda row: (row.age, row.event))
             del rows[MAX_EVENTS:]
@@ -89,9 +89,9 @@ class Beliefs:
     def departures(self, now: int) -> tuple[Gone, ...]:
         """The events most recently found missing, as in frames."""
         places = self._places
-        if len(places) == len(self._word):
+        if len(places) == len(self._last_update_step):
             return ()
-        rows = [Gone(event, now - step) for event, step in self._word.items() if event not in places]
+        rows = [Gone(event, now - step) for event, step in self._last_update_step.items() if event not in places]
         if len(rows) > MAX_GONE:
             rows.sort(key=lambda row: (row.age, row.event))
             del rows[MAX_GONE:]

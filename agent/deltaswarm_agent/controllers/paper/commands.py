@@ -76,7 +76,7 @@ def _attend(agent: Agent, command: Command) -> bool | None:
     is_near = agent.here.distance_m2(x_m, y_m) <= within_m**2
     if agent.state not in FREE or not is_near or not agent.here.is_in_arena(x_m, y_m):
         return False
-    agent.errand = (x_m, y_m)
+    agent.goto = (x_m, y_m)
     agent.errand_command = command.number
     return None
 
@@ -88,16 +88,16 @@ def _hold(agent: Agent, command: Command) -> bool:
 
 def _resume(agent: Agent, command: Command) -> bool:
     agent.holds_until = agent.now
-    agent.errand = None
+    agent.goto = None
     return True
 
 
 _RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, RESUME: _resume}
 
 
-def errand(agent: Agent) -> Pose | None:
+def goto(agent: Agent) -> Pose | None:
     """Where a walking agent has been sent; it is done with it there."""
-    if agent.errand is not None and agent.here.is_at(*agent.errand):
-        agent.errand = None
+    if agent.goto is not None and agent.here.is_at(*agent.goto):
+        agent.goto = None
         agent.done.append(agent.errand_command)
-    return agent.errand
+    return agent.goto

@@ -162,7 +162,7 @@ class PaperController:
         agent, here = self.agent, self.agent.here
         if agent.now < agent.holds_until:
             return STAND, agent.holds_until
-        if agent.state is WALKING and (place := commands.errand(agent)):
+        if agent.state is WALKING and (place := commands.goto(agent)):
             return towards(here.x_m, here.y_m, *place, agent.shared), agent.now + 1
         if agent.state is WALKING:
             velocity = agent.walk.velocity(agent.now, here.x_m, here.y_m)
@@ -171,7 +171,7 @@ class PaperController:
         if agent.state is GOING and agent.target is not None:
             velocity = towards(here.x_m, here.y_m, agent.target.x_m, agent.target.y_m, agent.shared)
         elif agent.state is RELOCATING:
-            velocity = towards(here.x_m, here.y_m, *agent.post, agent.shared)
+            velocity = towards(here.x_m, here.y_m, *agent.recruit_goal, agent.shared)
         return velocity, agent.now + 1
 
     def _observed(self, sensed: Sequence[Event]) -> tuple[int, ...]:
@@ -190,7 +190,7 @@ class PaperController:
         """Return the frame for the neighbours, or None."""
         agent, membership = self.agent, self.agent.membership
         attends = agent.state is ATTENDING
-        if membership is None and not attends and agent.farewells == 0:
+        if membership is None and not attends and agent.leave_frames_left == 0:
             return None
         head = (agent.id, to_cm(agent.here.x_m), to_cm(agent.here.y_m))
         if agent.state is RELOCATING:
@@ -211,8 +211,8 @@ class PaperController:
                 agent.order,
                 averages,
             )
-        if agent.farewells > 0:
-            agent.farewells -= 1
+        if agent.leave_frames_left > 0:
+            agent.leave_frames_left -= 1
             return Leaving(*head)
         target = agent.target
         assert target is not None

@@ -22,7 +22,7 @@ def joins(agent: Agent, members: Sequence[Member]) -> bool:
         and agent.here.is_legal(frame)
         and agent.here.is_newly_met(frame)
         and fits_below(agent.id, frame)
-        and (agent.former is None or agent.former.trusts(frame, agent.now))
+        and (agent.previous_tree is None or agent.previous_tree.trusts(frame, agent.now))
     ]
     if not candidates:
         return False

@@ -44,5 +44,5 @@ def _is_known(agent: Agent, event: Event, heard: Sequence[PaperFrame]) -> bool:
 
 def begin(agent: Agent, finds: Finds, works: bool) -> None:
     """Say what the agent does from this step on: whether it walks on its own account, and whether it works."""
-    walks = agent.state is WALKING and agent.now >= agent.holds_until and agent.errand is None
+    walks = agent.state is WALKING and agent.now >= agent.holds_until and agent.goto is None
     finds.begin(agent.walk.leg if walks else None, works, agent.now)

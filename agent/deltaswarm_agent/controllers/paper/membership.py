@@ -21,7 +21,7 @@ class Branch:
         self.heard = heard
 
 
-class Former:
+class PreviousTree:
     """The tree that an agent has just left."""
 
     __slots__ = ("_timers", "freed", "pulse", "pulse_step", "root")
@@ -37,7 +37,7 @@ class Former:
         """Whether the sender may be joined: one of this tree only while its root is known to live."""
         return (
             self.root != frame.path[0]
-            or now - self.freed > self._timers.former
+            or now - self.freed > self._timers.previous_tree
             or is_fresh(frame.pulse, self.pulse, self.pulse_step, now, self._timers.freshness)
         )
 

@@ -48,13 +48,14 @@ def new_order(agent: Agent, table: Sequence[Descendant]) -> RecruitmentOrder | N
     if leaf is None:
         return None
     shared = agent.shared
-    agent.movers = {mover: held for mover, held in agent.movers.items() if held[1] > agent.now}
+    in_transit = {recruit: held for recruit, held in agent.recruits_in_transit.items() if held[1] > agent.now}
+    agent.recruits_in_transit = in_transit
     here = (leaf.x_cm * 0.01, leaf.y_cm * 0.01)
     others = [(agent.here.x_m, agent.here.y_m)]
     others += [(row.x_cm * 0.01, row.y_cm * 0.01) for row in table if row.agent != leaf.agent]
     legal = Legal(
         others,
-        [held[0] for mover, held in agent.movers.items() if mover != leaf.agent],
+        [held[0] for mover, held in agent.recruits_in_transit.items() if mover != leaf.agent],
         range_m=shared.range_m - RANGE_MARGIN_M,
         d_min_m=agent.settings.d_min_m,
         size_m=(shared.width_m, shared.height_m),
@@ -67,7 +68,7 @@ def new_order(agent: Agent, table: Sequence[Descendant]) -> RecruitmentOrder | N
     travel_s = math.dist(here, place) / shared.speed_mps
     timers = agent.timers
     arrives = agent.now + timers.order + steps_of(travel_s, shared.step_s) + timers.arrival
-    agent.movers[leaf.agent] = (place, arrives)
+    agent.recruits_in_transit[leaf.agent] = (place, arrives)
     return RecruitmentOrder(leaf.agent, to_cm(place[0]), to_cm(place[1]), agent.now, timers.order)
 
 
@@ -84,7 +85,7 @@ def hear_order(agent: Agent, membership: Membership, parent: Member) -> bool:
     if membership.children or order.number == agent.followed_order or not agent.here.is_in_arena(*place):
         return False
     agent.followed_order = order.number
-    agent.post = place
+    agent.recruit_goal = place
     agent.since = agent.now + 1
     agent.change(Cause.ORDERED)
     return True
@@ -92,7 +93,7 @@ def hear_order(agent: Agent, membership: Membership, parent: Member) -> bool:
 
 def has_arrived(agent: Agent) -> bool:
     """Whether a recruited agent is at its place; until it is, its search for a parent has not begun."""
-    if agent.here.is_at(*agent.post):
+    if agent.here.is_at(*agent.recruit_goal):
         return True
     agent.since = agent.now + 1
     return False

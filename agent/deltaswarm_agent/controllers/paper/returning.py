@@ -1,6 +1,6 @@
 """Return to finds (site fidelity; not in the paper): a walker remembers where events were, and goes back there.
 
-Events come where others came before. So with a probability p a new leg of the walk leads to the surroundings of a
+Events come where others came before. So with a probability p a new leg of the walk leads to the event_field of a
 remembered place, else it is random as ever. p follows what either kind of leg finds: 0.5 (1 - (r0/r1)^2), at least
 0.05, with r0 and r1 the finds per second on random and on returning legs. A place to which a whole leg led back in
 vain is forgotten.

@@ -20,6 +20,6 @@ def succeeds(agent: Agent, membership: Membership) -> bool:
     agent.change(Cause.ELECTED)
     agent.stay()
     agent.contested = 0
-    agent.movers.clear()
+    agent.recruits_in_transit.clear()
     membership.take_over(agent.now)
     return True

@@ -11,7 +11,7 @@ STALL_S = 20.0
 FRESHNESS_S = 8.0
 """How far behind its expected value a pulse may be for its sender to be trusted as a parent."""
 
-FORMER_S = 20.0
+PREVIOUS_TREE_S = 20.0
 """For this long a freed agent is as careful with its former tree as an orphan."""
 
 LEAVING_S = 4.0
@@ -58,7 +58,7 @@ class Timers:
     silence: int
     stall: int
     freshness: int
-    former: int
+    previous_tree: int
     leaving: int
     orphan_strict: int
     orphan: int
@@ -82,7 +82,7 @@ def timers(step_s: float, latency_s: float = 0.0) -> Timers:
         silence=steps(SILENCE_S, 3),
         stall=steps(STALL_S, 6),
         freshness=steps(FRESHNESS_S, 4),
-        former=steps(FORMER_S, 6),
+        previous_tree=steps(PREVIOUS_TREE_S, 6),
         leaving=steps(LEAVING_S, 2),
         orphan_strict=steps(ORPHAN_STRICT_S),
         orphan=steps(ORPHAN_S, 2),

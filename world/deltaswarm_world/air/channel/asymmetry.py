@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 
 from deltaswarm_wire.settings_radio import AsymmetrySettings
-from deltaswarm_world.air.channel.links import Finding, LinkDice, Links, Mask
+from deltaswarm_world.air.channel.links import Diagnosis, LinkDraws, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.air.channel.reach import Reach
 from deltaswarm_world.arrays import Floats
@@ -25,7 +25,7 @@ class Asymmetry:
     def __init__(self, settings: AsymmetrySettings, reach: Reach, ends: int, rng: np.random.Generator) -> None:
         self._settings = settings
         self._reach = reach
-        self._factor_dice, self._death_dice = LinkDice(rng), LinkDice(rng)
+        self._factor_draws, self._death_draws = LinkDraws(rng), LinkDraws(rng)
         self._table: Floats | None = None
         if ends <= MOST_IN_TABLE:
             ids = np.arange(ends)
@@ -47,24 +47,24 @@ class Asymmetry:
         return factors
 
     def _drawn(self, senders: Indices, receivers: Indices) -> Floats:
-        low, dice, deaths = self._settings.range_factor_low, self._factor_dice, self._death_dice
-        factors: Floats = low + (1.0 - low) * dice.uniform(dice.ends(senders), dice.ends(receivers))
+        low, draws, deaths = self._settings.range_factor_low, self._factor_draws, self._death_draws
+        factors: Floats = low + (1.0 - low) * draws.uniform(draws.ends(senders), draws.ends(receivers))
         is_dead = deaths.uniform(deaths.ends(senders), deaths.ends(receivers)) < self._settings.dead_share
         factors[is_dead] = -1.0
         return factors
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         factors = self.factors(links)
         if self._settings.range_factor_low >= 1.0:
             return factors < 0.0
         return self._reach.shares(links) > factors
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """The link's factor."""
         factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
         if factor < 0.0:
-            return Finding(self.reason, True, "this direction carries nothing", {"dead": True})
+            return Diagnosis(self.reason, True, "this direction carries nothing", {"dead": True})
         cuts = share > factor and self._settings.range_factor_low < 1.0
         says = f"this direction has {factor:.2f} of its range and needs {share:.2f}"
-        return Finding(self.reason, cuts, says, {"range_factor": factor, "range_share": share})
+        return Diagnosis(self.reason, cuts, says, {"range_factor": factor, "range_share": share})

@@ -5,7 +5,7 @@ from typing import Self
 import numpy as np
 
 from deltaswarm_wire.settings_radio import BurstSettings
-from deltaswarm_world.air.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Diagnosis, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices
@@ -29,13 +29,13 @@ class Loss:
         return cls(share, context.rng(cls.stream)) if share > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         lost: Mask = self._rng.random(len(links)) < self._share
         return lost
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Its share."""
-        return Finding(self.reason, False, f"loses {self._share:.0%} of frames, by chance", {"share": self._share})
+        return Diagnosis(self.reason, False, f"loses {self._share:.0%} of frames, by chance", {"share": self._share})
 
 
 class Bursts:
@@ -80,7 +80,7 @@ class Bursts:
         return cls(settings, context.ends, context.step_s, context.rng(cls.stream)) if settings.is_on else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         settings, places = self._settings, self._places(links)
         draws: Floats = self._rng.random((2, len(links)))
         now = self._now(time_s)
@@ -108,7 +108,7 @@ class Bursts:
     def _now(self, time_s: float) -> int:
         return round(time_s / self._step_s) + 1
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Return the link's state, if drawn in this step."""
         place = self._places(links)[0]
         chance = float(self.chances(links, time_s)[0])
@@ -116,8 +116,8 @@ class Bursts:
             is_bad = bool(self._badness[place])
             share = self._settings.loss_bad if is_bad else self._settings.loss_good
             says = f"the link is {'bad' if is_bad else 'good'} and loses {share:.0%} of frames"
-            return Finding(self.reason, False, says, {"bad": is_bad, "share": share})
-        return Finding(self.reason, False, f"the link is bad with a chance of {chance:.0%}", {"p_bad": chance})
+            return Diagnosis(self.reason, False, says, {"bad": is_bad, "share": share})
+        return Diagnosis(self.reason, False, f"the link is bad with a chance of {chance:.0%}", {"p_bad": chance})
 
 
 def _first_of_each(places: Indices) -> Indices:
@@ -149,25 +149,25 @@ class Contention:
         return cls(bytes_per_step, context.rng(cls.stream)) if bytes_per_step > 0 else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`. Frames cut by other models take no capacity."""
-        luck = self._rng.random(len(links))
+        """See `LinkModel`. Frames cut by other models take no capacity."""
+        order = self._rng.random(len(links))
         if not len(links):
             return None
         receivers = links.receivers
         loads = np.bincount(receivers, weights=links.sizes * links.is_open)
         is_full = loads > self._bytes_per_step
-        crowded = (is_full[receivers] & links.is_open).nonzero()[0]
-        if not len(crowded):
+        contending = (is_full[receivers] & links.is_open).nonzero()[0]
+        if not len(contending):
             return None
-        crowded = crowded[np.lexsort((luck[crowded], receivers[crowded]))]
+        contending = contending[np.lexsort((order[contending], receivers[contending]))]
         loads *= is_full
         before = np.cumsum(loads) - loads  # of receivers before
         cut: Mask = np.zeros(len(links), dtype=np.bool_)
-        cut[crowded] = np.cumsum(links.sizes[crowded]) - before[receivers[crowded]] > self._bytes_per_step
+        cut[contending] = np.cumsum(links.sizes[contending]) - before[receivers[contending]] > self._bytes_per_step
         return cut
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Return the capacity of a receiver."""
         most = self._bytes_per_step
         says = f"a receiver hears at most {most:g} bytes in a step"
-        return Finding(self.reason, False, says, {"bytes_per_step": most})
+        return Diagnosis(self.reason, False, says, {"bytes_per_step": most})

@@ -99,7 +99,7 @@ class Links:
         return distances_m
 
 
-class Finding(NamedTuple):
+class Diagnosis(NamedTuple):
     """One model's finding about one link: whether it cuts the link, a text, and numbers."""
 
     reason: str
@@ -108,7 +108,7 @@ class Finding(NamedTuple):
     numbers: dict[str, Any]
 
 
-class Piece(Protocol):
+class LinkModel(Protocol):
     """One model, which cuts links."""
 
     @property
@@ -122,11 +122,11 @@ class Piece(Protocol):
     def cuts(self, links: Links, time_s: float) -> Mask | None:
         """Return the links cut in this step (None: none), called once per step. Only this method may draw."""
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain a single link (the only row), without a draw."""
 
 
-class LinkDice:
+class LinkDraws:
     """Constant random draws of links: equal link and words give an equal draw, whatever the other links.
 
     Each end has a number from its id and further words; a link's draw follows from both numbers.

@@ -6,7 +6,7 @@ from typing import Protocol, Self
 import numpy as np
 
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.air.channel.links import Piece
+from deltaswarm_world.air.channel.links import LinkModel
 from deltaswarm_world.air.channel.reach import Reach
 from deltaswarm_world.chance import generator
 
@@ -34,7 +34,7 @@ class Context:
         return generator(self.scenario.seed, stream)
 
 
-class Model(Piece, Protocol):
+class Model(LinkModel, Protocol):
     """An optional model. A model that draws has its own unique `stream` number."""
 
     @classmethod

@@ -2,7 +2,7 @@
 
 from deltaswarm_world.air.channel.asymmetry import Asymmetry
 from deltaswarm_world.air.channel.chance import Bursts, Contention, Loss
-from deltaswarm_world.air.channel.links import Piece
+from deltaswarm_world.air.channel.links import LinkModel
 from deltaswarm_world.air.channel.model import Context, Model
 from deltaswarm_world.air.channel.obstacles import RadioObstacles
 from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
@@ -20,6 +20,6 @@ MODELS: tuple[type[Model], ...] = (
 """A new model is one line here; the first model that cuts a frame gives the reason."""
 
 
-def pieces_of(context: Context) -> list[Piece]:
+def models_of(context: Context) -> list[LinkModel]:
     """Build the models that are on."""
-    return [piece for model in MODELS if (piece := model.of(context)) is not None]
+    return [model for kind in MODELS if (model := kind.of(context)) is not None]

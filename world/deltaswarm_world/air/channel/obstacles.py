@@ -4,7 +4,7 @@ from typing import Self
 
 import numpy as np
 
-from deltaswarm_world.air.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Diagnosis, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.air.channel.reach import Reach
 from deltaswarm_world.arrays import Floats
@@ -34,7 +34,7 @@ class RadioObstacles:
         return cls(obstacles, context.reach, context.scenario.radio.path_loss.exponent) if obstacles else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         losses_db = self._losses_db(links)
         lossy = losses_db > 0
         if not lossy.any():
@@ -49,16 +49,16 @@ class RadioObstacles:
         from_m, to_m = np.where(swapped, links.to_m, links.from_m), np.where(swapped, links.from_m, links.to_m)
         return self._obstacles.attenuations_db(from_m, to_m)
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Return the obstacles on the line of sight, and their attenuation."""
         crossed = self._obstacles.crossed(links.from_m, links.to_m)
         if not crossed:
-            return Finding(self.reason, False, "no obstacle between them", {})
+            return Diagnosis(self.reason, False, "no obstacle between them", {})
         loss_db = float(self._losses_db(links)[0])
         cuts = self.cuts(links, time_s)
         which = f"obstacle{'s' if len(crossed) > 1 else ''} {', '.join(map(str, crossed))}"
         if np.isinf(loss_db):
-            return Finding(self.reason, True, f"{which} in between, blocking", {"obstacles": crossed})
+            return Diagnosis(self.reason, True, f"{which} in between, blocking", {"obstacles": crossed})
         says = f"{which} in between, {loss_db:g} dB"
         is_cut = cuts is not None and bool(cuts[0])
-        return Finding(self.reason, is_cut, says, {"obstacles": crossed, "attenuation_db": loss_db})
+        return Diagnosis(self.reason, is_cut, says, {"obstacles": crossed, "attenuation_db": loss_db})

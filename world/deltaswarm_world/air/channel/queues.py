@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_world.air.channel.links import Finding
+from deltaswarm_world.air.channel.links import Diagnosis
 
 
 class Packet(NamedTuple):
@@ -23,7 +23,7 @@ Arrival = tuple[int, Packet]
 """A receiver and its packet."""
 
 
-class Pipes:
+class RateLimitedQueue:
     """One first-in, first-out queue per end, with a limit of bytes per step.
 
     Excess bytes wait, up to a capacity; a frame beyond the capacity is dropped. A long frame takes several steps.
@@ -107,12 +107,12 @@ class Pipes:
         """Return the waiting packets of an end, in order."""
         return list(self._queues.get(end, ()))
 
-    def explain(self, end: int, whose: str) -> Finding:
+    def explain(self, end: int, whose: str) -> Diagnosis:
         """Return the waiting bytes of an end."""
         held = sum(len(packet.data) for packet in self.holds(end))
         says = f"the {whose}'s radio passes {self._bytes_per_step:g} bytes in a step; {held} bytes wait in its queue"
         numbers = {"end": whose, "bytes_per_step": self._bytes_per_step, "waiting_bytes": held}
-        return Finding("bandwidth", False, says, numbers)
+        return Diagnosis("bandwidth", False, says, numbers)
 
 
 class DelayLine:
@@ -168,12 +168,12 @@ class DelayLine:
         self.waiting -= len(due)
         return due
 
-    def explain(self) -> Finding:
+    def explain(self) -> Diagnosis:
         """Describe the delay of frames."""
         least, most = math.floor(self._latency), math.ceil(self._latency + self._jitter)
         mean = self._latency + self._jitter / 2
         says = f"frames arrive {least} to {most} steps later than without delay, {mean:g} on average"
-        return Finding("delay", False, says, {"steps_min": least, "steps_max": most, "steps_mean": mean})
+        return Diagnosis("delay", False, says, {"steps_min": least, "steps_max": most, "steps_mean": mean})
 
     def due_of(self, sender: int, receiver: int) -> list[int]:
         """Return the steps in which packets from one end to another are due, ascending."""

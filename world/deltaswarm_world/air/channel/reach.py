@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from deltaswarm_wire.settings_radio import LOG_DISTANCE, PathLossSettings, RadioSettings
-from deltaswarm_world.air.channel.links import Ends, Finding, Hashes, LinkDice, Links
+from deltaswarm_world.air.channel.links import Diagnosis, Ends, Hashes, LinkDraws, Links
 from deltaswarm_world.arrays import Floats
 from deltaswarm_world.near import Indices, near, near_with_squares
 
@@ -31,7 +31,7 @@ class Reach(Protocol):
     def shares(self, links: Links) -> Floats:
         """Return the share of its range that each link needs; up to 1 it is in reach."""
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain whether the only row is in reach, with numbers."""
 
 
@@ -68,13 +68,13 @@ class RangeDisc:
     def _of(self, senders: Indices) -> Floats:
         return np.full(len(senders), self._range_m) if self._ranges_m is None else self._ranges_m[senders]
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain with distance and range."""
         distance_m, range_m = float(links.distances_m[0]), float(self._of(links.senders)[0])
         offset = links.to_m[0] - links.from_m[0]
         cuts = not bool(offset[0] * offset[0] + offset[1] * offset[1] <= range_m**2)
         numbers = {"distance_m": distance_m, "range_m": range_m}
-        return Finding("range", cuts, f"distance {distance_m:.2f} m, range {range_m:g} m", numbers)
+        return Diagnosis("range", cuts, f"distance {distance_m:.2f} m, range {range_m:g} m", numbers)
 
 
 class PathLoss:
@@ -86,15 +86,15 @@ class PathLoss:
     """
 
     def __init__(
-        self, settings: PathLossSettings, gains_db: Floats | None = None, dice: LinkDice | None = None
+        self, settings: PathLossSettings, gains_db: Floats | None = None, draws: LinkDraws | None = None
     ) -> None:
         self._settings = settings
         self._gains_db = gains_db
-        self._dice = dice if settings.shadowing_db > 0 else None
+        self._draws = draws if settings.shadowing_db > 0 else None
         spare_db = settings.tx_power_dbm - settings.reference_loss_db - settings.sensitivity_dbm
         if gains_db is not None:
             spare_db += max(0.0, float(gains_db.max()))
-        if self._dice is not None:
+        if self._draws is not None:
             spare_db += SHADOWING_CUT * settings.shadowing_db
         self._bound_m = 1.000001 * max(1.0, self.distance_at_m(spare_db))
 
@@ -106,10 +106,10 @@ class PathLoss:
         """See `Reach`."""
         rows, columns, squares_m2 = near_with_squares(listeners.places_m, speakers.places_m, self._bound_m)
         power_dbm = self._settings.tx_power_dbm - self.loss_db(np.sqrt(squares_m2))
-        if self._dice is not None:
-            ends = self._numbers(self._dice, listeners, speakers)
+        if self._draws is not None:
+            ends = self._numbers(self._draws, listeners, speakers)
             speak, hear = ends[columns + len(listeners.ids)], ends[rows]
-            power_dbm += self._shadows_db[self._dice.pick(speak, hear, self._settings.shadowing_symmetric)]
+            power_dbm += self._shadows_db[self._draws.pick(speak, hear, self._settings.shadowing_symmetric)]
         if self._gains_db is not None:
             power_dbm += self._gains_db[speakers.ids][columns]
         within = (power_dbm >= self._settings.sensitivity_dbm).nonzero()[0]
@@ -123,26 +123,26 @@ class PathLoss:
 
     def shadowing_db(self, links: Links) -> Floats:
         """Return the change of each link's received power by obstacles [dB]."""
-        if self._dice is None:
+        if self._draws is None:
             return np.zeros(len(links))
-        speak = self._numbers(self._dice, Ends(links.senders, links.from_m))
-        hear = self._numbers(self._dice, Ends(links.receivers, links.to_m))
-        return self._shadows_db[self._dice.pick(speak, hear, self._settings.shadowing_symmetric)]
+        speak = self._numbers(self._draws, Ends(links.senders, links.from_m))
+        hear = self._numbers(self._draws, Ends(links.receivers, links.to_m))
+        return self._shadows_db[self._draws.pick(speak, hear, self._settings.shadowing_symmetric)]
 
     @cached_property
     def _shadows_db(self) -> Floats:
         """All possible shadowing values; each link has one [dB]."""
-        assert self._dice is not None
-        return self._settings.shadowing_db * np.clip(self._dice.normals, -SHADOWING_CUT, SHADOWING_CUT)
+        assert self._draws is not None
+        return self._settings.shadowing_db * np.clip(self._draws.normals, -SHADOWING_CUT, SHADOWING_CUT)
 
-    def _numbers(self, dice: LinkDice, *sides: Ends) -> Hashes:
+    def _numbers(self, draws: LinkDraws, *sides: Ends) -> Hashes:
         """Return the inputs of a link's shadowing for each end: its id and its grid square."""
         ids = np.concatenate([side.ids for side in sides])
         side_m = self._settings.decorrelation_m
         if side_m <= 0:
-            return dice.ends(ids)
+            return draws.ends(ids)
         squares = np.floor(np.concatenate([side.places_m for side in sides]) / side_m).astype(np.int64)
-        return dice.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
+        return draws.ends(ids, squares[:, 0] * (1 << 24) + squares[:, 1])
 
     def received_dbm(self, links: Links) -> Floats:
         """Return the received power of each link [dBm]."""
@@ -157,7 +157,7 @@ class PathLoss:
         shares: Floats = 10.0 ** (-spare_db / (10.0 * self._settings.exponent))
         return shares
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain with distance, path loss, shadowing and received power."""
         distance_m, power_dbm = float(links.distances_m[0]), float(self.received_dbm(links)[0])
         loss_db, shadowing_db = float(self.loss_db(links.distances_m)[0]), float(self.shadowing_db(links)[0])
@@ -173,7 +173,7 @@ class PathLoss:
             "received_dbm": power_dbm,
             "sensitivity_dbm": needed_dbm,
         }
-        return Finding("range", power_dbm < needed_dbm, says, numbers)
+        return Diagnosis("range", power_dbm < needed_dbm, says, numbers)
 
 
 def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> Reach:
@@ -184,4 +184,4 @@ def reach_of(settings: RadioSettings, count: int, rng: np.random.Generator) -> R
     gains_db = None
     if ranges_m is not None:
         gains_db = 10.0 * settings.path_loss.exponent * np.log10(ranges_m / settings.range_m)
-    return PathLoss(settings.path_loss, gains_db, LinkDice(rng))
+    return PathLoss(settings.path_loss, gains_db, LinkDraws(rng))

@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from deltaswarm_wire.settings_radio import BlackoutSettings, JammerSettings, WallSettings
-from deltaswarm_world.air.channel.links import Finding, Links, Mask
+from deltaswarm_world.air.channel.links import Diagnosis, Links, Mask
 from deltaswarm_world.air.channel.model import Context
 from deltaswarm_world.arrays import Floats
 
@@ -38,15 +38,15 @@ class Blackouts:
         return cls(zones) if zones else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         return np.ones(len(links), dtype=np.bool_) if any(is_on(zone, time_s) for zone in self._zones) else None
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain with the active one."""
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
-                return Finding(self.reason, True, f"{self.reason} {index}, {_when(zone)}", {self.reason: index})
-        return Finding(self.reason, False, f"no {self.reason} now", {})
+                return Diagnosis(self.reason, True, f"{self.reason} {index}, {_when(zone)}", {self.reason: index})
+        return Diagnosis(self.reason, False, f"no {self.reason} now", {})
 
 
 class Walls:
@@ -65,7 +65,7 @@ class Walls:
         return cls(walls) if walls else None
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         cut: Mask | None = None
         for wall in self._walls:
             if is_on(wall, time_s):
@@ -73,13 +73,13 @@ class Walls:
                 cut = crossed if cut is None else cut | crossed
         return cut
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain with the crossed wall."""
         for index, wall in enumerate(self._walls):
             if is_on(wall, time_s) and crosses(links, wall)[0]:
                 says = f"crosses wall {index} from {_at(wall.a_m)} to {_at(wall.b_m)}, {_when(wall)}"
-                return Finding(self.reason, True, says, {"wall": index, "a_m": list(wall.a_m), "b_m": list(wall.b_m)})
-        return Finding(self.reason, False, "no wall between them now", {})
+                return Diagnosis(self.reason, True, says, {"wall": index, "a_m": list(wall.a_m), "b_m": list(wall.b_m)})
+        return Diagnosis(self.reason, False, "no wall between them now", {})
 
 
 def crosses(links: Links, wall: WallSettings) -> Mask:
@@ -137,7 +137,7 @@ class Jammers:
         return x + share * (to_x - x), y + share * (to_y - y)
 
     def cuts(self, links: Links, time_s: float) -> Mask | None:
-        """See `Piece`."""
+        """See `LinkModel`."""
         deaf: Mask | None = None
         for index, zone in enumerate(self._zones):
             if is_on(zone, time_s):
@@ -147,7 +147,7 @@ class Jammers:
                 deaf = within if deaf is None else deaf | within
         return None if deaf is None else deaf[links.rows]
 
-    def explain(self, links: Links, time_s: float) -> Finding:
+    def explain(self, links: Links, time_s: float) -> Diagnosis:
         """Explain with the receiver's jammer, or the distance to the nearest jammer's edge."""
         nearest_m = np.inf
         for index, zone in enumerate(self._zones):
@@ -162,11 +162,11 @@ class Jammers:
                     f"{zone.radius_m:g} m, {_when(zone)}"
                 )
                 numbers = {"jammer": index, "center_m": list(center_m), "radius_m": zone.radius_m}
-                return Finding(self.reason, True, says, {**numbers, "from_center_m": distance_m})
+                return Diagnosis(self.reason, True, says, {**numbers, "from_center_m": distance_m})
             nearest_m = min(nearest_m, distance_m - zone.radius_m)
         if nearest_m == np.inf:
-            return Finding(self.reason, False, "no jammer is on now", {})
-        return Finding(self.reason, False, f"{nearest_m:.2f} m outside the nearest jammer", {"outside_m": nearest_m})
+            return Diagnosis(self.reason, False, "no jammer is on now", {})
+        return Diagnosis(self.reason, False, f"{nearest_m:.2f} m outside the nearest jammer", {"outside_m": nearest_m})
 
 
 def _at(place_m: Sequence[float] | Floats) -> str:

@@ -1,4 +1,4 @@
-"""The world's Zenoh router, publishers and subscriber of agents. `waker.py` has the rest of Zenoh."""
+"""The world's Zenoh router, publishers and subscriber of agents. `wakeup.py` has the rest of Zenoh."""
 
 import socket
 import threading
@@ -31,7 +31,7 @@ class Taker(Protocol):
         """Take one sample."""
 
 
-class Wires:
+class Transport:
     """Publishers, and the queue of agents' samples, over an open router session."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, agents: int) -> None:

@@ -4,21 +4,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.keys import AGENT, OPERATOR
+from deltaswarm_world.control_input import ControlInput, ControlQueue, Persisted, Token
 from deltaswarm_world.lockstep import MAX_RETURNS, LockStep
-from deltaswarm_world.news import News, NewsQueue, Taken, Token
 
 TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
 
 
-@given(st.lists(TOKENS | st.builds(Taken, st.just(OPERATOR), st.integers(0, 9))))
-def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: list[News]) -> None:
-    queue = NewsQueue()
+@given(st.lists(TOKENS | st.builds(Persisted, st.just(OPERATOR), st.integers(0, 9))))
+def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: list[ControlInput]) -> None:
+    queue = ControlQueue()
     for news in told:
         queue.put(news)
     taken = list(queue.take())
     assert not list(queue.take())
 
-    def of(agent: int, found: list[News]) -> list[News]:
+    def of(agent: int, found: list[ControlInput]) -> list[ControlInput]:
         return [news for news in found if isinstance(news, Token) and (news.role, news.number) == (AGENT, agent)]
 
     agents = [news for agent in range(3) for news in of(agent, told)]

@@ -17,57 +17,57 @@ class Token(NamedTuple):
     is_there: bool
 
 
-class Taken(NamedTuple):
+class Persisted(NamedTuple):
     """Newest step on disk at operator or recorder (-1: none yet)."""
 
     role: str
     step: int
 
 
-class Counted(NamedTuple):
+class Ack(NamedTuple):
     """The operator's encoded workload."""
 
     data: bytes
 
 
-class Said(NamedTuple):
+class OperatorMessage(NamedTuple):
     """What the operator says of the steps: its turn, or the pace that it wants."""
 
     word: Turn | Pace
 
 
-News = Token | Taken | Counted | Said
+ControlInput = Token | Persisted | Ack | OperatorMessage
 
 
-class NewsQueue:
+class ControlQueue:
     """From Zenoh's threads to the main one.
 
     Of an agent's comings and goings it keeps the newest two: an agent may tell of them as often as it likes.
     """
 
     def __init__(self) -> None:
-        self._queue: deque[News | int] = deque()
+        self._queue: deque[ControlInput | int] = deque()
         """An agent's number stands for its `_comings`."""
         self._comings: dict[int, list[bool]] = {}
         self._lock = threading.Lock()
 
-    def put(self, news: News) -> None:
+    def put(self, message: ControlInput) -> None:
         """Add to the queue. Never blocks for long."""
-        if not isinstance(news, Token) or news.role != AGENT:
-            self._queue.append(news)
+        if not isinstance(message, Token) or message.role != AGENT:
+            self._queue.append(message)
             return
         with self._lock:
-            if news.number not in self._comings:
-                self._queue.append(news.number)
-            self._comings[news.number] = [*self._comings.get(news.number, [])[-1:], news.is_there]
+            if message.number not in self._comings:
+                self._queue.append(message.number)
+            self._comings[message.number] = [*self._comings.get(message.number, [])[-1:], message.is_there]
 
-    def take(self) -> Iterator[News]:
+    def take(self) -> Iterator[ControlInput]:
         """What has come so far; what comes meanwhile is for the next time."""
         for _ in range(len(self._queue)):
-            news = self._queue.popleft()
-            if isinstance(news, int):
+            message = self._queue.popleft()
+            if isinstance(message, int):
                 with self._lock:
-                    comings = self._comings.pop(news)
-                yield from (Token(AGENT, news, is_there) for is_there in comings)
+                    comings = self._comings.pop(message)
+                yield from (Token(AGENT, message, is_there) for is_there in comings)
             else:
-                yield news
+                yield message

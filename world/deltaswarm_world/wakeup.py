@@ -1,4 +1,4 @@
-"""Wakes the world's process from its wait for samples. Only this file, `wires.py` and `slow_links.py` use Zenoh."""
+"""Wakes the world's process from its wait for samples. Only this file, `transport.py` and `slow_links.py` use Zenoh."""
 
 import logging
 import signal
@@ -13,7 +13,7 @@ from deltaswarm_wire.commands import Pace, Turn, decode_pace, decode_turn
 from deltaswarm_wire.keys import Keys, parse_token
 from deltaswarm_wire.orders import decode_done, decode_taken
 from deltaswarm_wire.session import use_one_worker_thread
-from deltaswarm_world.news import Counted, NewsQueue, Said, Taken, Token
+from deltaswarm_world.control_input import Ack, ControlQueue, OperatorMessage, Persisted, Token
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)
@@ -27,7 +27,7 @@ STOP_WITHIN_S = 1.0
 """Time that a stopping run waits for agents to close the step."""
 
 
-class Waker:
+class Wakeup:
     """Wakes the main thread from its wait for samples: at a deadline, a token, or a signal.
 
     Only a sample, which the world sends to itself, reaches a thread blocked in the channel.
@@ -37,7 +37,7 @@ class Waker:
         self.deadline = float("inf")
         """Wall time (monotonic) of the next wake-up; set by `wake_at`."""
         self.stop_requested = False
-        self.news = NewsQueue()
+        self.control = ControlQueue()
         self.done: deque[int] = deque()
         """Numbers of completed orders."""
         self._session = session
@@ -69,7 +69,7 @@ class Waker:
     def _on_token(self, sample: zenoh.Sample) -> None:
         token = parse_token(str(sample.key_expr))
         if token is not None:
-            self.news.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
+            self.control.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
             self._nudge.set()
 
     def _on_done(self, sample: zenoh.Sample) -> None:
@@ -81,18 +81,18 @@ class Waker:
 
     def _on_taken(self, sample: zenoh.Sample) -> None:
         try:
-            self.news.put(Taken(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
+            self.control.put(Persisted(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
         except WireError as error:
             log.warning("dropped a sample on %s: %s", sample.key_expr, error)
         self._nudge.set()
 
     def _on_workload(self, sample: zenoh.Sample) -> None:
-        self.news.put(Counted(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
+        self.control.put(Ack(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
 
     def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
         def on_word(sample: zenoh.Sample) -> None:
             try:
-                self.news.put(Said(decode(sample.payload.to_bytes())))
+                self.control.put(OperatorMessage(decode(sample.payload.to_bytes())))
             except WireError as error:
                 log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
             self._nudge.set()

@@ -16,19 +16,19 @@ RETURNS = 8
 ALONE = 100
 """After this many reports in order there is only one process again."""
 
-MAX_LIVES = 32
+MAX_PROCESSES = 32
 """Maximum number of processes; the least recent are forgotten."""
 
 
 @dataclass
-class Life:
+class TrackedProcess:
     """One process: its newest number, and the number of reports that seem lost before it."""
 
     newest: int
     lost: int = 0
 
 
-class Lives:
+class ProcessTracker:
     """Distinguishes processes by the sequence numbers of their reports in order of arrival."""
 
     def __init__(self) -> None:
@@ -39,7 +39,7 @@ class Lives:
         self.is_doubled = False
         """Whether several processes run at the same time."""
         self.was_doubled = False
-        self._lives: list[Life] = []
+        self._processes: list[TrackedProcess] = []
         """In order of their latest report."""
         self._heard_s = -math.inf
         self._returns = 0
@@ -52,23 +52,23 @@ class Lives:
         alternate. A larger number means lost reports or another process: it continues the latest process until that
         one continues itself.
         """
-        lives = self._lives
-        went_back = bool(lives) and sequence <= lives[-1].newest
+        processes = self._processes
+        went_back = bool(processes) and sequence <= processes[-1].newest
         is_soon = now_s - self._heard_s < RESTART_S
-        below = [life for life in lives if life.newest < sequence]
-        before = next((life for life in reversed(below) if life.newest == sequence - 1), None)
+        below = [process for process in processes if process.newest < sequence]
+        before = next((process for process in reversed(below) if process.newest == sequence - 1), None)
         if before is not None:
             self.lost -= before.lost
-            lives.remove(before)
+            processes.remove(before)
         elif below and (is_soon or not went_back):
-            before = max(below, key=lambda life: life.newest) if self._returns or went_back else lives[-1]
+            before = max(below, key=lambda process: process.newest) if self._returns or went_back else processes[-1]
             self.lost += sequence - before.newest - 1 - before.lost
             before.lost = sequence - before.newest - 1
-        elif lives:
+        elif processes:
             self.restarts += 1
             self._returns = 0
-        lives.append(Life(sequence))
-        del lives[:-MAX_LIVES]
+        processes.append(TrackedProcess(sequence))
+        del processes[:-MAX_PROCESSES]
         self._heard_s = now_s
         self._returns += went_back and is_soon and before is not None
         self._in_order = 0 if went_back else self._in_order + 1
