@@ -178,7 +178,7 @@ def test_isa_is_the_load_in_five_equal_bands(load: float, answer: int) -> None:
 
 
 def test_work_is_slowest_at_both_ends_of_the_load() -> None:
-    """A U: idle people are slow too."""
+    """Reaction times form a U: a person with little to do is slow as well."""
 
     def takes_s(load: float) -> float:
         one = person(PersonSettings(policy=NONE, sigma=0.0, memory_s=1e6))

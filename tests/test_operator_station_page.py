@@ -27,7 +27,7 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.texts("#agents-list > li")[6] == "agent 6at event 1, delta 3, seen 2 min ago"
     assert page.texts("#agents-list > li")[0] == "agent 0root of a tree, 3 known followers, delta 3, seen just now"
     assert (
-        page.texts("#agents-list > li")[3] == "agent 3in the tree of agent 0, below agent 1, told by agent 0 27 s ago"
+        page.texts("#agents-list > li")[3] == "agent 3in the tree of agent 0, below agent 1, delta 3, told by agent 0 27 s ago"
     )
     assert page.text("time") == "1:40"
     assert page.text("title") == "paper-25, hybrid"
