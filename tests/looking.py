@@ -6,7 +6,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.onlookers import Paced
+from deltaswarm_orchestrator.run.live_observer import Paced
 from deltaswarm_orchestrator.run.picture import picture
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Status, Workload

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Task
 from deltaswarm_orchestrator.sweeps.load import make_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, Task
 from deltaswarm_wire.checked import SettingsError
 from tests.swarms import COMMAND, PATIENCE_S, is_running, wait_until
 

@@ -11,7 +11,7 @@ import pytest
 import tomli_w
 
 from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.boards.boards import Boards, authority_folder, commands
+from deltaswarm_orchestrator.boards.files import Boards, authority_folder, commands
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run.scenario import load_scenario
 from deltaswarm_wire.checked import SettingsError

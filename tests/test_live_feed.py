@@ -9,8 +9,8 @@ import pytest
 
 from deltaswarm_orchestrator.run import live_socket
 from deltaswarm_orchestrator.run.feed import ResearcherFeed, answer
+from deltaswarm_orchestrator.run.live_observer import Paced, Tap
 from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, LiveSocket, connected
-from deltaswarm_orchestrator.run.onlookers import Paced, Tap
 from deltaswarm_orchestrator.run.picture import hello, picture
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario

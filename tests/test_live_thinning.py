@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.recording.rate_limit import MAX_WAITING, Thinned, ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.schemas import TOPICS
-from deltaswarm_orchestrator.recording.thinning import MAX_WAITING, Thinned, ViewersOnly
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from tests.truths import messages, steps

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.exits import OK
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.results import write_tables
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml

@@ -15,7 +15,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from deltaswarm_orchestrator.cli import export as command
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.export.export import FORMATS
+from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_wire.checked import load, plain

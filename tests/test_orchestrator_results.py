@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.run.conduct import RunOptions, run
+from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
 from deltaswarm_orchestrator.run.metrics import metrics
 from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter

@@ -15,6 +15,7 @@ from typing import Any, cast
 import pytest
 from numpy import arange
 
+from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run import watch
 from deltaswarm_orchestrator.run.launch import Swarm
@@ -22,7 +23,6 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.part import Part
 from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_orchestrator.run.watch import Watch
-from deltaswarm_orchestrator.stopping import Stop
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report

@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import pytest
 
-from deltaswarm_orchestrator import room
+from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.recording.names import ACTIONS
 from deltaswarm_orchestrator.run import launch
 from deltaswarm_orchestrator.run.folder import RunFolder
@@ -270,7 +270,7 @@ def test_a_signal_too_late_for_one_thing_is_in_time_for_the_next() -> None:
     """Between two runs of a session."""
     source = (
         "import os, signal\n"
-        "from deltaswarm_orchestrator.stopping import begin_anew, decide, end_at_once_on_signals, stoppable\n"
+        "from deltaswarm_orchestrator.base.signals import begin_anew, decide, end_at_once_on_signals, stoppable\n"
         "end_at_once_on_signals()\n"
         "with stoppable() as stop:\n"
         "    stop.conclude()\n"
@@ -363,4 +363,4 @@ def test_little_room_is_said_at_the_start(
 ) -> None:
     """Before hours are spent."""
     monkeypatch.setattr(shutil, "disk_usage", lambda _: SimpleNamespace(free=free_mb * 1e6))
-    assert bool(room.shortage(tmp_path, load_scenario("paper-25", []))) == is_said
+    assert bool(disk.shortage(tmp_path, load_scenario("paper-25", []))) == is_said

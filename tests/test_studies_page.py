@@ -10,7 +10,7 @@ import pytest
 from jinja2 import UndefinedError
 from markdown_it import MarkdownIt
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.report.page import render, table
 from deltaswarm_orchestrator.studies.evidence import Evidence
 from deltaswarm_orchestrator.studies.origin import CODE, QUESTIONS, RUNS

@@ -15,13 +15,13 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.sweeps.work import work
+from deltaswarm_orchestrator.sweeps.job import work
 from tests.swarms import BOUND_S, PATIENCE_S, wait_until
 from tests.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
 
 distributed = pytest.importorskip("distributed")
 
-from deltaswarm_orchestrator import provenance  # noqa: E402  # nothing of it without Dask
+from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
 from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # noqa: E402
 from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
 

@@ -17,7 +17,7 @@ import pytest
 
 from deltaswarm_orchestrator.sweeps import engine as engines
 from deltaswarm_orchestrator.sweeps.engine import Done, LocalEngine, attempt
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, DisturbedError, Result, RunError, Task, work
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, DisturbedError, Result, RunError, Task, work
 from tests.swarms import wait_until
 from tests.sweeping import MARK, all_gone, made, marked, sweeping, tasks_of, written
 
@@ -70,7 +70,7 @@ def killing(pids: Callable[[], list[int]], times: int, number: signal.Signals = 
 
 def runs(mark: str) -> list[int]:
     """The `deltaswarm run` processes of sweeps."""
-    return [pid for pid in marked(mark) if b"sweeps.mortal" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    return [pid for pid in marked(mark) if b"sweeps.dies_with_parent" in Path(f"/proc/{pid}/cmdline").read_bytes()]
 
 
 # One attempt

@@ -12,6 +12,7 @@ import pytest
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
 from deltaswarm_orchestrator.sweeps.table import (
@@ -23,7 +24,6 @@ from deltaswarm_orchestrator.sweeps.table import (
     series_of,
     table_of,
 )
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, work
 from tests.sweeping import LOSSES, made, sweep, tasks_of, written
 
 WINDOW_S = 20.0

@@ -3,7 +3,7 @@
 import os
 import sys
 
-from deltaswarm_orchestrator.stopping import end_at_once_on_signals
+from deltaswarm_orchestrator.base.signals import end_at_once_on_signals
 
 
 def main() -> int:

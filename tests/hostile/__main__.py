@@ -4,7 +4,7 @@ import argparse
 import tempfile
 from pathlib import Path
 
-from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from tests.hostile.attacker import FLOODS, LATENESS, REFUSED, SILENCE
 from tests.hostile.stage import harm, play
 

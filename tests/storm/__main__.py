@@ -6,7 +6,7 @@ import tempfile
 from pathlib import Path
 from random import Random
 
-from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from tests.storm.judge import play_and_judge
 
 

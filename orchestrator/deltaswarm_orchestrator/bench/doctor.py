@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from deltaswarm_orchestrator.exits import complain
+from deltaswarm_orchestrator.base.exits import complain
 
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
 """A requirement as this package's own metadata states it."""

@@ -17,7 +17,7 @@ from websockets.client import ClientProtocol
 from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFactory
 from websockets.uri import parse_uri
 
-from deltaswarm_orchestrator.bench.bench import bench_scenario
+from deltaswarm_orchestrator.bench.speed import bench_scenario
 from deltaswarm_orchestrator.run.scenario import to_toml
 from deltaswarm_orchestrator.run.station import address
 

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import Problem, SettingsError
 

@@ -8,8 +8,8 @@ import select
 import sys
 from collections.abc import Sequence
 
-from deltaswarm_orchestrator.exits import FAILED, USAGE, CommandError, complain
-from deltaswarm_orchestrator.stopping import raise_on_signals
+from deltaswarm_orchestrator.base.exits import FAILED, USAGE, CommandError, complain
+from deltaswarm_orchestrator.base.signals import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
 

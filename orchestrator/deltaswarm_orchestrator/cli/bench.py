@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import whole
-from deltaswarm_orchestrator.exits import FAILED, OK, CommandError
-from deltaswarm_orchestrator.text import named
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -54,7 +54,7 @@ def bench(arguments: argparse.Namespace) -> int:
 
 
 def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
-    from deltaswarm_orchestrator.bench import bench, radio_cost, scale
+    from deltaswarm_orchestrator.bench import radio_cost, scale, speed
 
     if arguments.coverage:
         return _coverage(arguments)
@@ -65,7 +65,7 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.radio:
         return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
     if not arguments.scale:
-        return bench.measure(arguments.agents, arguments.steps)
+        return speed.measure(arguments.agents, arguments.steps)
     found = scale.measure_scale(arguments.sizes or scale.SIZES, arguments.steps, arguments.rounds)
     if arguments.plot:
         from deltaswarm_orchestrator.report.plots.scale import scale as drawn

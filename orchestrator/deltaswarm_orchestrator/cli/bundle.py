@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK
+from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_wire import __version__
 
 

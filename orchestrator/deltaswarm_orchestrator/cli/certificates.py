@@ -4,8 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.cli.arguments import whole
-from deltaswarm_orchestrator.exits import OK, CommandError
 from deltaswarm_wire.arguments import agent_numbers
 
 

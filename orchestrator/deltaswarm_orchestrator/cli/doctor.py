@@ -5,8 +5,8 @@ import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.exits import FAILED, OK
-from deltaswarm_orchestrator.text import aligned
+from deltaswarm_orchestrator.base.exits import FAILED, OK
+from deltaswarm_orchestrator.base.text import aligned
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.bench.doctor import Finding

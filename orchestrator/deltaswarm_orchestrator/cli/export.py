@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
 
 FORMATS = ("csv", "rosbag2", "rrd", "mp4")
 
@@ -20,7 +20,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def export(arguments: argparse.Namespace) -> int:
     """Export a recording, and print where it is."""
-    from deltaswarm_orchestrator.export import export as exporting
+    from deltaswarm_orchestrator.export import formats as exporting
 
     out = arguments.out or exporting.default_out(arguments.run, arguments.format)
     try:

@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import OK, CommandError
+from deltaswarm_orchestrator.base.exits import OK, CommandError
 
 
 def add(command: argparse.ArgumentParser) -> None:

@@ -4,8 +4,8 @@ import argparse
 import json
 from importlib.metadata import entry_points
 
-from deltaswarm_orchestrator.exits import OK
-from deltaswarm_orchestrator.text import aligned
+from deltaswarm_orchestrator.base.exits import OK
+from deltaswarm_orchestrator.base.text import aligned
 
 
 def add(command: argparse.ArgumentParser) -> None:

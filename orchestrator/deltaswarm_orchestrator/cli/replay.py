@@ -5,7 +5,7 @@ import importlib
 import tempfile
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import USAGE, complain
+from deltaswarm_orchestrator.base.exits import USAGE, complain
 
 
 def add(command: argparse.ArgumentParser) -> None:

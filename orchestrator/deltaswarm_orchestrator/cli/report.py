@@ -4,7 +4,7 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
-    from deltaswarm_orchestrator.studies.bare import bare_study
+    from deltaswarm_orchestrator.studies.default_study import bare_study
     from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.metrics import ID
     from deltaswarm_orchestrator.studies.origin import provenance_of

@@ -8,15 +8,15 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.cli.arguments import number, whole
-from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.run.scenario import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import RECORDS, Scenario
 
 if TYPE_CHECKING:
-    from deltaswarm_orchestrator.boards.boards import Boards
+    from deltaswarm_orchestrator.boards.files import Boards
 
 DEFAULT_SCENARIO = "paper-25"
 LOOPBACK = "127.0.0.1:0"
@@ -135,9 +135,9 @@ def run(arguments: argparse.Namespace) -> int:
         return FAILED
     from rich.console import Console
 
-    from deltaswarm_orchestrator.run.conduct import RunOptions
-    from deltaswarm_orchestrator.run.conduct import run as run_scenario
     from deltaswarm_orchestrator.run.foxglove_server import LiveError
+    from deltaswarm_orchestrator.run.lifecycle import RunOptions
+    from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
     from deltaswarm_orchestrator.run.station import Station
 
@@ -246,7 +246,7 @@ def _boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
         raise SettingsError(
             [Problem("--boards", "with --in-process", "must not be given: boards are processes of their own")]
         )
-    from deltaswarm_orchestrator.boards.boards import Boards
+    from deltaswarm_orchestrator.boards.files import Boards
 
     folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
     return Boards(tuple(arguments.boards), arguments.listen, folder)

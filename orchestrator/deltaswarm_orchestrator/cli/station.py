@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
 from deltaswarm_orchestrator.run.station import address, open_browser
 
 

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, USAGE, CommandError, complain
 from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for
-from deltaswarm_orchestrator.exits import FAILED, MISSED, OK, USAGE, CommandError, complain
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,9 +56,9 @@ def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
     from deltaswarm_orchestrator.studies.plan import plan
-    from deltaswarm_orchestrator.sweeps.conduct import default_workers
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
-    from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES
+    from deltaswarm_orchestrator.sweeps.runner import default_workers
     from deltaswarm_wire.checked import did_you_mean
 
     is_known = arguments.study in {*COLLECTIONS, *BUILT_IN} or Path(arguments.study).exists()
@@ -145,7 +145,7 @@ def _checked(one: "Study", folder: Path) -> int:
         CommandError: there are no tables, or the run failed.
     """
     from deltaswarm_orchestrator.studies.published import repeat
-    from deltaswarm_orchestrator.sweeps.work import RunError
+    from deltaswarm_orchestrator.sweeps.job import RunError
 
     try:
         repeated = repeat(one, folder)
@@ -171,7 +171,7 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
     """
     from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.origin import provenance_of
-    from deltaswarm_orchestrator.sweeps.shared import take_over
+    from deltaswarm_orchestrator.sweeps.reuse import take_over
 
     runs = folder / "sweep"
     if not arguments.processes:

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
+from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.cli.arguments import whole
-from deltaswarm_orchestrator.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.stopping import STOP_SIGNALS, raise_on_signals
 
 if TYPE_CHECKING:
-    from deltaswarm_orchestrator.sweeps.conduct import SweepResult
     from deltaswarm_orchestrator.sweeps.engine import Engine
     from deltaswarm_orchestrator.sweeps.plan import Sweep
+    from deltaswarm_orchestrator.sweeps.runner import SweepResult
 
 ENGINES = ("local", "dask")
 
@@ -72,9 +72,9 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     Raises:
         CommandError: the sweep could not start, or its tables could not be written.
     """
-    from deltaswarm_orchestrator.sweeps.conduct import conduct
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
     from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
-    from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES
+    from deltaswarm_orchestrator.sweeps.runner import conduct
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
@@ -111,8 +111,8 @@ def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Eng
     Raises:
         CommandError: --scheduler is given for the wrong engine, or Dask is not installed.
     """
-    from deltaswarm_orchestrator.sweeps.conduct import default_workers
     from deltaswarm_orchestrator.sweeps.engine import LocalEngine
+    from deltaswarm_orchestrator.sweeps.runner import default_workers
 
     workers = arguments.jobs or default_workers(means)
     if arguments.engine == "local":

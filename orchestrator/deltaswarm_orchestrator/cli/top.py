@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.base.exits import FAILED, OK, USAGE, complain
 
 INSTALL_TOP = "pip install 'deltaswarm[top]'"
 

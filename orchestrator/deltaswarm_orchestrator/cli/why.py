@@ -5,7 +5,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
 from deltaswarm_wire.keys import OPERATOR
 
 
@@ -29,10 +29,10 @@ def _receiver(text: str) -> int | str:
 
 def why(arguments: argparse.Namespace) -> int:
     """Say whether one agent could hear another, and why not."""
-    from deltaswarm_orchestrator.run import why
+    from deltaswarm_orchestrator.run import link_report
 
-    answer = why.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
-    print(json.dumps(asdict(answer)) if arguments.json else why.text(answer))
+    answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
+    print(json.dumps(asdict(answer)) if arguments.json else link_report.text(answer))
     if answer.differs_from_step is not None:
         complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
         return FAILED

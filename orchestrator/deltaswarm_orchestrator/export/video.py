@@ -9,7 +9,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from deltaswarm_orchestrator.export.export import ExportError
+from deltaswarm_orchestrator.export.formats import ExportError
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.recording.scene import role_colour
 

@@ -18,6 +18,7 @@ from mcap.records import Channel, Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
+from deltaswarm_orchestrator.base.disk import RoomError, no_room, room_for
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.recording.records import RecordingError, records, row_of, values_of
@@ -31,7 +32,6 @@ from deltaswarm_orchestrator.recording.transcriber import (
     steps_between_views,
     workload_message,
 )
-from deltaswarm_orchestrator.room import RoomError, no_room, room_for
 from deltaswarm_wire.operator_messages import Report, Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import EventState, Truth

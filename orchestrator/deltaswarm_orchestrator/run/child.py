@@ -15,7 +15,7 @@ from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from deltaswarm_orchestrator.parent import signal_at_parents_death
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_wire.exits import exit_code_of
 
 GC_THRESHOLD = 100_000

@@ -8,7 +8,7 @@ import atexit
 import os
 import signal
 
-from deltaswarm_orchestrator.parent import signal_at_parents_death
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_orchestrator.run.child import remove_socket_folder
 
 if os.getpid() != os.getsid(0):

@@ -12,7 +12,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.onlookers import Paced, Seen
+from deltaswarm_orchestrator.run.live_observer import Paced, Seen
 from deltaswarm_orchestrator.run.picture import hello, picture
 from deltaswarm_wire.settings import Scenario
 

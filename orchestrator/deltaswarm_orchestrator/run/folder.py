@@ -9,8 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Self
 
-from deltaswarm_orchestrator import room
-from deltaswarm_orchestrator.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base import disk
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.run.results import write_json
 from deltaswarm_orchestrator.run.scenario import to_toml
@@ -20,7 +20,7 @@ from deltaswarm_wire.settings import Scenario
 RUN_FILES = {"manifest.json", "scenario.toml"}
 """Files that every run folder has; a sweep's folder does not have both."""
 
-BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", room.RESERVE, "manifest.json.part"}
+BEGINNING = {*LOCK_FILES, "scenario.toml.part", "scenario.toml", disk.RESERVE, "manifest.json.part"}
 """The only files in the folder of a run that was killed before it had all of RUN_FILES."""
 
 DELETE_TRIES = 10
@@ -93,7 +93,7 @@ class RunFolder:
 
     def go_on(self, manifest: dict[str, Any]) -> None:
         """Reserve disk space and write the manifest; the scenario is already there."""
-        room.keep_reserve(self.path)
+        disk.keep_reserve(self.path)
         self.write_manifest(manifest)
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
@@ -187,7 +187,7 @@ class ResumedFolder(RunFolder):
 
 def _code_of(error: OSError) -> int | None:
     """Return the exit code if the disk is at fault; None if the user is."""
-    return FAILED if room.is_refused(error) else None
+    return FAILED if disk.is_refused(error) else None
 
 
 def _beside(path: Path) -> Path:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-from deltaswarm_orchestrator.exits import CommandError
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.text import aligned, shown
 from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.folder import FolderError
 from deltaswarm_orchestrator.run.folder_lock import is_held
 from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.resume import newest
-from deltaswarm_orchestrator.text import aligned, shown
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.parent import adopt_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.run import child
 from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.run.feed import Pictures
-from deltaswarm_orchestrator.run.onlookers import Paced, Seen
+from deltaswarm_orchestrator.run.live_observer import Paced, Seen
 from deltaswarm_orchestrator.run.picture import hello, picture
 from deltaswarm_wire.settings import Scenario
 

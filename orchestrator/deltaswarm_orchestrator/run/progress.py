@@ -9,8 +9,8 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, TaskID, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from deltaswarm_orchestrator.base.text import shown
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.text import shown
 from deltaswarm_wire.operator_messages import Status
 
 LINE_EVERY_S = 10.0

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import tomli_w
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.run.metrics import metrics
 from deltaswarm_orchestrator.run.outcome import Outcome

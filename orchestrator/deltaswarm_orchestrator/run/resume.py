@@ -5,7 +5,7 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.run.folder import FolderError
 from deltaswarm_wire import checkpoint

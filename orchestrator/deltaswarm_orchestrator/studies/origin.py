@@ -4,7 +4,7 @@ from typing import Any
 
 import pandas as pd
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.studies.study import Study
 
 PROVENANCE = {"what": "What", "value": "Value"}

@@ -6,13 +6,13 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.studies.metrics import ID
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import ORIGIN, runs_of
+from deltaswarm_orchestrator.sweeps.job import Task, work
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_orchestrator.sweeps.table import read_table, row_of, series_of
-from deltaswarm_orchestrator.sweeps.work import Task, work
 
 
 class Repeated(NamedTuple):

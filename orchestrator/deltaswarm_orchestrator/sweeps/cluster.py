@@ -13,10 +13,10 @@ import dask
 from distributed import Client, LocalCluster, as_completed
 from distributed.deploy.spec import close_clusters
 
-from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.exits import complain
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import complain
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
-from deltaswarm_orchestrator.sweeps.work import Result, Task
+from deltaswarm_orchestrator.sweeps.job import Result, Task
 
 CONNECT_WITHIN_S = 10.0
 

@@ -12,9 +12,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
-from deltaswarm_orchestrator.exits import CommandError
-from deltaswarm_orchestrator.parent import signal_at_parents_death
-from deltaswarm_orchestrator.sweeps.work import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, work
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
+from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, work
 
 ATTEMPTS = 2
 """A run whose worker was killed is tried once more: what killed it may have been meant for another."""

@@ -10,8 +10,8 @@ import orjson
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
 from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Result
 from deltaswarm_wire.files import write_whole
 
 Finished = list[tuple[Job, Result]]

@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import orjson
 
-from deltaswarm_orchestrator import provenance
-from deltaswarm_orchestrator.exits import OK, USAGE
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.run import results
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.run.metrics import FollowedEvent, followed
@@ -104,7 +104,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
     try:
         file = folder / "scenario.toml"
         file.write_text(to_toml(task.job.scenario))
-        command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.mortal", str(os.getpid())]
+        command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.dies_with_parent", str(os.getpid())]
         command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
         code, printed, errors = _run_awake(command)
         if code != OK:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from deltaswarm_orchestrator.exits import FAILED, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_wire.exits import NO_ROOM, exit_code_of
 from deltaswarm_wire.settings import Scenario
 

@@ -4,7 +4,7 @@ import runpy
 import signal
 import sys
 
-from deltaswarm_orchestrator.parent import signal_at_parents_death
+from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 
 if __name__ == "__main__":
     signal_at_parents_death(signal.SIGTERM, int(sys.argv[1]))

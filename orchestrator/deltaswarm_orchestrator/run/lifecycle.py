@@ -9,28 +9,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator import provenance, room
-from deltaswarm_orchestrator.boards.boards import Boards, commands
-from deltaswarm_orchestrator.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base import disk, provenance
+from deltaswarm_orchestrator.base.disk import RoomError
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
+from deltaswarm_orchestrator.boards.files import Boards, commands
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
+from deltaswarm_orchestrator.recording.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.recording.thinning import ViewersOnly
-from deltaswarm_orchestrator.room import RoomError
 from deltaswarm_orchestrator.run import results, resume
 from deltaswarm_orchestrator.run.feed import ResearcherFeed
 from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
 from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
+from deltaswarm_orchestrator.run.live_observer import Onlooker, Tap
 from deltaswarm_orchestrator.run.live_socket import LiveSocket
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.onlookers import Onlooker, Tap
 from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.resume import Resumed
 from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
-from deltaswarm_orchestrator.stopping import Stop, decide, stoppable
 from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import sync_folder
@@ -89,7 +89,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
     with stoppable() as stop:
         try:
-            with room.room_in(options.out), _viewer(scenario, options, reporter) as viewer:
+            with disk.room_in(options.out), _viewer(scenario, options, reporter) as viewer:
                 return _run(scenario, options, reporter, stop, viewer)
         except KeyboardInterrupt:
             raise CommandError(f"stopped by {stop.by}", FAILED) from None
@@ -166,7 +166,7 @@ class _Run:
         folder = self._folder.path
         summary: dict[str, Any] = {}
         try:
-            with room.room_in(folder):
+            with disk.room_in(folder):
                 self._begin()
                 with self._recorder() as recorder:
                     self._do_steps(recorder)
@@ -182,7 +182,7 @@ class _Run:
             if summary["complete"]:
                 summary |= {"valid": False, "invalid_because": [*summary["invalid_because"], str(error)]}
         finally:
-            room.give_up_reserve(folder)  # not earlier: recording and tables could use it up
+            disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
         self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
         results.write_json(folder / "summary.json", summary)
         path = self._folder.finish()
@@ -194,7 +194,7 @@ class _Run:
     def _begin(self) -> None:
         """Prepare the folder for the first step."""
         folder = self._folder.path
-        if warning := room.shortage(folder, self._scenario):
+        if warning := disk.shortage(folder, self._scenario):
             self._reporter.say(f"warning: {warning}")
         if self._resumed:
             self._folder.go_on(self._manifest)
@@ -268,7 +268,7 @@ class _Run:
         try:
             self._run_processes(recorder)
         except (LaunchError, ConnectionError) as error:
-            room.check_spare(self._folder.path)  # a part cannot log that the disk is full
+            disk.check_spare(self._folder.path)  # a part cannot log that the disk is full
             self._why.append(str(error))
         except StoppedError:
             pass

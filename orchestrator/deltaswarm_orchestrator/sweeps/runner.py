@@ -10,13 +10,13 @@ from typing import Any
 import pandas as pd
 import tomli_w
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Engine, EngineLostError
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Task
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from deltaswarm_orchestrator import provenance
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 

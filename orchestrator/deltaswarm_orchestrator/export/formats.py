@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from deltaswarm_orchestrator.exits import CommandError
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
 from deltaswarm_orchestrator.recording.reader import recording_in
 from deltaswarm_orchestrator.recording.records import RecordingError

@@ -14,13 +14,13 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli.sweep import described
-from deltaswarm_orchestrator.sweeps.conduct import SweepResult, conduct
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
-from deltaswarm_orchestrator.sweeps.work import IN_PROCESS, PROCESSES, Task, work
+from deltaswarm_orchestrator.sweeps.runner import SweepResult, conduct
 from tests.sweeping import made
 
 Printed = pytest.CaptureFixture[str]
