@@ -5,7 +5,7 @@ import math
 
 import pytest
 
-from deltaswarm_orchestrator.bench import bench, scale
+from deltaswarm_orchestrator.bench import scale, speed
 from deltaswarm_orchestrator.cli import main
 
 
@@ -15,7 +15,7 @@ def test_every_size_has_the_papers_density(agents: int, tiles: int) -> None:
     made = scale.scale_scenario(agents, 100)
     area_m2 = made.arena.width_m * made.arena.height_m
     assert made.agents.count == agents
-    assert agents / area_m2 == pytest.approx(bench.AGENTS_PER_M2)
+    assert agents / area_m2 == pytest.approx(speed.AGENTS_PER_M2)
     assert made.events.rate_hz / agents == pytest.approx(0.05 / 25)
     assert made.run.steps == 100
     assert made.problems() == []
