@@ -8,9 +8,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.session import PASSWORD_VARIABLE, Tls
 from tests.swarms import PATIENCE_S, run
 
@@ -67,7 +67,7 @@ def run_with_board(folder: Path, board: Sequence[str], environment: Mapping[str,
         command = [*board, "--id", str(BOARD), *settings_of(BOARD), "--run", "field", "--connect", over_tls]
         parts.append(start([*command, *tls_arguments(keys, f"agent-{BOARD}")], **environment))
         assert [part.wait(PATIENCE_S) for part in parts] == [0] * len(parts)
-    return results.read_outcome(out)
+    return run_tables.read_outcome(out)
 
 
 def usual_digest(folder: Path) -> str:

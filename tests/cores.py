@@ -27,7 +27,7 @@ from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.controllers.paper.timers import timers
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose

@@ -6,8 +6,8 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.live_observer import Paced
-from deltaswarm_orchestrator.run.picture import picture
+from deltaswarm_orchestrator.live.observer import Paced
+from deltaswarm_orchestrator.live.view import picture
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Status, Workload
 from deltaswarm_wire.truth import Body, EventState, Truth

@@ -11,9 +11,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.settings import Scenario
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 
 STEPS_S = st.integers(1, 400).map(lambda hundredths: hundredths / 100)
 

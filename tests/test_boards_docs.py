@@ -15,7 +15,7 @@ import pytest
 from deltaswarm_agent.board.settings import read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_orchestrator.boards import certificates
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from tests.swarms import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[1]

@@ -13,7 +13,7 @@ import tomli_w
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.files import Boards, authority_folder, commands
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.cable import cable
 from tests.complaints import names

@@ -11,7 +11,7 @@ import zenoh
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.arguments import tls_of
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys

@@ -8,7 +8,7 @@ import pytest
 
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
 from tests.airs import EVERYTHING
 from tests.test_quiet_sleep import BUSY, FAULTS

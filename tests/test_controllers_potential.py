@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from deltaswarm_agent.controller import ControllerContext, Percept, agent_rng
 from deltaswarm_agent.controllers.potential import PotentialController, PotentialSettings
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.messages import NOBODY, Event, Pose
 from deltaswarm_wire.settings import AgentSettings
 

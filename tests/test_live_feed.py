@@ -7,11 +7,11 @@ from pathlib import Path
 import orjson
 import pytest
 
-from deltaswarm_orchestrator.run import live_socket
-from deltaswarm_orchestrator.run.feed import ResearcherFeed, answer
-from deltaswarm_orchestrator.run.live_observer import Paced, Tap
-from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, LiveSocket, connected
-from deltaswarm_orchestrator.run.picture import hello, picture
+from deltaswarm_orchestrator.live import socket as live_socket
+from deltaswarm_orchestrator.live.datagrams import ResearcherFeed, answer
+from deltaswarm_orchestrator.live.observer import Paced, Tap
+from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, LiveSocket, connected
+from deltaswarm_orchestrator.live.view import hello, picture
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from tests.looking import BODIES, EVENTS, STATUS, WORKLOAD, Seen, a_truth, always, pair, received, shown

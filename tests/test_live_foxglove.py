@@ -5,7 +5,7 @@ import sys
 
 PROGRAM = """
 import json, sys, time
-from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
+from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
 from tests.foxglove import stuck_at
 from tests.swarms import wait_until
 

@@ -15,10 +15,10 @@ from packaging.requirements import Requirement
 
 from deltaswarm_orchestrator.bench import doctor
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.folder import RunFolder
-from deltaswarm_orchestrator.run.folder_lock import OWNER
-from deltaswarm_orchestrator.run.results import new_manifest
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.results.folder import RunFolder
+from deltaswarm_orchestrator.results.folder_lock import OWNER
+from deltaswarm_orchestrator.results.run_tables import new_manifest
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario

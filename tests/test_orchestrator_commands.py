@@ -7,9 +7,9 @@ import pytest
 
 from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.results.run_tables import write_tables
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.results import write_tables
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError
 from tests.commanding import script
 

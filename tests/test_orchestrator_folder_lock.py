@@ -11,14 +11,14 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.folder import FolderError, RunFolder
-from deltaswarm_orchestrator.run.folder_lock import CLAIM, LOCK, LOCK_FILES, OWNER, FolderLock, HeldError, is_held
+from deltaswarm_orchestrator.results.folder import FolderError, RunFolder
+from deltaswarm_orchestrator.results.folder_lock import CLAIM, LOCK, LOCK_FILES, OWNER, FolderLock, HeldError, is_held
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 
 KILLED = """
 import errno, fcntl, os, sys
 from pathlib import Path
-from deltaswarm_orchestrator.run.folder_lock import FolderLock
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 def none(handle, operation):
     raise OSError(errno.ENOSYS, "Function not implemented")
 fcntl.flock = none

@@ -7,7 +7,7 @@ import pytest
 
 from deltaswarm_agent.controllers.potential import PotentialController
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import decode_act
 from deltaswarm_wire.operator_messages import decode_report

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.results.metrics import arrival_digests, followed, metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.metrics import arrival_digests, followed, metrics
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, EventState

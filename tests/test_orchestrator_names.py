@@ -6,7 +6,7 @@ import tomllib
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 

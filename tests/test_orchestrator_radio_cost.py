@@ -6,7 +6,7 @@ import pytest
 
 from deltaswarm_orchestrator.bench import radio_cost
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.settings_radio import RadioSettings
 
 

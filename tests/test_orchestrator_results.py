@@ -13,18 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
-from deltaswarm_orchestrator.run.metrics import metrics
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.results import (
+from deltaswarm_orchestrator.results.metrics import metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.run_tables import (
     OPERATOR_COLUMNS,
     read_outcome,
     summary,
     write_json,
     write_tables,
 )
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
+from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.operator_messages import Workload

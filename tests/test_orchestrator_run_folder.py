@@ -13,12 +13,12 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run import folder as run_folder
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.folder import FolderError, FolderTakenError, RunFolder
-from deltaswarm_orchestrator.run.folder_lock import LOCK, is_held
-from deltaswarm_orchestrator.run.results import new_manifest
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.results import folder as run_folder
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.folder import FolderError, FolderTakenError, RunFolder
+from deltaswarm_orchestrator.results.folder_lock import LOCK, is_held
+from deltaswarm_orchestrator.results.run_tables import new_manifest
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 
 
 def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
@@ -147,13 +147,13 @@ def test_the_command_keeps_a_run_whose_name_was_taken(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """One line and exit code 1; `info` shows the whole run."""
-    written = results.write_tables
+    written = run_tables.write_tables
 
-    def then_it_appears(folder: Path, outcome: results.Outcome, *, keep_unmerged: bool) -> None:
+    def then_it_appears(folder: Path, outcome: run_tables.Outcome, *, keep_unmerged: bool) -> None:
         written(folder, outcome, keep_unmerged=keep_unmerged)
         work(tmp_path / "run")
 
-    monkeypatch.setattr(results, "write_tables", then_it_appears)
+    monkeypatch.setattr(run_tables, "write_tables", then_it_appears)
     short = ["run", "smoke", "--set", "run.duration_s=20", "--record", "off", "--in-process"]
     assert main([*short, "--out", str(tmp_path / "run"), "--force"]) == 1
     printed = capsys.readouterr()
@@ -227,8 +227,8 @@ def test_what_a_resume_needs_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.
 CROWD = """
 import errno, fcntl, os, sys
 from pathlib import Path
-from deltaswarm_orchestrator.run.folder_lock import LOCK_FILES, is_held
-from deltaswarm_orchestrator.run.folder import FolderError, RunFolder
+from deltaswarm_orchestrator.results.folder_lock import LOCK_FILES, is_held
+from deltaswarm_orchestrator.results.folder import FolderError, RunFolder
 
 def none(handle, operation):
     raise OSError(errno.ENOSYS, "Function not implemented")

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_orchestrator.run.scenario import BUILT_IN, load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import BUILT_IN, load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError, load, plain
 from deltaswarm_wire.settings import RECORDS, AgentSettings, Scenario
 from tests.complaints import names

@@ -16,13 +16,13 @@ import pytest
 from numpy import arange
 
 from deltaswarm_orchestrator.base.signals import Stop
+from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.processes.process import Part
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.run import watch
-from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.part import Part
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report

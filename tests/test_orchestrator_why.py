@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.inspect.link_report import Answer, ask
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.link_report import Answer, ask
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.settings import Scenario
 from tests.airs import EVERYTHING
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from deltaswarm_orchestrator.report.plots import scale, style, swarm
 from deltaswarm_orchestrator.report.plots.swarm import KINDS
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_orchestrator.studies import snapshot
 from deltaswarm_orchestrator.studies.page import CHARTS
 from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels

@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.report.plots.density import phi
 from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_orchestrator.studies.snapshot import Snapshot, snapshot
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.settings import Scenario

@@ -16,11 +16,11 @@ from typing import Any, cast
 import pytest
 
 from deltaswarm_orchestrator.base import disk
+from deltaswarm_orchestrator.processes import launch
+from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.recording.names import ACTIONS
-from deltaswarm_orchestrator.run import launch
-from deltaswarm_orchestrator.run.folder import RunFolder
-from deltaswarm_orchestrator.run.part import Part, wait_for
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.results.folder import RunFolder
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import AGENT
 from tests.swarms import (
     BOUND_S,
@@ -121,7 +121,8 @@ def test_who_is_silent_is_given_up_and_named(stopped: list[str], tmp_path: Path)
 def test_a_part_that_starts_when_its_run_has_ended_says_nothing(tmp_path: Path) -> None:
     """Its folder has another name by then: it ends, without a traceback on the terminal."""
     source = (
-        "from multiprocessing import Pipe; from pathlib import Path; from deltaswarm_orchestrator.run import child;"
+        "from multiprocessing import Pipe; from pathlib import Path;"
+        "from deltaswarm_orchestrator.processes import child;"
         f"child.main('json', [], {{}}, Path({str(tmp_path / 'gone' / 'log')!r}), Pipe()[0], None, False)"
     )
     ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True, check=False)

@@ -14,14 +14,14 @@ from typing import Any
 
 import pytest
 
+from deltaswarm_orchestrator.processes import launch
+from deltaswarm_orchestrator.processes.fork_server import kill_fork_server
+from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.run import launch
-from deltaswarm_orchestrator.run.fork_server import kill_fork_server
+from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.results import read_outcome
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.keys import WORLD
 from tests.swarms import COMMAND, PATIENCE_S, UNHURRIED, is_running, parent_of, running, wait_until
 

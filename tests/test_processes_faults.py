@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_world.__main__ import main
 from tests.swarms import BOUND_S, UNHURRIED, is_running, run, running, wait_until
 

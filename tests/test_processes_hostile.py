@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import ACT, FRAME, RADIO, REPORT, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from tests.stranger import RUBBISH
@@ -49,9 +49,9 @@ class Stage:
         wait_for_end(self.swarm, self.observer)
         assert not self.swarm.join(PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)
-        return results.summary(results.read_outcome(self.folder), scenario) | {
-            "world": results.read_outcome(self.folder).world,
-            "operator": results.read_outcome(self.folder).operator,
+        return run_tables.summary(run_tables.read_outcome(self.folder), scenario) | {
+            "world": run_tables.read_outcome(self.folder).world,
+            "operator": run_tables.read_outcome(self.folder).operator,
         }
 
 

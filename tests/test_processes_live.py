@@ -12,11 +12,11 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.foxglove import CHANNELS, stuck_at, url_of, viewing
 from tests.swarms import COMMAND, UNHURRIED, running, wait_until
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire import checked
 from tests.swarms import COMMAND, PATIENCE_S, running
 

@@ -10,9 +10,9 @@ import pytest
 
 from deltaswarm_operator.console import Console
 from deltaswarm_operator.console_server import ConsoleServer
+from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.results import summary
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload

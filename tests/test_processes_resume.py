@@ -20,9 +20,9 @@ from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.results import read_outcome
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, wait_until
 
 pytestmark = pytest.mark.processes

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 from tests.swarms import PATIENCE_S, run, started, wait_until
@@ -59,8 +59,8 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
             wait_until(has_ended, "the end of the run")
             assert agent.wait(PATIENCE_S) == 0
         assert not swarm.join(5)
-    outcome = results.read_outcome(tmp_path)
-    summary = results.summary(outcome, scenario)
+    outcome = run_tables.read_outcome(tmp_path)
+    summary = run_tables.summary(outcome, scenario)
     assert summary["valid"], summary["invalid_because"]
     inside = run(tmp_path / "inside", "--in-process", "--record", "off", "--set", "run.duration_s=100")
     assert summary["digest"] == inside["digest"]

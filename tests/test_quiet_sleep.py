@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.airs import EVERYTHING
 
 BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")

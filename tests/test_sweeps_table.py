@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep

@@ -12,8 +12,8 @@ from textual.pilot import Pilot
 from textual.widgets import Sparkline, Static, TabbedContent
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.folder import RunFolder
-from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, LiveSocket, short_path
+from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, LiveSocket, short_path
+from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.top.app import BANNER, NO_TRUTH, Top
 from deltaswarm_orchestrator.top.link import Link, NoRunError, linked
 from deltaswarm_wire.settings import Scenario

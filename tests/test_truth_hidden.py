@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controller import agent_rng
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import seeds
 from deltaswarm_wire.seeds import agent_seed
 from deltaswarm_world.arrivals import PLACES_STREAM, TIMES_STREAM

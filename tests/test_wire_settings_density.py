@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.run.scenario import commented_toml, load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario, to_toml
 from deltaswarm_wire import settings_density
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import Scenario

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError, check, load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FAULTS, FaultSettings

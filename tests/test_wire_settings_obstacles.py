@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import Scenario
 

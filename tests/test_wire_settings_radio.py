@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.run.scenario import load_scenario, reference, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, reference, to_toml
 from deltaswarm_wire.checked import Problem, SettingsError, load, plain
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.settings import Scenario

@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink

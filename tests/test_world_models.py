@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS
 from deltaswarm_world.air.channel.model import Context

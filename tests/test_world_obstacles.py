@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_orchestrator.inspect.link_report import ask
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.link_report import ask
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_obstacles import ObstacleSettings

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE, WHO
 from tests.swarms import PATIENCE_S, started
@@ -89,9 +89,9 @@ def _run(folder: Path, scenario_name: str, settings: Sequence[str]) -> Ended:
             observer.leave_when_done()
             for role in (WORLD, OPERATOR):
                 peak_mb[role] = max(peak_mb.get(role, 0.0), _memory_mb(swarm.part(role).pid))
-    outcome = results.read_outcome(folder)
+    outcome = run_tables.read_outcome(folder)
     log_kb = (folder / "logs" / "world-0.log").stat().st_size / 1000
-    return Ended(results.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb, log_kb)
+    return Ended(run_tables.summary(outcome, scenario), outcome, time.monotonic() - began, peak_mb, log_kb)
 
 
 def _memory_mb(pid: int) -> float:

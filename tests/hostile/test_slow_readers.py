@@ -13,10 +13,10 @@ from typing import Any
 import pytest
 import zenoh
 
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, FRAME, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
@@ -69,7 +69,7 @@ def play(folder: Path, link: str = "") -> tuple[dict[str, Any], str]:
 def _finish(swarm: Swarm, observer: Observer, last: int, folder: Path) -> tuple[dict[str, Any], str]:
     swarm.start_agents([last])
     wait_for_end(swarm, observer, BOUND_S)
-    return results.read_outcome(folder).world, (folder / "logs" / "world-0.log").read_text()
+    return run_tables.read_outcome(folder).world, (folder / "logs" / "world-0.log").read_text()
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import signal
 from pathlib import Path
 from random import Random
 
+from deltaswarm_orchestrator.inspect import info
+from deltaswarm_orchestrator.processes.process import HOW, UNKNOWN
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.run import info
-from deltaswarm_orchestrator.run.part import HOW, UNKNOWN
 from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, play, resume
 
 KILL = signal.SIGKILL

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_downlink import CommandSettings

@@ -9,8 +9,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from deltaswarm_orchestrator.run.fork_server import bare_main_module, safe_path
-from deltaswarm_orchestrator.run.launch import PRELOADED
+from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
+from deltaswarm_orchestrator.processes.launch import PRELOADED
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
 
 use_one_worker_thread()

@@ -4,7 +4,7 @@ from dataclasses import replace
 from typing import Any
 
 from deltaswarm_orchestrator.bench.scale import WARM_UP_STEPS, in_turns, median_of, scale_scenario
-from deltaswarm_orchestrator.run.scenario import load_scenario
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.settings import Scenario
 
 ALL_ON = (

@@ -9,10 +9,10 @@ from typing import Any
 
 from deltaswarm_orchestrator.bench import floors
 from deltaswarm_orchestrator.bench.scale import in_turns, median_of
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.launch import Swarm
+from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.scenario import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.settings import Scenario
 
@@ -91,7 +91,7 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
                     if is_half_way and not pss_mb:  # while all are running and share memory
                         pss_mb = max(_pss_mb(p.pid) for p in swarm.parts if p.role == AGENT)
                     observer.leave_when_done()
-        summary = results.summary(results.read_outcome(folder), scenario)
+        summary = run_tables.summary(run_tables.read_outcome(folder), scenario)
         if not summary["valid"]:
             raise RuntimeError(f"the measured run is not valid: {summary['invalid_because']}")
         return {"swarm": summary["steps_per_s"], "startup_s": startup_s, "pss_mb": pss_mb}

@@ -18,8 +18,8 @@ from websockets.extensions.permessage_deflate import ClientPerMessageDeflateFact
 from websockets.uri import parse_uri
 
 from deltaswarm_orchestrator.bench.speed import bench_scenario
-from deltaswarm_orchestrator.run.scenario import to_toml
-from deltaswarm_orchestrator.run.station import address
+from deltaswarm_orchestrator.processes.station import address
+from deltaswarm_orchestrator.scenarios.load import to_toml
 
 ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
 """Number of pages open at the station; None: there is no station."""

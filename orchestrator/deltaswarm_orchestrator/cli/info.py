@@ -16,7 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def info(arguments: argparse.Namespace) -> int:
     """Describe a run from its folder."""
-    from deltaswarm_orchestrator.run import info
+    from deltaswarm_orchestrator.inspect import info
 
     if not arguments.folder.is_dir():
         unfinished = arguments.folder.with_name(f"{arguments.folder.name}.part")

@@ -28,7 +28,7 @@ def list_all(arguments: argparse.Namespace) -> int:
 
 def known() -> dict[str, dict[str, str]]:
     """Return every name that a command or a settings file may use, by kind, with a line about it."""
-    from deltaswarm_orchestrator.run.scenario import files_in
+    from deltaswarm_orchestrator.scenarios.load import files_in
     from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
     from deltaswarm_wire.commands import forms_of
     from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS, find_controller

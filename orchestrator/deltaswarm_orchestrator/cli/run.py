@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.cli.arguments import number, whole
-from deltaswarm_orchestrator.run.scenario import BUILT_IN, commented_toml, load_scenario
+from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import RECORDS, Scenario
@@ -135,11 +135,11 @@ def run(arguments: argparse.Namespace) -> int:
         return FAILED
     from rich.console import Console
 
-    from deltaswarm_orchestrator.run.foxglove_server import LiveError
+    from deltaswarm_orchestrator.live.foxglove_server import LiveError
+    from deltaswarm_orchestrator.processes.station import Station
     from deltaswarm_orchestrator.run.lifecycle import RunOptions
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
-    from deltaswarm_orchestrator.run.station import Station
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
     boards = _boards_of(arguments, out)

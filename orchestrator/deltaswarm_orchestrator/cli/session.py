@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.base.exits import OK, complain
 from deltaswarm_orchestrator.base.signals import begin_anew
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import whole
-from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
 
 RECORD = "session.json"
 

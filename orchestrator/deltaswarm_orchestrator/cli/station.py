@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
-from deltaswarm_orchestrator.run.station import address, open_browser
+from deltaswarm_orchestrator.processes.station import address, open_browser
 
 
 def add(command: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ def _receiver(text: str) -> int | str:
 
 def why(arguments: argparse.Namespace) -> int:
     """Say whether one agent could hear another, and why not."""
-    from deltaswarm_orchestrator.run import link_report
+    from deltaswarm_orchestrator.inspect import link_report
 
     answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
     print(json.dumps(asdict(answer)) if arguments.json else link_report.text(answer))

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from deltaswarm_orchestrator.export.snapshots import Film
-from deltaswarm_orchestrator.run.results import write_csv
+from deltaswarm_orchestrator.results.run_tables import write_csv
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.truth import Body, EventState

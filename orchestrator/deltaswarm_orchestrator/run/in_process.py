@@ -15,7 +15,7 @@ from deltaswarm_agent.controller import Controller, ControllerError, make_contro
 from deltaswarm_operator.console import Console
 from deltaswarm_operator.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.run.outcome import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD

@@ -14,22 +14,22 @@ from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import Boards, commands
+from deltaswarm_orchestrator.live.datagrams import ResearcherFeed
+from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
+from deltaswarm_orchestrator.live.observer import Onlooker, Tap
+from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
+from deltaswarm_orchestrator.live.socket import LiveSocket
+from deltaswarm_orchestrator.processes.launch import LaunchError, StoppedError, Swarm
+from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
-from deltaswarm_orchestrator.recording.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.run import results, resume
-from deltaswarm_orchestrator.run.feed import ResearcherFeed
-from deltaswarm_orchestrator.run.folder import ResumedFolder, RunFolder
-from deltaswarm_orchestrator.run.foxglove_server import FoxgloveServer
-from deltaswarm_orchestrator.run.launch import LaunchError, StoppedError, Swarm
-from deltaswarm_orchestrator.run.live_observer import Onlooker, Tap
-from deltaswarm_orchestrator.run.live_socket import LiveSocket
+from deltaswarm_orchestrator.results import resume, run_tables
+from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.resume import Resumed
-from deltaswarm_orchestrator.run.station import Station, announce
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.checked import Problem, SettingsError
@@ -150,11 +150,11 @@ class _Run:
         self._disk_is_full = False
         if resumed:
             self._manifest = json.loads((folder.path / "manifest.json").read_text())
-            self._manifest |= {"exit_reason": results.RUNNING}
+            self._manifest |= {"exit_reason": run_tables.RUNNING}
             self._manifest["resumed"] = [*self._manifest["resumed"], {"at": provenance.now(), "step": resumed.step}]
         else:
             engine = "in-process" if options.in_process else "processes"
-            self._manifest = results.new_manifest(scenario, engine, scenario.record)
+            self._manifest = run_tables.new_manifest(scenario, engine, scenario.record)
             self._manifest |= {"checkpoint_steps": options.checkpoint_steps, "resumed": []}
         self._checkpoint_steps: int = self._manifest["checkpoint_steps"]
 
@@ -172,7 +172,7 @@ class _Run:
                     self._do_steps(recorder)
                     summary = self._conclude()
                     if isinstance(recorder, Recorder):
-                        recorder.close(self._manifest, results.person_tables(folder))
+                        recorder.close(self._manifest, run_tables.person_tables(folder))
                 self._write_tables()
         except (RoomError, KeyboardInterrupt) as error:
             self._stop.conclude()
@@ -184,7 +184,7 @@ class _Run:
         finally:
             disk.give_up_reserve(folder)  # not earlier: recording and tables could use it up
         self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
-        results.write_json(folder / "summary.json", summary)
+        run_tables.write_json(folder / "summary.json", summary)
         path = self._folder.finish()
         decide(OK if summary["valid"] else FAILED)
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
@@ -209,7 +209,7 @@ class _Run:
         folder = self._folder.path
         assert self._outcome is not None
         can_go_on = self._can_go_on(folder)
-        results.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
+        run_tables.write_tables(folder, self._outcome, keep_unmerged=can_go_on)
         if not can_go_on:
             shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
 
@@ -330,8 +330,8 @@ class _Run:
     def _conclude(self) -> dict[str, Any]:
         """Return the summary, and update the manifest to agree with it."""
         if self._outcome is None:
-            self._outcome = results.read_outcome(self._folder.path)
-        summary = results.summary(self._outcome, self._scenario)
+            self._outcome = run_tables.read_outcome(self._folder.path)
+        summary = run_tables.summary(self._outcome, self._scenario)
         by = self._stop.by
         reason = "finished" if summary["complete"] else f"stopped by {by}" if by else "failed"
         if not summary["complete"]:

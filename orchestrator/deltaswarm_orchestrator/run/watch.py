@@ -4,12 +4,12 @@ import time
 from collections.abc import Sequence
 
 from deltaswarm_orchestrator.base.signals import Stop
-from deltaswarm_orchestrator.run.launch import END_WITHIN_S, LaunchError, Swarm
-from deltaswarm_orchestrator.run.live_observer import Onlooker
+from deltaswarm_orchestrator.live.observer import Onlooker
+from deltaswarm_orchestrator.processes.launch import END_WITHIN_S, LaunchError, Swarm
+from deltaswarm_orchestrator.processes.process import Part, wait_for
+from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
-from deltaswarm_orchestrator.run.part import Part, wait_for
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_orchestrator.run.station import STATION
 from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from deltaswarm_orchestrator.run.scenario import files_in
+from deltaswarm_orchestrator.scenarios.load import files_in
 from deltaswarm_orchestrator.studies.checks import problems_of
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN as METRICS
 from deltaswarm_orchestrator.studies.settings import StudyFile

@@ -11,7 +11,7 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-from deltaswarm_orchestrator.run.folder_lock import LOCK, FolderLock, HeldError
+from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.files import write_whole

@@ -21,12 +21,12 @@ import orjson
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
-from deltaswarm_orchestrator.run import results
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.metrics import FollowedEvent, followed
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.run.in_process import run_in_process
-from deltaswarm_orchestrator.run.metrics import FollowedEvent, followed
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.results import OPERATOR_COLUMNS
-from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import StepRecord
@@ -77,7 +77,7 @@ def work(task: Task) -> Result:
         outcome, summary = _by_processes(task)
     else:
         outcome = run_in_process(scenario)
-        summary = results.summary(outcome, scenario)
+        summary = run_tables.summary(outcome, scenario)
     if not summary["valid"]:
         raise RunError(f"not valid: {'; '.join(summary['invalid_because'])}")
     return {
@@ -115,7 +115,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         late = summary["agents_late"] if task.job.scenario.run.clock == "lockstep" else 0
         if lost or late:  # a valid run, but not of this scenario's swarm
             raise DisturbedError(f"agents lost: {lost or 'none'}, late: {late}\n{errors}")
-        return results.read_outcome(folder / "run"), summary
+        return run_tables.read_outcome(folder / "run"), summary
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run import scenario as scenarios
+from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError

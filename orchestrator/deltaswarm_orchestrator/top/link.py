@@ -9,8 +9,8 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.folder_lock import is_held
-from deltaswarm_orchestrator.run.live_socket import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.results.folder_lock import is_held
 
 DATAGRAM_BYTES = 4 << 20
 DEPTHS = ("", "*/", "*/*/", "*/*/*/")

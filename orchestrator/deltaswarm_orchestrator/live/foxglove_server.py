@@ -15,7 +15,7 @@ from typing import Any, Self
 
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from deltaswarm_orchestrator.recording.rate_limit import Thinned
+from deltaswarm_orchestrator.live.rate_limit import Thinned
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 

@@ -9,7 +9,7 @@ import os
 import signal
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
-from deltaswarm_orchestrator.run.child import remove_socket_folder
+from deltaswarm_orchestrator.processes.child import remove_socket_folder
 
 if os.getpid() != os.getsid(0):
     os.setsid()

@@ -15,13 +15,13 @@ from typing import Self
 from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.base.kernel import adopt_orphans
-from deltaswarm_orchestrator.run import child
-from deltaswarm_orchestrator.run.fork_server import bare_main_module, kill_fork_server, safe_path
-from deltaswarm_orchestrator.run.part import UNKNOWN, Part, wait_for
-from deltaswarm_orchestrator.run.passwords import Passwords
-from deltaswarm_orchestrator.run.results import write_json
-from deltaswarm_orchestrator.run.resume import Resumed
-from deltaswarm_orchestrator.run.station import STATION, Station, write_briefing
+from deltaswarm_orchestrator.processes import child
+from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
+from deltaswarm_orchestrator.processes.passwords import Passwords
+from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
+from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
+from deltaswarm_orchestrator.results.resume import Resumed
+from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
@@ -35,7 +35,7 @@ MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERAT
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
 """The main module of each role. Parts are referred to by module name and not imported here."""
 
-PRELOADED = ["deltaswarm_orchestrator.run.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
+PRELOADED = ["deltaswarm_orchestrator.processes.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
 
 END_WITHIN_S = 5.0

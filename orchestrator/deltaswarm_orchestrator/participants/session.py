@@ -10,7 +10,7 @@ from json import dumps
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.run import scenario as scenarios
+from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.seeds import agent_seed

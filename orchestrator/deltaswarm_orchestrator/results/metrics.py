@@ -5,7 +5,7 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.run.outcome import Outcome
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState
 

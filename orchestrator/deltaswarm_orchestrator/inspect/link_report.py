@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.inspect.info import read_run
 from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
-from deltaswarm_orchestrator.run.info import read_run
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.operator_messages import Clock

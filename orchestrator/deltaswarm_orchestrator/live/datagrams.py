@@ -12,8 +12,8 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.live_observer import Paced, Seen
-from deltaswarm_orchestrator.run.picture import hello, picture
+from deltaswarm_orchestrator.live.observer import Paced, Seen
+from deltaswarm_orchestrator.live.view import hello, picture
 from deltaswarm_wire.settings import Scenario
 
 MAX_INTENT_BYTES = 16_384

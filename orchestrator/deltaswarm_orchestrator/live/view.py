@@ -7,7 +7,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.run.live_observer import Seen
+from deltaswarm_orchestrator.live.observer import Seen
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import Body, EventState, Truth

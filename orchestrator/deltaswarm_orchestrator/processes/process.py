@@ -9,7 +9,7 @@ from contextlib import suppress
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
 
-from deltaswarm_orchestrator.run.fork_server import wake_fork_server
+from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
 from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, WORLD
 

@@ -11,9 +11,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deltaswarm_orchestrator.run.feed import Pictures
-from deltaswarm_orchestrator.run.live_observer import Paced, Seen
-from deltaswarm_orchestrator.run.picture import hello, picture
+from deltaswarm_orchestrator.live.datagrams import Pictures
+from deltaswarm_orchestrator.live.observer import Paced, Seen
+from deltaswarm_orchestrator.live.view import hello, picture
 from deltaswarm_wire.settings import Scenario
 
 LIVE_SOCKET = "live.sock"

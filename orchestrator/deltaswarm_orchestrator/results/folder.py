@@ -11,9 +11,9 @@ from typing import Any, Self
 
 from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-from deltaswarm_orchestrator.run.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
-from deltaswarm_orchestrator.run.results import write_json
-from deltaswarm_orchestrator.run.scenario import to_toml
+from deltaswarm_orchestrator.results.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
+from deltaswarm_orchestrator.results.run_tables import write_json
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_wire.files import sync_folder, write_whole
 from deltaswarm_wire.settings import Scenario
 

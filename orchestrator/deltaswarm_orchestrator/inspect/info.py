@@ -8,11 +8,11 @@ from typing import Any, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.text import aligned, shown
-from deltaswarm_orchestrator.run import results
-from deltaswarm_orchestrator.run.folder import FolderError
-from deltaswarm_orchestrator.run.folder_lock import is_held
-from deltaswarm_orchestrator.run.outcome import Outcome
-from deltaswarm_orchestrator.run.resume import newest
+from deltaswarm_orchestrator.results import run_tables
+from deltaswarm_orchestrator.results.folder import FolderError
+from deltaswarm_orchestrator.results.folder_lock import is_held
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.resume import newest
 from deltaswarm_wire import checked
 from deltaswarm_wire.settings import Scenario
 
@@ -32,11 +32,11 @@ def describe(folder: Path) -> dict[str, Any]:
     scenario, outcome = read_run(folder)
     manifest = _read(folder / "manifest.json", json.loads)
     written = folder / "summary.json"
-    summary = _read(written, json.loads) if written.exists() else results.summary(outcome, scenario)
+    summary = _read(written, json.loads) if written.exists() else run_tables.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
     found = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
     try:
-        if manifest["exit_reason"] == results.RUNNING and summary["complete"]:
+        if manifest["exit_reason"] == run_tables.RUNNING and summary["complete"]:
             reason = "all steps are done, and the run was not concluded"
             summary |= {"complete": False, "valid": False, "invalid_because": [reason, *summary["invalid_because"]]}
         found["state"] = _state(folder, manifest, summary)
@@ -49,7 +49,7 @@ def describe(folder: Path) -> dict[str, Any]:
 
 def _checkpoint_step(folder: Path, state: str) -> int | None:
     """Return the step after which an interrupted run can be resumed; None if it cannot."""
-    if state == results.RUNNING:
+    if state == run_tables.RUNNING:
         return None
     try:
         return newest(folder).step
@@ -61,10 +61,10 @@ def _state(folder: Path, manifest: dict[str, Any], summary: dict[str, Any]) -> s
     """Return whether the run is complete, is running, or ended too early, and why."""
     if summary["complete"]:
         return "complete"
-    if manifest["exit_reason"] != results.RUNNING:
+    if manifest["exit_reason"] != run_tables.RUNNING:
         return f"incomplete ({manifest['exit_reason']})"
     died = "incomplete (killed, its machine stopped, or its disk was full)"
-    return {True: results.RUNNING, False: died, None: f"{results.RUNNING}, or {died}"}[is_held(folder)]
+    return {True: run_tables.RUNNING, False: died, None: f"{run_tables.RUNNING}, or {died}"}[is_held(folder)]
 
 
 def read_run(folder: Path) -> tuple[Scenario, Outcome]:
@@ -79,7 +79,7 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
         raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({found})")
     scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
     try:
-        return scenario, results.read_outcome(folder)
+        return scenario, run_tables.read_outcome(folder)
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise NotARunError(f"the tables in {folder} cannot be read: {error!r}") from None
 

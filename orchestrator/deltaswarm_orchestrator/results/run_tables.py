@@ -12,8 +12,8 @@ import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
-from deltaswarm_orchestrator.run.metrics import metrics
-from deltaswarm_orchestrator.run.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload

@@ -1,0 +1,1 @@
+"""A run while it is under way, for viewers: none of them can slow it."""
