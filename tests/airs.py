@@ -10,8 +10,8 @@ import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_orchestrator.bench.radio_cost import ALL_ON
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.air.radio import Air, Reception
-from deltaswarm_world.arrays import Floats
+from deltaswarm_world.core.air.radio import Air, Reception
+from deltaswarm_world.core.arrays import Floats
 
 OBSTACLES = (
     "arena.obstacles=[{corners_m=[[12,12],[16,12],[16,28],[12,28]]},"

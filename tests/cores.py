@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 from hypothesis import strategies as st
 
-from deltaswarm_agent.agent_core import AgentCore
 from deltaswarm_agent.controller import make_controller
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.frames import (
@@ -26,6 +25,7 @@ from deltaswarm_agent.controllers.paper.frames import (
 from deltaswarm_agent.controllers.paper.membership import Membership
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.controllers.paper.timers import timers
+from deltaswarm_agent.core.agent_core import AgentCore
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load

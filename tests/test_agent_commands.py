@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.agent_core import AgentCore, StepOutput
-from deltaswarm_agent.commands import ANSWERED_S, LONGEST_INTERVAL_S, MAX_KNOWN, CommandRelay
 from deltaswarm_agent.controller import Controller, Decision, OperatorReport, Percept
+from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
+from deltaswarm_agent.core.commands import ANSWERED_S, LONGEST_INTERVAL_S, MAX_KNOWN, CommandRelay
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
 from deltaswarm_wire.commands import AGENT, BASE, CIRCLE, PLACE, TREE, CommandForm, Target, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample

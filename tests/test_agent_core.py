@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.agent_core import FORGET_SENDER_S, AgentCore, Receiver, StepOutput
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, OperatorReport, Percept
+from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, AgentCore, Receiver, StepOutput
 from deltaswarm_wire.codec import MAX_AGENT_ID, MAX_ID, MAX_RADIO_BYTES
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import (

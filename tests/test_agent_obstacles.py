@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
-from deltaswarm_agent.obstacles import Obstacles
+from deltaswarm_agent.core.obstacles import Obstacles
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
-from deltaswarm_world.obstacles import Obstacles as WorldObstacles
+from deltaswarm_world.core.obstacles import Obstacles as WorldObstacles
 from tests.shapes import SIDE_M, Place, deepest_m, depth_m, places, polygons
 
 SQUARE = ObstacleSettings(((10.0, 10.0), (20.0, 10.0), (20.0, 20.0), (10.0, 20.0)))

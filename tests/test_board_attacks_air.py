@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.presence import INSISTS, RECENT
-from deltaswarm_operator.process_tracker import RESTART_S
+from deltaswarm_operator.core.presence import INSISTS, RECENT
+from deltaswarm_operator.core.process_tracker import RESTART_S
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.codec import pack

@@ -13,10 +13,10 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from deltaswarm_agent.__main__ import main as agent_main
-from deltaswarm_agent.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_agent.board.inbox import Inbox
+from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.base import Base
+from deltaswarm_operator.core.base import Base
 from deltaswarm_wire.commands import BASE, Command, Relayed, Signed, Target, encode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, Sent, encode_sample, encode_sent
 from deltaswarm_wire.keys import RADIO, REPORT, Keys

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock

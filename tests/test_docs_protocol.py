@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_agent import agent_core, process
 from deltaswarm_agent.board import inbox
+from deltaswarm_agent.core import agent_core
+from deltaswarm_agent.io import process
 from deltaswarm_wire import access, codec, commands, envelope, keys, messages, operator_messages, session, settings
 from deltaswarm_wire.commands import (
     Command,

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator import picture
-from deltaswarm_operator.base import MAX_FRAME_BYTES, REPEAT_S, Base
-from deltaswarm_operator.commander import Commander
-from deltaswarm_operator.console import Console
+from deltaswarm_operator.core import picture
+from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
+from deltaswarm_operator.core.commander import Commander
+from deltaswarm_operator.core.console import Console
 from deltaswarm_wire.commands import (
     ALL,
     MAX_SIGNATURE_BYTES,

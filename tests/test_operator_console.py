@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.action_log import ActionLog
-from deltaswarm_operator.commander import MAX_QUEUE, Commander
-from deltaswarm_operator.console import Console
+from deltaswarm_operator.core.commander import MAX_QUEUE, Commander
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Answer, Clock, Report, Workload

@@ -14,9 +14,9 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
-from deltaswarm_operator.open_air import OpenAirConfig, OpenAirOperator
-from deltaswarm_operator.process import End
-from deltaswarm_operator.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SAMPLE_BYTES, Arrival, Inbox
+from deltaswarm_operator.io.open_air import OpenAirConfig, OpenAirOperator
+from deltaswarm_operator.io.process import End
+from deltaswarm_operator.io.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SAMPLE_BYTES, Arrival, Inbox
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.measures import HIGH_LOAD, Measures
-from deltaswarm_operator.person import Act, Person, Read, SetDelta
-from deltaswarm_operator.picture import Item
+from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
+from deltaswarm_operator.core.person import Act, Person, Read, SetDelta
+from deltaswarm_operator.core.picture import Item
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.settings_operator import NONE, THRESHOLD, PersonSettings

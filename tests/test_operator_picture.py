@@ -7,7 +7,7 @@ from random import Random
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.picture import EVENT_MEMORY_S, LEFT, Picture, item_row
+from deltaswarm_operator.core.picture import EVENT_MEMORY_S, LEFT, Picture, item_row
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, ReportedMember
 

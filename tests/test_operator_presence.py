@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
-from deltaswarm_operator.process_tracker import RESTART_S, RETURNS
+from deltaswarm_operator.core.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
+from deltaswarm_operator.core.process_tracker import RESTART_S, RETURNS
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report

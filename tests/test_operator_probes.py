@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.probes import SCALES, Probes
+from deltaswarm_operator.core.probes import SCALES, Probes
 from deltaswarm_wire.settings_operator import ProbeSettings
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_operator.process import End
-from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_operator.io.process import End
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator import replay as module
-from deltaswarm_operator.console import Console
-from deltaswarm_operator.replay import RecordedStep, Replay
-from deltaswarm_operator.replaying import read
+from deltaswarm_operator.core import replay as module
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.replay import RecordedStep, Replay
+from deltaswarm_operator.io.replaying import read
 from deltaswarm_wire.operator_messages import Clock
 from tests.commanding import script
 from tests.cores import swarm

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.workload import SlidingRate, WorkloadMeter
+from deltaswarm_operator.core.workload import SlidingRate, WorkloadMeter
 from deltaswarm_wire import digest
 from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import Event

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.console import Console
+from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.participants.session import load_session, order_of, plan, square

@@ -27,7 +27,7 @@ from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.truth import Truth
-from deltaswarm_world.retransmit_buffer import AHEAD_STEPS
+from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS
 from tests.swarms import started, wait_until
 
 PATIENCE_S = 60.0

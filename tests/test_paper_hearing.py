@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.agent_core import FORGET_SENDER_S
 from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder, Sighting, decode, encode
 from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Event, decode_act, encode_act

@@ -9,8 +9,8 @@ import pytest
 from deltaswarm_orchestrator.report.plots.density import level_holding, phi
 from deltaswarm_wire.settings import ArenaSettings, Scenario
 from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
-from deltaswarm_world.density import Places
-from deltaswarm_world.obstacles import Obstacles
+from deltaswarm_world.core.density import Places
+from deltaswarm_world.core.obstacles import Obstacles
 
 ARENA = ArenaSettings(80.0, 40.0)
 MIXTURE = (

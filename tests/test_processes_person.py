@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.console import Console
-from deltaswarm_operator.console_server import ConsoleServer
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.console_server import ConsoleServer
 from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario

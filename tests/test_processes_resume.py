@@ -14,10 +14,10 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_agent import saving
 from deltaswarm_agent.controller import ControllerContext
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_agent.io import saving
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
@@ -177,13 +177,13 @@ def test_a_controller_that_cannot_be_saved_is_refused(tmp_path: Path, monkeypatc
 def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It acts in time; each of ten checkpoints would wait for it as long as for a start."""
     (tmp_path / "forgetful.py").write_text(
-        "import deltaswarm_agent.process\n"
+        "import deltaswarm_agent.io.process\n"
         "from deltaswarm_agent.controllers.potential import PotentialController\n"
         "class Forgetful(PotentialController):\n"
         "    def __init__(self, context):\n"
         "        super().__init__(context)\n"
         "        if context.agent == 3:\n"
-        "            deltaswarm_agent.process._save = lambda *_: None\n"
+        "            deltaswarm_agent.io.process._save = lambda *_: None\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     sets = ["control={mode='forgetful:Forgetful'}", "run.duration_s=50", "run.step_timeout_s=1"]

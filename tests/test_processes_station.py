@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator import replaying
-from deltaswarm_operator.replay import Replay
+from deltaswarm_operator.core.replay import Replay
+from deltaswarm_operator.io import replaying
 from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests import persons, swarms

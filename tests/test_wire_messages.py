@@ -21,7 +21,7 @@ from deltaswarm_wire.operator_messages import (
     encode_health,
     encode_report,
 )
-from deltaswarm_world.core import HEARD_BYTES
+from deltaswarm_world.core.world import HEARD_BYTES
 from tests.strategies import (
     CODECS,
     FRAME,

@@ -11,7 +11,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_agent.commands import AHEAD_S, MAX_KNOWN, CommandRelay
+from deltaswarm_agent.core.commands import AHEAD_S, MAX_KNOWN, CommandRelay
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import (

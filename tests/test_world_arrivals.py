@@ -13,10 +13,10 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.arrivals import Arrival, Arrivals
-from deltaswarm_world.density import Places
-from deltaswarm_world.environment import Environment
-from deltaswarm_world.obstacles import Obstacles
+from deltaswarm_world.core.arrivals import Arrival, Arrivals
+from deltaswarm_world.core.density import Places
+from deltaswarm_world.core.environment import Environment
+from deltaswarm_world.core.obstacles import Obstacles
 
 STANDS = {"mean_m": [20.0, 20.0], "covariance_m2": [[30.0, 0.0], [0.0, 30.0]]}
 MOVES = {**STANDS, "path_m": [[5.0, 5.0], [35.0, 5.0], [20.0, 35.0]], "path_s": [0.0, 100.0, 150.0]}

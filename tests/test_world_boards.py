@@ -3,7 +3,7 @@
 from typing import Any
 
 from deltaswarm_wire.operator_messages import Report, encode_report
-from deltaswarm_world.lockstep import Attendance, LockStep
+from deltaswarm_world.core.lockstep import Attendance, LockStep
 from tests.worlds import Stage
 
 AGENT, BOARD = 0, 1

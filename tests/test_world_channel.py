@@ -16,12 +16,12 @@ from deltaswarm_wire.settings_radio import (
     PathLossSettings,
     WallSettings,
 )
-from deltaswarm_world.air.channel.asymmetry import Asymmetry
-from deltaswarm_world.air.channel.chance import Bursts, Contention
-from deltaswarm_world.air.channel.links import Ends, LinkDraws, Links
-from deltaswarm_world.air.channel.queues import DelayLine, Packet, RateLimitedQueue
-from deltaswarm_world.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
-from deltaswarm_world.air.channel.zones import Blackouts, Jammers, Walls
+from deltaswarm_world.core.air.channel.asymmetry import Asymmetry
+from deltaswarm_world.core.air.channel.chance import Bursts, Contention
+from deltaswarm_world.core.air.channel.links import Ends, LinkDraws, Links
+from deltaswarm_world.core.air.channel.queues import DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.reach import SHADOWING_CUT, PathLoss, RangeDisc
+from deltaswarm_world.core.air.channel.zones import Blackouts, Jammers, Walls
 from tests.airs import Stage
 
 Place = tuple[float, float]

@@ -4,7 +4,7 @@ import pytest
 
 from deltaswarm_wire.commands import BASE, Turn
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, decode_frame, encode_frame
-from deltaswarm_world.turns import LIVE
+from deltaswarm_world.core.turns import LIVE
 from tests.commanding import a_command, sign
 from tests.worlds import Stage
 

@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.keys import AGENT, OPERATOR
-from deltaswarm_world.control_input import ControlInput, ControlQueue, Persisted, Token
-from deltaswarm_world.lockstep import MAX_RETURNS, LockStep
+from deltaswarm_world.core.lockstep import MAX_RETURNS, LockStep
+from deltaswarm_world.io.control_input import ControlInput, ControlQueue, Persisted, Token
 
 TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
 

@@ -15,10 +15,10 @@ from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import ArenaSettings, Scenario
 from deltaswarm_wire.settings_density import DensitySettings
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
-from deltaswarm_world.arrays import Floats
-from deltaswarm_world.density import DENSEST_EVERY_S, Places, load_grid
-from deltaswarm_world.environment import Environment
-from deltaswarm_world.obstacles import Obstacles
+from deltaswarm_world.core.arrays import Floats
+from deltaswarm_world.core.density import DENSEST_EVERY_S, Places, load_grid
+from deltaswarm_world.core.environment import Environment
+from deltaswarm_world.core.obstacles import Obstacles
 
 PAPER = [[50.0, 0.0], [0.0, 50.0]]
 DRAWS = 4000
@@ -79,7 +79,7 @@ def test_everything_is_in_the_arena(right: float, up: float, xx: float, yy: floa
 
 def test_a_density_outside_the_arena_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """With an error that names the key, instead of drawing for ever."""
-    monkeypatch.setattr("deltaswarm_world.density.MAX_BATCHES", 5)
+    monkeypatch.setattr("deltaswarm_world.core.density.MAX_BATCHES", 5)
     with pytest.raises(ValueError, match=r"events\.density must"):
         places({"mean_m": [5000, 5000], "covariance_m2": PAPER}, 1)
 

@@ -14,9 +14,9 @@ from deltaswarm_wire.commands import MAX_IN_TURN, Pace, Turn, decode_command, de
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_downlink import FIRST_STEP
-from deltaswarm_world.downlink import Downlink
-from deltaswarm_world.rhythm import Rhythm
-from deltaswarm_world.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
+from deltaswarm_world.core.downlink import Downlink
+from deltaswarm_world.core.rhythm import Rhythm
+from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
 from tests.commanding import a_command, sign
 
 PLACES = np.array([[0.0, 0.0], [3.0, 4.0], [30.0, 40.0]])

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.environment import Environment, EventRecord
+from deltaswarm_world.core.environment import Environment, EventRecord
 from tests.cores import play, swarm
 
 Rows = list[tuple[int, float, float, float]]

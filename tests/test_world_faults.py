@@ -13,9 +13,9 @@ from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import FAULTS, TO_PROCESSES
-from deltaswarm_world.event_ids import EventIds
-from deltaswarm_world.faults.kinds import KINDS
-from deltaswarm_world.faults.timeline import Faults
+from deltaswarm_world.core.event_ids import EventIds
+from deltaswarm_world.core.faults.kinds import KINDS
+from deltaswarm_world.core.faults.timeline import Faults
 
 COUNT, STEPS = 8, 40
 ALL = frozenset(range(COUNT))

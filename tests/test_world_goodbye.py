@@ -10,14 +10,14 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.session import RouterLink
-from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.control_input import ControlQueue, Persisted, Token
-from deltaswarm_world.output import WorldOutput
-from deltaswarm_world.process import WorldProcess
-from deltaswarm_world.retransmit_buffer import ClosedStep
-from deltaswarm_world.saving import SavedWorld
-from deltaswarm_world.transport import Transport
-from deltaswarm_world.wakeup import Wakeup
+from deltaswarm_world.core.retransmit_buffer import ClosedStep
+from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.control_input import ControlQueue, Persisted, Token
+from deltaswarm_world.io.files import WorldOutput
+from deltaswarm_world.io.process import WorldProcess
+from deltaswarm_world.io.saving import SavedWorld
+from deltaswarm_world.io.transport import Transport
+from deltaswarm_world.io.wakeup import Wakeup
 
 LAST = 3
 AGENTS = [Token(AGENT, agent, True) for agent in range(6)]

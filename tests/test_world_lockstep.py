@@ -5,7 +5,7 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from deltaswarm_world.lockstep import FORGIVEN_STEPS, LockStep, TimeoutBackoff
+from deltaswarm_world.core.lockstep import FORGIVEN_STEPS, LockStep, TimeoutBackoff
 
 AGENTS = range(5)
 agents = st.integers(0, 6)

@@ -6,9 +6,9 @@ from pathlib import Path
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import DROP_REASONS
-from deltaswarm_world.air.channel.model import Context
-from deltaswarm_world.air.channel.models import MODELS, models_of
-from deltaswarm_world.air.channel.reach import RangeDisc
+from deltaswarm_world.core.air.channel.model import Context
+from deltaswarm_world.core.air.channel.models import MODELS, models_of
+from deltaswarm_world.core.air.channel.reach import RangeDisc
 from tests.airs import EVERYTHING
 
 

@@ -13,8 +13,8 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_obstacles import ObstacleSettings
-from deltaswarm_world.environment import Environment, EventRecord
-from deltaswarm_world.obstacles import Obstacles
+from deltaswarm_world.core.environment import Environment, EventRecord
+from deltaswarm_world.core.obstacles import Obstacles
 from tests.airs import OBSTACLES, Stage
 from tests.cores import play, swarm
 from tests.shapes import SIDE_M, Place, deepest_m, depth_m, places, polygons

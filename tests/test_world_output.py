@@ -6,8 +6,8 @@ import pytest
 
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import Scenario
-from deltaswarm_world.core import WorldCore
-from deltaswarm_world.output import EVENTS_SO_FAR, WorldOutput
+from deltaswarm_world.core.world import WorldCore
+from deltaswarm_world.io.files import EVENTS_SO_FAR, WorldOutput
 
 
 @pytest.mark.parametrize("complete", [True, False])

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.pace import RealTimePace
+from deltaswarm_world.core.pace import RealTimePace
 
 TICK_S = 0.25
 """A sum of powers of two, as all times here are: no rounding."""

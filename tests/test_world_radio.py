@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_wire.truth import DROP_REASONS
-from deltaswarm_world.air.radio import Reception
-from deltaswarm_world.arrays import Floats
+from deltaswarm_world.core.air.radio import Reception
+from deltaswarm_world.core.arrays import Floats
 from tests.airs import Stage, radios
 
 RANGE_M = 10.0

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.retransmit_buffer import ClosedStep, HandingOn
+from deltaswarm_world.core.retransmit_buffer import ClosedStep, HandingOn
 
 
 class Listener:

@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_world.air.trace import TracedAir
+from deltaswarm_world.core.air.trace import TracedAir
 from tests.airs import Stage, radios
 
 AGENTS = 3

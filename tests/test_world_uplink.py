@@ -15,11 +15,11 @@ from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.truth import UPLINK_REASONS
-from deltaswarm_world.air.radio import Air
-from deltaswarm_world.core import WorldCore
-from deltaswarm_world.uplink.relay import TIME_TO_LIVE_S
-from deltaswarm_world.uplink.trace import TracedUplink
-from deltaswarm_world.uplink.uplink import Uplink
+from deltaswarm_world.core.air.radio import Air
+from deltaswarm_world.core.uplink.relay import TIME_TO_LIVE_S
+from deltaswarm_world.core.uplink.trace import TracedUplink
+from deltaswarm_world.core.uplink.uplink import Uplink
+from deltaswarm_world.core.world import WorldCore
 from tests.airs import rates, shares, times
 
 LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]

@@ -9,8 +9,8 @@ from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Act, Frame, TreeStatus, encode_act
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.truth import StepRecord
-from deltaswarm_world.core import WorldCore
-from deltaswarm_world.environment import EventRecord
+from deltaswarm_world.core.environment import EventRecord
+from deltaswarm_world.core.world import WorldCore
 
 
 def sample(counter: int, payload: bytes = b"here") -> bytes:

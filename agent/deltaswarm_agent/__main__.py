@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from deltaswarm_agent.controller import ControllerError
-from deltaswarm_agent.process import AgentConfig, run_agent
+from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import add_link_arguments, link_of, program
 from deltaswarm_wire.commands import BASE

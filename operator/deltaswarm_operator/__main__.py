@@ -11,10 +11,10 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-from deltaswarm_operator.commanding import add_arguments, commanding_of
-from deltaswarm_operator.open_air import OpenAirConfig, run_open_air
-from deltaswarm_operator.output import TABLE
-from deltaswarm_operator.process import OperatorConfig, run_operator
+from deltaswarm_operator.core.commanding import add_arguments, commanding_of
+from deltaswarm_operator.io.files import TABLE
+from deltaswarm_operator.io.open_air import OpenAirConfig, run_open_air
+from deltaswarm_operator.io.process import OperatorConfig, run_operator
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules
 from deltaswarm_wire.arguments import (

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, ClassVar
 from deltaswarm_agent.controller import ControllerContext, Decision, Percept
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
-from deltaswarm_agent.process import AgentConfig
+from deltaswarm_agent.io.process import AgentConfig
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys

@@ -20,8 +20,8 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, FRAME, OPERATOR, RECORDER, Keys
 from deltaswarm_wire.session import RouterLink, client_pairs, configured
-from deltaswarm_world.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, trusted_sessions
-from deltaswarm_world.transport import open_router
+from deltaswarm_world.io.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, trusted_sessions
+from deltaswarm_world.io.transport import open_router
 from tests.hostile.attacker import WHO
 from tests.swarms import BOUND_S, started, wait_for_end, wait_until
 

@@ -28,9 +28,9 @@ from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_fault import TO_PROCESSES
-from deltaswarm_world.config import WorldConfig
-from deltaswarm_world.run import run_world
-from deltaswarm_world.saving import load
+from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.run import run_world
+from deltaswarm_world.io.saving import load
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 

@@ -17,7 +17,7 @@ from deltaswarm_agent.board.process import BoardRun, run_board
 from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettings, read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.controller import ControllerError
-from deltaswarm_agent.process import AgentConfig, run_agent
+from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire.arguments import program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP

@@ -7,8 +7,8 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.body import NOWHERE, Body, Sensed
+from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_wire.codec import MAX_ABS_M, MAX_ID
 from deltaswarm_wire.messages import FREE, MAX_SENSED, Event, Frame, Heard
 

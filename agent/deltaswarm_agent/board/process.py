@@ -11,7 +11,6 @@ from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING, Protocol
 
-from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.board.driver import Driver
 from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
@@ -21,8 +20,9 @@ from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_agent.board.signals import Stop, stop_on_signals
 from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
 from deltaswarm_agent.body import BodyContext
-from deltaswarm_agent.commands import Verify
 from deltaswarm_agent.controller import make_controller
+from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
+from deltaswarm_agent.core.commands import Verify
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.keys import RADIO, REPORT

@@ -29,6 +29,6 @@ def replay(arguments: argparse.Namespace) -> int:
         except (RecordingError, OSError) as error:
             complain(f"{arguments.run}: {error}")
             return USAGE
-        replaying = importlib.import_module("deltaswarm_operator.replaying")
+        replaying = importlib.import_module("deltaswarm_operator.io.replaying")
         code: int = replaying.main([str(steps), "--run", arguments.run.name, "--listen", arguments.listen])
     return code

@@ -21,7 +21,7 @@ from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 
 def write_steps(run: Path, file: Path) -> None:
-    """Write the briefing and the steps of a run, as `deltaswarm_operator.replaying` reads them.
+    """Write the briefing and the steps of a run, as `deltaswarm_operator.io.replaying` reads them.
 
     Raises:
         RecordingError: the recording is damaged, or holds no step.

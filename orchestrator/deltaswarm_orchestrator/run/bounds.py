@@ -17,8 +17,8 @@ from deltaswarm_agent.controllers.central.way import ATTENDING, way
 from deltaswarm_agent.recurring import Recurring
 from deltaswarm_wire.messages import FREE, Event, Pose
 from deltaswarm_wire.settings import AgentSettings, Scenario
-from deltaswarm_world.chance import generator
-from deltaswarm_world.core import WorldCore
+from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.world import WorldCore
 
 SAMPLES = 1000
 """Places drawn from the density, for its posts and patrols."""

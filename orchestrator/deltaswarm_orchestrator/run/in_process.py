@@ -10,10 +10,10 @@ from collections.abc import Callable
 from logging import WARNING
 from typing import Any
 
-from deltaswarm_agent.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.controller import Controller, ControllerError, make_controller
-from deltaswarm_operator.console import Console
-from deltaswarm_operator.workload import WorkloadMeter
+from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -24,8 +24,8 @@ from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
 from deltaswarm_wire.settings import AgentSettings, Scenario
 from deltaswarm_wire.truth import StepRecord
-from deltaswarm_world import tracing
-from deltaswarm_world.core import WorldCore
+from deltaswarm_world.core import tracing
+from deltaswarm_world.core.world import WorldCore
 
 STATUS_EVERY_STEPS = 500
 

@@ -10,7 +10,7 @@ from random import Random
 from deltaswarm_agent.controller import Velocity
 from deltaswarm_agent.controllers.paper.finds import RANDOM, RETURNING
 from deltaswarm_agent.controllers.paper.returning import FoundPlaces
-from deltaswarm_agent.obstacles import Obstacles, Stride
+from deltaswarm_agent.core.obstacles import Obstacles, Stride
 from deltaswarm_wire.messages import MAX_POSES
 from deltaswarm_wire.settings import AgentSettings
 

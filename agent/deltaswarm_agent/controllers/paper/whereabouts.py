@@ -3,7 +3,7 @@
 from collections import deque
 
 from deltaswarm_agent.controllers.paper.frames import PaperFrame
-from deltaswarm_agent.obstacles import Obstacles
+from deltaswarm_agent.core.obstacles import Obstacles
 from deltaswarm_wire.messages import Pose
 from deltaswarm_wire.settings import AgentSettings
 

@@ -1,0 +1,174 @@
+"""An agent around its controller: decodes, numbers and encodes messages, and checks what the controller returns."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
+from deltaswarm_agent.core.commands import CommandRelay, Verify
+from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
+from deltaswarm_wire.commands import BASE, Command, forms_of
+from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
+from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
+from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Answer, Report, decode_report, encode_report
+from deltaswarm_wire.plugins import described
+
+ENVELOPE_BYTES = 16
+"""What a radio frame takes besides its payload and the commands that it relays."""
+
+FORGET_SENDER_S = 20.0
+"""After this silence a sender may restart its counter."""
+
+
+_opened = lru_cache(maxsize=256)(decode_sample)
+"""Caches a frame with many receivers in one process."""
+
+
+class StepOutput(NamedTuple):
+    """An agent's output in one step; the act closes it."""
+
+    act: Act
+    act_bytes: bytes
+    counter: int
+    """The radio frame's counter, if there is a frame."""
+    radio: bytes | None
+    report: Report | None
+    report_bytes: bytes | None
+
+
+class Receiver:
+    """Decodes the envelopes of radio frames and keeps the newest frame of each sender."""
+
+    def __init__(self, agent: int, step_s: float) -> None:
+        self.rejected = 0
+        """Frames that broke the protocol."""
+        self._agent = agent
+        self._forget_steps = round(FORGET_SENDER_S / step_s)
+        self._newest: dict[int, tuple[int, int]] = {}
+
+    def newest_of(self, heard: Sequence[Heard], now: int) -> tuple[list[tuple[int, bytes]], list[bytes]]:
+        """Return the newest payload of each sender, in sender order, and the commands that the frames relay.
+
+        Late and duplicate frames are dropped.
+        """
+        newest: dict[int, bytes] = {}
+        relayed: list[bytes] = []
+        known = self._newest
+        for sender, data in heard:
+            try:
+                counter, payload, commands = _opened(data)
+            except WireError:
+                self.rejected += 1
+                continue
+            before = known.get(sender)
+            is_new = before is None or counter > before[0] or now - before[1] > self._forget_steps
+            if is_new and sender != self._agent:
+                known[sender] = (counter, now)
+                if payload is not None and sender != BASE:
+                    newest[sender] = payload
+                if commands:
+                    relayed += commands
+        return [(sender, newest[sender]) for sender in sorted(newest)], relayed
+
+
+class AgentCore:
+    """One agent without input and output. `step` is its only mutating method.
+
+    Args:
+        agent: its id.
+        step_s: length of a step [s].
+        controller: what decides.
+        verify: whether a command's signature is the operator's; without it every command is believed.
+    """
+
+    def __init__(self, agent: int, step_s: float, controller: Controller, verify: Verify | None = None) -> None:
+        self.agent = agent
+        self.controller = controller
+        self.commands = CommandRelay(step_s, forms_of(controller), verify)
+        self.rows_cut = 0
+        """Events and members that did not fit into a report."""
+        self._receiver = Receiver(agent, step_s)
+        self._counter = 0
+        self._sequence = 0
+        self._root = NOBODY
+
+    @property
+    def rejected_frames(self) -> int:
+        """Received frames with an invalid envelope."""
+        return self._receiver.rejected
+
+    @property
+    def counts(self) -> str:
+        """Counts for the log: its own, and the controller's own."""
+        counts = {"rejected_envelopes": self.rejected_frames, "report_rows_cut": self.rows_cut}
+        counts |= getattr(self.controller, "counts", {})
+        return ", ".join(f"{name} {count}" for name, count in counts.items())
+
+    def step(self, frame: Frame) -> StepOutput:
+        """Decide. Frames come in order of their steps; steps may be missing between them.
+
+        Raises:
+            ControllerError: the controller raised, or returned an invalid decision.
+        """
+        step, time_s, _, x_m, y_m, poses, events, heard = frame
+        frames: list[tuple[int, bytes]] = []
+        commands: tuple[Command, ...] = ()
+        if heard:
+            frames, relayed = self._receiver.newest_of(heard, step)
+            if relayed:
+                new = self.commands.hear(relayed, step)
+                commands = tuple([one for one in new if one.target.covers(self.agent, (x_m, y_m), self._root)])
+        percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
+        try:
+            decision = self.controller.step(percept)
+            return self._outbound(checked_act(decision, step), decision, (x_m, y_m))
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # SystemExit too: it would end a run in one process
+            name = f"{type(self.controller).__module__}:{type(self.controller).__qualname__}"
+            raise ControllerError(f"controller {name} failed in step {step}: {described(error)}") from error
+
+    def _outbound(self, act: Act, decision: Decision, pose: Pose) -> StepOutput:
+        """Number and encode. Raises ValueError for values that the wire cannot carry."""
+        radio = report = report_bytes = None
+        counter, payload, relay = self._counter, decision.payload, self.commands
+        if decision.done or decision.refused:
+            relay.note(decision.done, decision.refused)
+        self._root = act.tree_status.root
+        items: tuple[bytes, ...] = ()
+        answers: tuple[Answer, ...] = ()
+        if relay.known:
+            items = relay.due(act.step, MAX_RADIO_BYTES - ENVELOPE_BYTES - len(payload or b""))
+            answers = relay.answers()
+            wake = relay.next_step(act.step)
+            if wake is not None and wake < act.until:
+                act = act._replace(until=wake)
+        if payload is not None or items:
+            radio = encode_sample(Sample(counter, payload, items))
+            self._counter += 1
+        told = decision.report
+        if told is not None:
+            report = Report(
+                self.agent,
+                self._sequence,
+                act.step,
+                act.tree_status.role,
+                *pose,
+                told.followers,
+                self._rows(told.events, MAX_REPORTED, "events"),
+                self._rows(told.members, MAX_MEMBERS, "members"),
+                answers,
+                act.tree_status.delta,
+            )
+            report_bytes = encode_report(report)
+            report = decode_report(report_bytes)  # a controller may be third-party code
+            self._sequence += 1
+        return StepOutput(act, encode_act(act), counter, radio, report, report_bytes)
+
+    def _rows(self, rows: Any, most: int, name: str) -> tuple[Any, ...]:
+        if not isinstance(rows, tuple | list):
+            raise TypeError(f"report.{name} must be a tuple of {name} (got {type(rows).__name__})")
+        if len(rows) > most:
+            self.rows_cut += len(rows) - most
+            rows = rows[:most]
+        return tuple(rows)

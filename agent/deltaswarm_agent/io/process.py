@@ -1,0 +1,199 @@
+"""The agent's process: the only file of an agent that uses Zenoh."""
+
+import logging
+import os
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import cast
+
+from deltaswarm_agent.controller import ControllerError, make_controller
+from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
+from deltaswarm_agent.io import saving
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
+from deltaswarm_wire.messages import decode_frame
+from deltaswarm_wire.orders import decode_save, encode_taken
+from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
+from deltaswarm_wire.settings import AgentSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.agent")
+
+FRAME_QUEUE = 64
+GOODBYE_S = 3.0
+"""Time that an agent waits after its last act for the world to exit."""
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """Configuration of one agent process."""
+
+    run: str
+    agent: int
+    link: RouterLink
+    settings: AgentSettings
+    restart: int = 0
+    """Earlier starts of this agent in this run."""
+    world_lost_s: float = 5.0
+    """Time without a world after which the agent exits."""
+    checkpoints: Path | None = None
+    """The folder for its part of checkpoints; None: no checkpoints."""
+    resume_step: int | None = None
+    """Resume the agent that was saved after this step."""
+
+
+class WorldWatch:
+    """Watches the world's liveliness token and exits the process without a world."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, patience_s: float) -> None:
+        self.gone = threading.Event()
+        self._patience_s = patience_s
+        self._timer: threading.Timer | None = None
+        self._ending = False
+        self._subscriber = session.liveliness().declare_subscriber(keys.token(WORLD), self._on_token, history=True)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer = None
+        if sample.kind == zenoh.SampleKind.DELETE:
+            self.gone.set()
+            if not self._ending:
+                self._timer = threading.Timer(self._patience_s, self._give_up)
+                self._timer.daemon = True
+                self._timer.start()
+        else:
+            self.gone.clear()
+
+    def _give_up(self) -> None:
+        log.error("no world for %g s: this agent exits", self._patience_s)
+        logging.shutdown()
+        os._exit(1)  # the main thread is blocked in Zenoh
+
+    def goodbye(self) -> None:
+        """Wait for the world's exit, which is expected from now on."""
+        self._ending = True
+        self.gone.wait(GOODBYE_S)
+
+
+class Outbox:
+    """The agent's publishers."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, agent: int) -> None:
+        def publisher(leaf: str, message: str) -> zenoh.Publisher:
+            return session.declare_publisher(
+                keys.agent(agent, leaf),
+                encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{message}.v1"),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+
+        self._radio = publisher(RADIO, "Radio")
+        self._report = publisher(REPORT, "Report")
+        self._act = publisher(ACT, "Act")
+        self._taken = publisher(TAKEN, "Taken")
+
+    def wait_until_heard(self) -> None:
+        """Wait until each publisher knows a subscriber; before that it silently sends nothing."""
+        for publisher in (self._radio, self._report, self._act):
+            heard = threading.Event()
+
+            def note(status: zenoh.MatchingStatus, heard: threading.Event = heard) -> None:
+                if status.matching:
+                    heard.set()
+
+            listener = publisher.declare_matching_listener(note)
+            note(cast(zenoh.MatchingStatus, publisher.matching_status))
+            heard.wait()
+            listener.undeclare()
+
+    def send(self, said: StepOutput) -> None:
+        """Send a step's output. The act closes the step: it comes last, attached to the radio frame if any."""
+        if said.report_bytes is not None:
+            self._report.put(said.report_bytes)
+        if said.radio is not None:
+            self._radio.put(said.radio, attachment=said.act_bytes)
+        else:
+            self._act.put(said.act_bytes)
+
+    def taken(self, step: int) -> None:
+        """Confirm that the agent's state after this step is saved."""
+        self._taken.put(encode_taken(step))
+
+
+def _core(config: AgentConfig) -> tuple[AgentCore, int]:
+    """Make or resume the agent; return it with the step of its newest frame. Check that it can be saved, if needed."""
+    if config.checkpoints is not None and config.resume_step is not None:
+        return saving.load(config.checkpoints, config.resume_step, config.agent)
+    controller = make_controller(config.agent, config.settings, config.restart)
+    core = AgentCore(config.agent, config.settings.step_s, controller)
+    if config.checkpoints is not None:
+        saving.saved(core, -1)
+    return core, -1
+
+
+def _save(config: AgentConfig, core: AgentCore, newest: int, step: int, outbox: Outbox) -> None:
+    """Save the agent and confirm it to the world. If that fails, log it and continue without this checkpoint."""
+    try:
+        if config.checkpoints is None:
+            raise ControllerError("--checkpoints must be given to save an agent")
+        saving.save(config.checkpoints, step, core, newest)
+    except (ControllerError, OSError) as error:
+        log.error("agent %d cannot be saved after step %d: %s", config.agent, step, error)
+    else:
+        outbox.taken(step)
+
+
+def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
+    """Run one agent until its last frame; return the exit code. `on_ready` is called once its token is declared.
+
+    Raises:
+        ValueError: the controller's options have mistakes, or the user's own Zenoh settings are refused.
+        ControllerError: the controller failed.
+    """
+    zenoh.init_log_from_env_or("error")
+    keys = Keys(config.run)
+    core, newest = _core(config)
+    settings = configured(zenoh.Config, client_pairs(config.link), config.link)
+    try:
+        opened = zenoh.open(settings)
+    except zenoh.ZError as error:
+        log.error("agent %d cannot join the world at %s: %s", config.agent, config.link.endpoint, error)
+        return 1
+    with opened as session:
+        frames = session.declare_subscriber(keys.agent(config.agent, FRAME), zenoh.handlers.FifoChannel(FRAME_QUEUE))
+        outbox = Outbox(session, keys, config.agent)
+        watch = WorldWatch(session, keys, config.world_lost_s)
+        outbox.wait_until_heard()
+        token = session.liveliness().declare_token(keys.token(AGENT, config.agent))
+        log.info("agent %d is ready", config.agent)
+        on_ready()
+        rejected = 0
+        while True:
+            sample = frames.recv()
+            data = sample.payload.to_bytes()
+            try:
+                if sample.attachment is not None:
+                    _save(config, core, newest, decode_save(data), outbox)
+                    continue
+                frame = decode_frame(data)
+            except WireError as error:
+                rejected += 1
+                if rejected == 1:
+                    log.warning("dropped a frame: %s", error)
+                continue
+            if frame.step <= newest:
+                continue
+            newest = frame.step
+            outbox.send(core.step(frame))
+            if frame.last:
+                break
+        watch.goodbye()
+        token.undeclare()
+    log.info(
+        "agent %d exits after step %d; rejected world's frames %d, %s", config.agent, newest, rejected, core.counts
+    )
+    return 0

@@ -1,0 +1,245 @@
+"""The simulated operator: one server with one queue, whose speed depends on its load (sources: `docs/OPERATOR.md`).
+
+Pure: the new items of a closed step, its time and the message rate in; acts out. All times are simulated [s].
+
+An overloaded person with the policy `threshold` changes delta. In the paper (Sensitivity to delta, figure 5) delta 10
+behaves as decentralised control. A smaller delta is more centralised and sends the operator fewer messages, down to
+delta 3; below 3 there are more roots, which report more. Here delta 5 sends the fewest messages. So the right direction
+and limit of the change are not obvious: the settings `delta_step` and `delta_limit` give them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import exp
+from random import Random
+from typing import Any, NamedTuple
+
+from deltaswarm_operator.core.measures import Measures
+from deltaswarm_operator.core.picture import Item, item_of
+from deltaswarm_wire.settings_operator import PersonSettings
+
+
+class Read(NamedTuple):
+    """The person has read an item; `numbers` also has the items that it replaced."""
+
+    numbers: tuple[int, ...]
+
+
+class SetDelta(NamedTuple):
+    """The person commands a delta to all agents."""
+
+    delta: int
+
+
+Act = Read | SetDelta
+
+
+@dataclass
+class _Entry:
+    """An item that waits to be read, with its number and those of the items that it replaced."""
+
+    item: Item
+    numbers: list[int]
+
+
+@dataclass
+class _Job:
+    """The person's present work, with its start and end."""
+
+    began_s: float
+    ends_s: float
+    entry: _Entry | None
+    delta: int = 0
+
+
+@dataclass
+class Person:
+    """One simulated person.
+
+    Args:
+        settings: the person's parameters.
+        rng: the person's own generator; a copy of the person has a copy of it.
+        threshold_hz: the message rate to stay below [1/s].
+        delta: the swarm's initial delta; None if the controller takes no delta.
+    """
+
+    settings: PersonSettings
+    rng: Random
+    threshold_hz: float
+    delta: int | None = None
+    load: float = 0.0
+    """The utilisation state x, from 0 to 1."""
+    measures: Measures = field(default_factory=Measures)
+    _now_s: float = 0.0
+    _rate_hz: float | None = None
+    _drawn: int = 0
+    _waiting: list[_Entry] = field(default_factory=list)
+    _job: _Job | None = None
+    _commanded_s: float | None = None
+    _first_delta: int | None = None
+
+    def __post_init__(self) -> None:
+        self._first_delta = self.delta
+
+    @property
+    def unread(self) -> int:
+        """Number of waiting items, including the item being read."""
+        return len(self._waiting) + (self._job is not None and self._job.entry is not None)
+
+    @property
+    def isa(self) -> int:
+        """The answer to the ISA question, from 1 to 5: the load in five equal bands."""
+        return min(5, 1 + int(5 * self.load))
+
+    def live(self, now_s: float, items: Sequence[Item], rate_hz: float) -> list[Act]:
+        """Advance to the end of a step, then take in its items and rate; return the acts completed by then."""
+        acts: list[Act] = []
+        while True:
+            if self._job is None:
+                self._job = self._begin()
+            if self._job is None or self._job.ends_s > now_s:
+                break
+            self._pass(self._job.ends_s)
+            acts.append(self._finish(self._job))
+            self._job = None
+        self._pass(now_s)
+        for item in items:
+            self._take(item)
+        self._renege()
+        self._rate_hz = rate_hz
+        self.measures.see_unread(self.unread)
+        return acts
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The metrics of the run so far, for JSON."""
+        return self.measures.totals(self.unread)
+
+    def answer_isa(self) -> int:
+        """Answer the ISA question."""
+        self.measures.isa.append(self.isa)
+        return self.isa
+
+    # Time
+
+    def _pass(self, until_s: float) -> None:
+        """Advance through time in which the person is always busy or always idle: dx/dt = (busy - x) / memory_s."""
+        passed_s = until_s - self._now_s
+        if passed_s <= 0:
+            return
+        is_busy = self._job is not None
+        before, goal = self.load, float(is_busy)
+        self.load = goal + (before - goal) * exp(-passed_s / self.settings.memory_s)
+        self.measures.see_load(before, self.load, passed_s, self.settings.memory_s, is_busy=is_busy)
+        self._now_s = until_s
+
+    def _duration_s(self, median_s: float) -> float:
+        """Draw the duration of work that begins now [s]."""
+        settings = self.settings
+        self._drawn += 1
+        away = (self.load - settings.best_load) / (1 - settings.best_load)
+        return median_s * exp(settings.sigma * self.rng.gauss(0.0, 1.0)) * (1 + settings.slowing * away**2)
+
+    # Work
+
+    def _begin(self) -> _Job | None:
+        """Begin the next work: commands before reading, new items before known ones, oldest items first."""
+        settings = self.settings
+        delta = self._wanted_delta()
+        if delta is not None:
+            return _Job(self._now_s, self._now_s + self._duration_s(settings.command_s), None, delta)
+        self._renege()
+        if not self._waiting:
+            return None
+        entry = min(self._waiting, key=lambda entry: (not entry.item.is_new, entry.item.number))
+        self._waiting.remove(entry)
+        median_s = settings.new_s if entry.item.is_new else settings.known_s
+        return _Job(self._now_s, self._now_s + self._duration_s(median_s), entry)
+
+    def _finish(self, job: _Job) -> Act:
+        if job.entry is None:
+            self.delta, self._commanded_s = job.delta, job.ends_s
+            self.measures.commands += 1
+            return SetDelta(job.delta)
+        item = job.entry.item
+        self.measures.read += 1
+        self.measures.acknowledge_s += job.ends_s - item.time_s
+        self.measures.interact(item.agent, job.began_s, job.ends_s)
+        return Read(tuple(job.entry.numbers))
+
+    def _wanted_delta(self) -> int | None:
+        """Return the delta to command now, or None."""
+        settings, first = self.settings, self._first_delta
+        if not settings.commands or self.delta is None or first is None or self._rate_hz is None:
+            return None
+        if self._commanded_s is not None and self._now_s - self._commanded_s < settings.command_every_s:
+            return None
+        if self._rate_hz > self.threshold_hz:
+            goal, step = settings.delta_limit, settings.delta_step
+        elif self._rate_hz < settings.relief * self.threshold_hz:
+            goal, step = first, -settings.delta_step
+        else:
+            return None
+        left = goal - self.delta
+        if left * step <= 0:
+            return None
+        return self.delta + (step if abs(step) < abs(left) else left)
+
+    # The queue
+
+    def _take(self, item: Item) -> None:
+        """Add an item; it replaces waiting items of the same sender that name no other event."""
+        self.measures.items += 1
+        entry = _Entry(item, [item.number])
+        for other in [other for other in self._waiting if other.item.agent == item.agent]:
+            if set(other.item.events) <= set(item.events):
+                self._waiting.remove(other)
+                self.measures.replaced += 1
+                entry.numbers = [*other.numbers, *entry.numbers]
+                if other.item.is_new:  # its news is still unread
+                    entry.item = entry.item._replace(is_new=True)
+        self._waiting.append(entry)
+
+    def _renege(self) -> None:
+        """Drop items that have waited too long: they are missed."""
+        there = [e for e in self._waiting if self._now_s - e.item.time_s <= self.settings.patience_s]
+        self.measures.missed += len(self._waiting) - len(there)
+        self._waiting = there
+
+    # Going on
+
+    def state(self) -> dict[str, Any]:
+        """Return all that is needed to resume, for JSON."""
+        job = self._job
+        return {
+            "delta": self.delta,
+            "load": self.load,
+            "now_s": self._now_s,
+            "rate_hz": self._rate_hz,
+            "drawn": self._drawn,
+            "commanded_s": self._commanded_s,
+            "waiting": [_entry_row(entry) for entry in self._waiting],
+            "job": job and [job.began_s, job.ends_s, job.entry and _entry_row(job.entry), job.delta],
+            "measures": self.measures.state(),
+        }
+
+    def go_on(self, state: Mapping[str, Any]) -> None:
+        """Resume from another person's `state`, with the same settings and generator as at that person's start."""
+        self.delta, self.load = state["delta"], state["load"]
+        self._now_s, self._rate_hz = state["now_s"], state["rate_hz"]
+        self._commanded_s = state["commanded_s"]
+        while self._drawn < state["drawn"]:
+            self._drawn += 1
+            self.rng.gauss(0.0, 1.0)
+        self._waiting = [_entry(row) for row in state["waiting"]]
+        job = state["job"]
+        self._job = job and _Job(job[0], job[1], job[2] and _entry(job[2]), job[3])
+        self.measures.go_on(state["measures"])
+
+
+def _entry_row(entry: _Entry) -> list[Any]:
+    return [list(entry.item), entry.numbers]
+
+
+def _entry(row: Sequence[Any]) -> _Entry:
+    return _Entry(item_of(row[0]), list(row[1]))

@@ -1,0 +1,129 @@
+"""Replays a run at the operator's console from what reached the operator, at any time, forwards and backwards.
+
+Pure: the steps of a run in, the station's datagrams out. A replay shows nothing that the operator did not know then.
+"""
+
+import copy
+import json
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from deltaswarm_operator.core.console import Console
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_wire.settings_operator import Briefing
+
+KEPT_EVERY_STEPS = 200
+"""Interval at which a copy of the console is kept: a jump back repeats at most this many steps."""
+
+FASTEST = 200.0
+"""Simulated seconds per wall second, if the speed is "as fast as possible"."""
+
+SPEEDS = (-20, -5, -1, 1, 2, 5, 10, 20, 50, 0)
+
+REFUSED = "this is a replay: nothing can be commanded or answered"
+
+
+class RecordedStep(NamedTuple):
+    """What reached the operator in one step."""
+
+    clock: Clock
+    workload: Workload
+    reports: tuple[Report, ...]
+
+
+class Replay:
+    """The replay of one run. Times are simulated [s] unless they say wall.
+
+    Args:
+        briefing: the operator's briefing; its `command` has the commands that were given.
+        steps: all steps in order, at least one.
+    """
+
+    def __init__(self, briefing: Briefing, steps: Sequence[RecordedStep]) -> None:
+        self.speed, self.is_paused = briefing.speed or 1.0, False
+        self._steps = steps
+        self._step_s = briefing.step_s
+        self._console = Console(briefing)
+        self._done = 0
+        """Number of steps that the console has taken in."""
+        self._kept = {0: copy.deepcopy(self._console)}
+        self._now_s = self.from_s
+        self._told_wall_s: float | None = None
+
+    @property
+    def from_s(self) -> float:
+        """The time of the first step."""
+        return self._steps[0].clock.time_s
+
+    @property
+    def to_s(self) -> float:
+        """The time of the last step."""
+        return self._steps[-1].clock.time_s
+
+    def tick(self, wall_s: float) -> None:
+        """Advance to a wall time at the present speed."""
+        passed_s = wall_s - (wall_s if self._told_wall_s is None else self._told_wall_s)
+        self._told_wall_s = wall_s
+        if not self.is_paused:
+            self.seek(self._now_s + passed_s * (self.speed or FASTEST))
+
+    def seek(self, time_s: float) -> None:
+        """Go to a time, forwards or backwards; a time beyond the run goes to its first or last step."""
+        self._now_s = min(max(time_s, self.from_s), self.to_s)
+        if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
+            self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
+            self._console = copy.deepcopy(self._kept[self._done])
+        while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
+            clock, workload, reports = self._steps[self._done]
+            self._console.close(clock, workload, reports, 0.0)
+            self._done += 1
+            if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
+                self._kept[self._done] = copy.deepcopy(self._console)
+
+    def _time_s(self, done: int) -> float:
+        return self._steps[done - 1].clock.time_s
+
+    def hello(self, run: str) -> bytes:
+        """Return the message that describes the run to the page."""
+        return self._console.hello(run, "replay", SPEEDS)
+
+    def show(self) -> bytes:
+        """Return the picture at the present time."""
+        bar = {"from_s": self.from_s, "to_s": self.to_s, "speed": self.speed, "paused": self.is_paused}
+        self._console.pace = self._console.pace._replace(speed=self.speed, hold_step=0 if self.is_paused else -1)
+        return self._console.show(0.0, replay=bar, probe=None)
+
+    def intend(self, data: bytes) -> list[bytes]:
+        """Carry out an intent of the page; return the answers."""
+        try:
+            raw: Any = json.loads(data)
+            kind = raw["type"]
+            if kind == "seek":
+                self.seek(finite(raw["time_s"]))
+            elif kind == "pace" and "speed" in raw:
+                self.speed = min(max(finite(raw["speed"]), -FASTEST), FASTEST)
+            elif kind == "pace" and "steps" in raw:
+                self.seek(self._now_s + finite(raw["steps"]) * self._step_s)
+                self.is_paused = True
+            elif kind == "pace":
+                self.is_paused = bool(raw["paused"])
+            elif kind in ("catch_up", "read"):
+                return self._console.intend(data, 0.0)
+            else:
+                refused = {"type": "refused", "to": raw.get("from"), "id": raw.get("id", ""), "why": REFUSED}
+                return [json.dumps(refused).encode()]
+        except (ValueError, TypeError, KeyError):
+            return []
+        return []
+
+
+def finite(value: Any) -> float:
+    """Convert a value from the page to a finite number. Raises ValueError or TypeError if that is impossible."""
+    try:
+        found = float(value)
+    except OverflowError:
+        found = math.inf
+    if not math.isfinite(found):
+        raise ValueError("a number must be finite")
+    return found

@@ -1,0 +1,150 @@
+"""Serves a console in the operator's process: sends turns and pace, and exchanges datagrams with the station."""
+
+import json
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.action_log import ActionLog
+from deltaswarm_operator.io.channel import Channel
+from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+from deltaswarm_wire.settings_downlink import FIRST_STEP
+
+SHOW_EVERY_S = 0.1
+"""Shortest interval between pictures for the station [wall s]."""
+
+HELLO_EVERY_S = 1.0
+ANSWER_WITHIN_S = 900.0
+"""Time that the person has after the last step to answer open questions [wall s]."""
+
+
+class ConsoleServer:
+    """A console with its inputs and outputs.
+
+    Args:
+        run: the run's name.
+        console: the console, before the first step.
+        is_awaited: whether the world waits for each turn.
+        folder: for the tables of the person's acts and answers.
+        send_turn, send_pace: send to the world, or on the air.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        end: the operator's end of the socket pair, if there is a station.
+        go_on: continue the tables of a killed operator.
+    """
+
+    def __init__(
+        self,
+        run: str,
+        console: Console,
+        folder: Path,
+        send_turn: Callable[[Turn], None],
+        send_pace: Callable[[Pace], None],
+        on_intent: Callable[[bytes | None], None],
+        end: socket.socket | None,
+        *,
+        is_awaited: bool = False,
+        go_on: bool = False,
+    ) -> None:
+        self.console = console
+        self.is_awaited = is_awaited
+        self._run = run
+        self._send_turn, self._send_pace = send_turn, send_pace
+        self._tables = ActionLog(folder, go_on=go_on)
+        self._channel = None if end is None else Channel(end, on_intent)
+        self._pace = self.console.pace
+        self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
+        """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
+        self._show_due = self._hello_due = 0.0
+
+    @property
+    def wait_s(self) -> float | None:
+        """How long to wait for news before `show` is called again [wall s]; None where nobody watches."""
+        return None if self._channel is None else SHOW_EVERY_S
+
+    def begin(self) -> None:
+        """Start the console before the first step."""
+        self.console.begin(time.monotonic())
+        if self.is_awaited:
+            for turn in self._turns:  # the world drops those that it has
+                self._send_turn(turn)
+        if self._channel is not None:
+            self._pace = self.console.pace
+            self._send_pace(self._pace)
+        self.show()
+
+    def close(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
+        """Take in a closed step and answer with the operator's turn."""
+        turn = self.console.close(clock, workload, reports, time.monotonic())
+        if self.is_awaited or turn.commands:
+            self._turns.append(turn)
+            self._send_turn(turn)
+        if clock.last:
+            self._show_due = 0.0
+        self.show()
+
+    def take(self, intent: bytes | None) -> bool:
+        """Carry out an intent of the station; return whether to save `state` before `show` shows the result.
+
+        None: the station has gone, and the run continues without it.
+        """
+        console, channel = self.console, self._channel
+        if channel is None:
+            return False
+        given = len(console.commander.sent)
+        if intent is None:
+            self._channel = None
+            if console.pace.hold_step >= 0:  # nobody could resume the run
+                console.pace = console.pace._replace(hold_step=-1)
+        else:
+            for answer in console.intend(intent, time.monotonic()):
+                channel.send(answer)
+        if not self.is_awaited and (turn := console.turn()).commands:
+            self._send_turn(turn)
+        has_news = len(console.commander.sent) > given or console.pace != self._pace
+        if console.pace != self._pace:
+            self._pace = console.pace
+            self._send_pace(self._pace)
+        self._show_due = 0.0
+        return has_news
+
+    def show(self) -> None:
+        """Write down the person's acts, and send the station a picture if one is due."""
+        self._tables.write(self.console)
+        now = time.monotonic()
+        if self._channel is None or now < self._show_due:
+            return
+        self._show_due = now + SHOW_EVERY_S
+        if now >= self._hello_due:
+            self._hello_due = now + HELLO_EVERY_S
+            self._channel.send(self.console.hello(self._run))
+        self._channel.send(self.console.show(now))
+
+    @property
+    def is_asking(self) -> bool:
+        """Whether a question to the person at the station is open."""
+        return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
+
+    def go_on(self, step: int, state: str | None) -> None:
+        """Resume after a step from the state of a killed operator."""
+        if state is not None:
+            found = json.loads(state)
+            self.console.go_on(step, found["console"])
+            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in found["turns"]]
+
+    def state(self) -> str:
+        """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""
+        return json.dumps({"console": self.console.state(), "turns": [encode_turn(turn).hex() for turn in self._turns]})
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The operator's totals besides the workload."""
+        return self.console.totals
+
+    def finish(self) -> None:
+        """Complete and close the tables."""
+        self._tables.close(self.console)

@@ -1,0 +1,96 @@
+"""A console in open air: commands go out as radio frames of the base, by the operator's own clock."""
+
+import socket
+import time
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_operator.core.base import Base
+from deltaswarm_operator.core.commander import Commander
+from deltaswarm_operator.core.commanding import Commanding
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_wire.commands import Turn
+from deltaswarm_wire.envelope import Sent, encode_sent
+from deltaswarm_wire.operator_messages import Clock, Report, Workload
+
+MAX_REPORTS_OF_ONE = 16
+"""The console takes this many of one agent's newest reports per step: without admission control anyone may send."""
+
+
+class FieldConsole:
+    """A console with its base. Times count from the operator's start [s].
+
+    Args:
+        run: the run's name.
+        commanding: settings from the command line.
+        folder: for the tables of the person's acts.
+        put: publishes a radio frame of the base, with its attachment.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        station: the operator's end of the channel, if there is a station.
+    """
+
+    def __init__(
+        self,
+        run: str,
+        commanding: Commanding,
+        folder: Path,
+        put: Callable[..., None],
+        on_intent: Callable[[bytes | None], None],
+        station: socket.socket | None,
+    ) -> None:
+        started = int(time.time())  # Unix time: a restarted operator numbers frames and commands higher
+        self.base = Base(commanding.board_step_s, started)
+        self._base_m = commanding.briefing.base_m
+        self._step_s = commanding.briefing.step_s
+        self._put = put
+        self._reports: dict[int, deque[Report]] = {}
+        self._now_s = 0.0
+        commander = Commander(commanding.briefing.forms, commanding.sign, started)
+        console = Console(commanding.briefing, commander, in_air=True)
+        self._server = ConsoleServer(run, console, folder, self._send, lambda pace: None, on_intent, station)
+        self._server.begin()
+
+    def hear(self, report: Report | None) -> None:
+        """Take in an accepted report. It counts when it arrives, since its step is by its board's clock."""
+        if report is not None:
+            self._reports.setdefault(report.agent, deque(maxlen=MAX_REPORTS_OF_ONE)).append(report)
+
+    def go_on(self, now_s: float, workload: Workload | None) -> None:
+        """Close the step of this workload, if any; show the picture; send the frame that is due."""
+        self._now_s = now_s
+        if workload is None:
+            self._server.show()
+        else:
+            arrived = [report._replace(step=workload.step) for of_one in self._reports.values() for report in of_one]
+            self._reports.clear()
+            self._server.close(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
+        frame = self.base.frame(now_s)
+        if frame is not None:
+            self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
+
+    def wait_s(self, now_s: float) -> float:
+        """Return the longest time until `go_on` must be called again [s]."""
+        waits = [wait_s for wait_s in (self._server.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
+        return min(waits, default=self._step_s)
+
+    def take(self, intent: bytes | None, now_s: float) -> None:
+        """Carry out an intent of the station; None: the station has gone."""
+        self._now_s = now_s
+        self._server.take(intent)
+        self._server.show()
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The operator's totals besides the workload."""
+        fates = self._server.console.commander.fates(self._now_s)
+        return {**self._server.totals, "commands": fates, "frames": self.base.frames}
+
+    def finish(self) -> None:
+        """Complete and close the tables."""
+        self._server.finish()
+
+    def _send(self, turn: Turn) -> None:
+        self.base.send(turn.commands, self._now_s)

@@ -1,0 +1,243 @@
+"""The operator without a world: monitors boards in open air, by its own clock, and may command them.
+
+Uses Zenoh, as `process.py`.
+"""
+
+import logging
+import queue
+import socket
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_operator.core.commanding import Commanding
+from deltaswarm_operator.core.presence import OpenAirMeter
+from deltaswarm_operator.io.field_console import FieldConsole
+from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.page import Page
+from deltaswarm_operator.io.process import stop_on_signals
+from deltaswarm_operator.io.waiting import Arrival, Inbox, sender_of, whose_key
+from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.keys import AGENT, RADIO, Keys, parse_token
+from deltaswarm_wire.operator_messages import Workload
+from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
+from deltaswarm_wire.settings_operator import OperatorSettings
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.operator")
+
+COLUMNS = (*Workload._fields, "agents_alive", "agents_ill")
+
+
+@dataclass(frozen=True)
+class OpenAirConfig:
+    """Configuration of the operator without a world."""
+
+    run: str
+    link: RouterLink
+    pairs: Pairs
+    """Settings of the Zenoh session."""
+    settings: OperatorSettings
+    step_s: float
+    out: Path
+    status_every_s: float
+    """Interval of status lines [s]."""
+    commanding: Commanding | None = None
+    """A console with commands, a station or both."""
+
+
+WAKES_EVERY_S = 1.0
+"""Longest wait of the main thread, so that a signal just before the wait is handled soon."""
+
+
+class OpenAirOperator:
+    """The operator over an open session. `station` is the operator's end of the channel, if there is a station."""
+
+    def __init__(
+        self,
+        config: OpenAirConfig,
+        session: zenoh.Session,
+        inbox: Inbox,
+        output: Output,
+        station: socket.socket | None = None,
+    ) -> None:
+        self.meter = OpenAirMeter(config.settings, config.step_s)
+        self._config = config
+        self._inbox = inbox
+        self._output = output
+        self._is_writing = True
+        self._warned: set[int | None] = set()
+        self._start_s = time.monotonic()
+        self._status_due_s = config.status_every_s
+        keys = Keys(config.run)
+        self._subscribers = [
+            session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
+            session.declare_subscriber(keys.all_health, self._into_inbox(Arrival.HEALTH)),
+            session.liveliness().declare_subscriber(
+                keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
+            ),
+        ]
+        self.console: FieldConsole | None = None
+        if config.commanding is not None:
+            radio = session.declare_publisher(
+                keys.agent(BASE, RADIO),
+                encoding=zenoh.Encoding("application/msgpack;deltaswarm.Radio.v1"),
+                congestion_control=zenoh.CongestionControl.DROP,
+                reliability=zenoh.Reliability.BEST_EFFORT,
+            )
+            self.console = FieldConsole(config.run, config.commanding, config.out, radio.put, inbox.put_intent, station)
+
+    def _into_inbox(self, arrival: Arrival) -> Any:
+        return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
+
+    @property
+    def totals(self) -> dict[str, Any]:
+        """The meter's totals, with refused samples per sender."""
+        refused = {whose_key(agent): count for agent, count in self._inbox.refused.items()}
+        return {**self.meter.totals, "refused_on": refused, **(self.console.totals if self.console else {})}
+
+    def run(self) -> None:
+        """Process the inbox and close steps until stopped."""
+        while True:
+            now_s = self._now_s()
+            workload = self.meter.close(now_s, len(self._inbox))
+            if self.console:
+                self.console.go_on(now_s, workload)
+            if workload is not None:
+                self._write((*workload, len(self.meter.alive), len(self.meter.faulty)))
+                if now_s >= self._status_due_s:
+                    self._status_due_s = now_s + self._config.status_every_s
+                    log.info("%s", self._line(workload))
+            try:
+                arrival, sample = self._inbox.get(self._wait_s(self._now_s()))
+            except queue.Empty:
+                continue
+            if arrival is Arrival.STOP:
+                return
+            if arrival is Arrival.TOKEN:
+                self._take_token(sample)
+            elif arrival is Arrival.INTENT:
+                self._take_intent(sample)
+            else:
+                self._take(arrival, sample)
+
+    def _wait_s(self, now_s: float) -> float:
+        wait_s = min(WAKES_EVERY_S, self.meter.wait_s(now_s))
+        return wait_s if self.console is None else min(wait_s, self.console.wait_s(now_s))
+
+    def _take_intent(self, intent: bytes | None) -> None:
+        if intent is None:
+            log.warning("the station has ended; the operator continues without it")
+        if self.console:
+            self.console.take(intent, self._now_s())
+
+    def _write(self, row: Sequence[Any]) -> None:
+        """Write a row. A full disk ends the table, but not the status lines."""
+        if self._is_writing:
+            try:
+                self._output.row(row)
+            except OSError as error:
+                log.error("writing to %s stopped: %s", self._config.out, error)
+                self._is_writing = False
+
+    def _now_s(self) -> float:
+        return time.monotonic() - self._start_s
+
+    def _line(self, workload: Workload) -> str:
+        alive = self.meter.alive
+        doubled = self.meter.doubled
+        totals = self.meter.totals
+        faulty = "; ".join(f"{agent}: {fault}" for agent, fault in self.meter.faulty.items())
+        return (
+            f"{len(alive)} agents alive ({', '.join(map(str, alive)) or 'nobody'}), "
+            + (f"not well ({faulty}), " if faulty else "")
+            + (f"doubled ({', '.join(map(str, doubled))}), " if doubled else "")
+            + f"{workload.rate_1s_hz:.1f} messages/s, {workload.rate_60s_hz:.1f} over a minute, "
+            f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused.total()} refused"
+        )
+
+    def _take(self, arrival: Arrival, sample: zenoh.Sample) -> None:
+        agent = sender_of(sample)
+        data = sample.payload.to_bytes()
+        if arrival is Arrival.REPORT:
+            sent = sample.attachment
+            reason = self._take_report(agent, data, None if sent is None else sent.to_bytes())
+        else:
+            reason = self._take_health(agent, data)
+        if reason is not None and agent not in self._warned:
+            self._warned.add(agent)
+            log.warning("dropped a sample on %s: %s (more are only counted)", whose_key(agent), reason)
+
+    def _take_report(self, agent: int | None, data: bytes, sent: bytes | None) -> str | None:
+        before = self.meter.is_doubled(agent)
+        reason = self.meter.hear(agent, data, sent, self._now_s())
+        if reason is None and agent is not None and self.console:
+            self.console.hear(self.meter.agents[agent].newest)
+        if (is_doubled := self.meter.is_doubled(agent)) != before:
+            what = "several processes report as agent %d: does another board have its number?"
+            log.warning(what if is_doubled else "only one process reports as agent %d again", agent)
+        return reason
+
+    def _take_health(self, agent: int | None, data: bytes) -> str | None:
+        before = self.meter.fault_of(agent)
+        reason = self.meter.on_health(agent, data)
+        fault = self.meter.fault_of(agent)
+        if bool(fault) != bool(before):
+            log.warning("agent %d is %s", agent, f"not well: {fault}" if fault else "well")
+        return reason
+
+    def _take_token(self, sample: zenoh.Sample) -> None:
+        source = parse_token(str(sample.key_expr))
+        if source is None:
+            return
+        is_there = sample.kind == zenoh.SampleKind.PUT
+        (self.meter.came if is_there else self.meter.went)(source[1])
+        log.info("agent %d is %s", source[1], "present" if is_there else "gone")
+
+
+def run_open_air(config: OpenAirConfig) -> int:
+    """Run the operator until a signal; return the exit code. Call it in the main thread.
+
+    Raises:
+        ValueError: the user's own Zenoh settings are refused.
+        OSError: the station does not start.
+    """
+    zenoh.init_log_from_env_or("error")
+    inbox = Inbox()
+    stop_on_signals(inbox.stop)
+    settings = configured(zenoh.Config, config.pairs, config.link)
+    listen = config.commanding.listen if config.commanding else None
+    with ExitStack() as stack:
+        station = None
+        if listen is not None:
+            page = stack.enter_context(Page(listen))
+            station = page.end
+            print(page.url, flush=True)
+        return _run_session(config, settings, inbox, station)
+
+
+def _run_session(config: OpenAirConfig, settings: zenoh.Config, inbox: Inbox, station: socket.socket | None) -> int:
+    try:
+        session = zenoh.open(settings)
+    except zenoh.ZError as error:
+        log.error("cannot open a session: %s", error)
+        return 1
+    try:
+        with session, Output(config.out, COLUMNS) as output:
+            operator = OpenAirOperator(config, session, inbox, output, station)
+            log.info("the operator monitors run %s", config.run)
+            operator.run()
+            totals = operator.totals
+            if operator.console:
+                operator.console.finish()
+            output.finish({"complete": True, "end": "stopped by a signal", "refused": inbox.refused.total(), **totals})
+    except OSError as error:
+        log.error("the table in %s is incomplete: %s", config.out, error)
+        return 1
+    log.info("stopped: %d steps, %d messages, %d lost", totals["steps"], totals["messages"], totals["lost"])
+    return 0

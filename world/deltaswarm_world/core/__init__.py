@@ -1,0 +1,1 @@
+"""What decides: no clock, thread, socket, file or randomness of its own."""

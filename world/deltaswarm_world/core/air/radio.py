@@ -1,0 +1,302 @@
+"""Emulated radio: which frames reach which receivers, when, and why not.
+
+Each frame is tried once at every other agent. These effects apply in order: the sender's queue (`bandwidth`); then in
+one step a missing receiver (`dead`), reach (`range`), blackouts, walls (`partition`), obstacles (`obstacle`), jammers
+(`jam`), `asymmetry`, `loss`, bursts (`burst`), `contention`; then duplication and delay; on arrival again a missing
+receiver (`dead`); and the receiver's queue (`bandwidth`). The first effect that drops a frame is the reason. (Frames
+beyond the room in an agent's own frame are `frame_full`; the core drops them.) A duplicate is one more reception:
+
+    sent x other agents + duplicated = received + dropped, by reason + in flight
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from operator import itemgetter
+from typing import NamedTuple
+
+import numpy as np
+
+from deltaswarm_wire.messages import Heard
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_radio import RadioSettings
+from deltaswarm_world.core.air.channel.links import Ends, Links, Mask
+from deltaswarm_world.core.air.channel.model import Context
+from deltaswarm_world.core.air.channel.models import models_of
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.reach import reach_of
+from deltaswarm_world.core.arrays import Floats
+from deltaswarm_world.core.chance import generator
+
+SHADOWING_STREAM = 31
+JITTER_STREAM, DUPLICATION_STREAM, COPY_STREAM, ORDER_STREAM = 35, 36, 37, 38
+ROUNDING_STREAM, COPY_ROUNDING_STREAM = 39, 40
+"""Each use of chance has its own generator, and so has each model (`channel/models.py`)."""
+
+
+class _Moment(NamedTuple):
+    """The state of the world in a step."""
+
+    time_s: float
+    positions_m: Floats
+    listening: Sequence[bool]
+
+
+class Reception:
+    """The outcome of frames in one step."""
+
+    def __init__(self, ends: int) -> None:
+        self.heard: list[list[Heard]] = [[] for _ in range(ends)]
+        """Received frames per receiver, with their senders, by sender, then age."""
+        self.links: list[tuple[int, int]] = []
+        """(sender, receiver) of each frame, by receiver, then as in `heard`."""
+        self.dropped: dict[str, int] = {}
+        """Dropped receptions by reason."""
+        self.duplicated = 0
+        """Duplicated receptions."""
+        self.largest_bytes = 0
+        """Upper bound of the length of received frames."""
+
+    def hear_all(self, arriving: Sequence[Arrival]) -> None:
+        """Add received frames, in order of receiver, then sender and age."""
+        heard = self.heard
+        for receiver, (sender, _, data) in arriving:
+            heard[receiver].append((sender, data))
+        self.links = [(sender, receiver) for receiver, (sender, _, _) in arriving]
+        self.largest_bytes = max([len(data) for _, (_, _, data) in arriving], default=0)
+
+    def drop(self, reason: str, count: int) -> None:
+        """Count dropped receptions."""
+        if count:
+            self.dropped[reason] = self.dropped.get(reason, 0) + count
+
+
+def _queue(bytes_per_s: float, radio: RadioSettings, step_s: float) -> RateLimitedQueue | None:
+    return RateLimitedQueue(bytes_per_s * step_s, radio.bandwidth.queue_bytes) if bytes_per_s > 0 else None
+
+
+def _delays(scenario: Scenario, jitter_stream: int, rounding_stream: int) -> DelayLine:
+    radio, rngs = scenario.radio, [generator(scenario.seed, stream) for stream in (jitter_stream, rounding_stream)]
+    return DelayLine(radio.latency_s, radio.jitter_s, scenario.run.step_s, *rngs)
+
+
+class Air:
+    """The radio of one run, with all its models; call it once per step, in order."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        count, radio, step_s = scenario.agents.count, scenario.radio, scenario.run.step_s
+        self._ids = np.arange(count)
+        self._reach = reach_of(radio, count, generator(scenario.seed, SHADOWING_STREAM))
+        self._models = models_of(Context(scenario, self._reach))
+        self._steady = [model for model in self._models if model.holds_for_step]
+        self._sending = _queue(radio.bandwidth.sender_bytes_per_s, radio, step_s)
+        self._taking_in = _queue(radio.bandwidth.receiver_bytes_per_s, radio, step_s)
+        self._duplication = radio.duplication
+        self._delays: DelayLine | None = None
+        if radio.latency_s > 0 or radio.jitter_s > 0 or radio.duplication > 0:
+            self._delays = _delays(scenario, JITTER_STREAM, ROUNDING_STREAM)
+        self._copies_rng = generator(scenario.seed, DUPLICATION_STREAM)
+        self._copy_delays = _delays(scenario, COPY_STREAM, COPY_ROUNDING_STREAM)
+        self._order_rng = generator(scenario.seed, ORDER_STREAM)
+        """Random order of senders into the queues of a step, so that low numbers have no priority."""
+        self._numbers = 0
+        self._moment = _Moment(0.0, np.zeros((count, 2)), [True] * count)
+
+    @property
+    def under_way(self) -> int:
+        """Number of pending receptions."""
+        found = 0
+        if self._sending is not None:
+            found += self._sending.waiting * (len(self._ids) - 1)
+        if self._delays is not None:
+            found += self._delays.waiting
+        if self._taking_in is not None:
+            found += self._taking_in.waiting
+        return found
+
+    def carry(
+        self,
+        step: int,
+        time_s: float,
+        spoken: Mapping[int, bytes],
+        positions_m: Floats,
+        listening: Sequence[bool],
+        mute: Collection[int] = (),
+    ) -> Reception:
+        """Run one step: frames by sender, positions (n, 2) [m], present receivers, muted senders."""
+        reception = Reception(len(listening))
+        senders = sorted(spoken)
+        if mute:
+            senders = [sender for sender in senders if sender not in mute]
+            reception.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
+        frames = [spoken[sender] for sender in senders]
+        if self._sending is not None:
+            senders, frames = self._send(self._sending, senders, frames, listening, reception)
+        self._moment = _Moment(time_s, positions_m, listening)
+        is_late = self._delays is not None or self._taking_in is not None
+        if not (is_late or self._models):
+            self._hear_at_once(senders, frames, reception)
+            return reception
+        links = self._cross(senders, frames, reception) if frames else None
+        if is_late:
+            arriving = [] if links is None else self._set_off(step, links, senders, frames, reception)
+            self._deliver(step, arriving, listening, reception)
+        elif links is not None:
+            _hear_all(links, senders, frames, reception)
+        return reception
+
+    def steady_links(self, time_s: float, agents: Ends) -> list[tuple[int, int]]:
+        """Return sender and receiver of each link among agents that is open for the whole step, ignoring chance."""
+        rows, columns, spare_db = self._reach.find(agents, agents)
+        others = rows != columns
+        links = Links(agents, agents, (), columns[others], rows[others])
+        if spare_db is not None:
+            links.spare_db = spare_db[others]
+        for model in self._steady:
+            cut = model.cuts(links, time_s)
+            if cut is not None:
+                links.is_open &= ~cut
+        is_open = links.is_open
+        return list(zip(links.senders[is_open].tolist(), links.receivers[is_open].tolist(), strict=True))
+
+    def _send(
+        self,
+        queue: RateLimitedQueue,
+        senders: list[int],
+        frames: list[bytes],
+        listening: Sequence[bool],
+        reception: Reception,
+    ) -> tuple[list[int], list[bytes]]:
+        """Pass frames through the senders' queues; return those on the air now, by sender, then age."""
+        new = dict(zip(senders, frames, strict=True))
+        narrow = queue.pass_wide({sender: len(data) for sender, data in new.items()})
+        if not narrow:
+            return senders, frames
+        others = len(listening) - 1
+        on_air: list[tuple[int, bytes]] = []
+        for sender in narrow:
+            arriving = self._packets([sender], [new.pop(sender)]) if sender in new else []
+            passed, dropped = queue.take(sender, arriving)
+            on_air += [(sender, packet.data) for packet in passed]
+            gone = [] if listening[sender] else queue.clear(sender)
+            reception.drop("bandwidth", len(dropped) * others)
+            reception.drop("dead", len(gone) * others)
+        on_air = sorted([*on_air, *new.items()], key=itemgetter(0))
+        return [sender for sender, _ in on_air], [data for _, data in on_air]
+
+    def _packets(self, senders: list[int], frames: list[bytes]) -> list[Packet]:
+        first, self._numbers = self._numbers, self._numbers + len(frames)
+        return list(map(Packet._make, zip(senders, range(first, self._numbers), frames, strict=True)))
+
+    def _hear_at_once(self, senders: list[int], frames: list[bytes], reception: Reception) -> None:
+        """Receive in reach: equal to `_cross` without models, in half the time."""
+        if not frames:
+            return
+        positions_m, listening = self._moment.positions_m, self._moment.listening
+        speaking = np.array(senders)
+        rows, columns, _ = self._reach.find(Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking]))
+        heard: Mask = speaking[columns] != rows
+        dead = 0
+        if absent := listening.count(False):
+            heard &= np.array(listening)[rows]
+            dead = sum(absent - (not listening[sender]) for sender in senders)
+            reception.drop("dead", dead)
+        columns, receivers = columns[heard], rows[heard].tolist()
+        reception.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
+        reception.largest_bytes = max(map(len, frames))
+        reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
+        said = list(zip(senders, frames, strict=True))
+        for column, receiver in zip(columns.tolist(), receivers, strict=True):
+            reception.heard[receiver].append(said[column])
+
+    def _cross(self, senders: list[int], frames: list[bytes], reception: Reception) -> Links:
+        """Apply the models to all links in reach; return the links with the open ones marked."""
+        time_s, positions_m, listening = self._moment
+        speaking = np.array(senders)
+        listeners, speakers = Ends(self._ids, positions_m), Ends(speaking, positions_m[speaking])
+        rows, columns, spare_db = self._reach.find(listeners, speakers)
+        is_there: Mask = speaking[columns] != rows
+        absent = listening.count(False)
+        if absent:
+            is_there &= np.array(listening)[rows]
+        there = is_there.nonzero()[0]
+        links = Links(speakers, listeners, frames, columns[there], rows[there])
+        if spare_db is not None:
+            links.spare_db = spare_db[there]
+        dead = sum(absent - (not listening[sender]) for sender in senders) if absent else 0
+        reception.drop("dead", dead)
+        reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(links))
+        for model in self._models:
+            cut = model.cuts(links, time_s)
+            if cut is None:
+                continue
+            cut &= links.is_open
+            links.is_open ^= cut
+            reception.drop(model.reason, int(np.count_nonzero(cut)))
+        return links
+
+    def _set_off(
+        self, step: int, links: Links, senders: list[int], frames: list[bytes], reception: Reception
+    ) -> list[Arrival]:
+        """Duplicate and delay frames; return those that arrive at once."""
+        packets = self._packets(senders, frames)
+        is_open = links.is_open.nonzero()[0]
+        columns, receivers = links.columns[is_open].tolist(), links.receivers[is_open].tolist()
+        crossed = list(zip(receivers, [packets[column] for column in columns], strict=True))
+        delays = self._delays
+        if delays is None:
+            return crossed
+        arriving = delays.send(step, crossed, delays.draw(len(links))[is_open].tolist())
+        if self._duplication > 0:
+            later = self._copy_delays.draw(len(links))[is_open]
+            copied = (self._copies_rng.random(len(links)) < self._duplication)[is_open]
+            copies = [crossed[row] for row in copied.nonzero()[0].tolist()]
+            reception.duplicated = len(copies)
+            arriving += delays.send(step, copies, later[copied].tolist())
+        return arriving
+
+    def _deliver(self, step: int, arriving: list[Arrival], listening: Sequence[bool], reception: Reception) -> None:
+        """Pass arriving and waiting frames to the receivers."""
+        if self._delays is not None:
+            due = self._delays.take(step)
+            there = [arrival for arrival in due if listening[arrival[0]]]
+            reception.drop("dead", len(due) - len(there))
+            arriving += there
+        if self._taking_in is not None:
+            arriving = self._take_in(self._taking_in, arriving, listening, reception)
+        arriving.sort()
+        reception.hear_all(arriving)
+
+    def _take_in(
+        self, queue: RateLimitedQueue, arriving: list[Arrival], listening: Sequence[bool], reception: Reception
+    ) -> list[Arrival]:
+        """Pass frames through the receivers' queues; return the passed ones in any order."""
+        order = self._order_rng.random(len(listening)).tolist()
+        loads: dict[int, int] = {}
+        for receiver, (_, _, data) in arriving:
+            loads[receiver] = loads.get(receiver, 0) + len(data)
+        by_receiver: dict[int, list[Packet]] = {receiver: [] for receiver in queue.pass_wide(loads)}
+        passing = []
+        for arrival in arriving:
+            if arrival[0] in by_receiver:
+                by_receiver[arrival[0]].append(arrival[1])
+            else:
+                passing.append(arrival)
+        for receiver, packets in by_receiver.items():
+            if not listening[receiver]:
+                reception.drop("dead", len(queue.clear(receiver)))
+                continue
+            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+            passed, dropped = queue.take(receiver, packets)
+            reception.drop("bandwidth", len(dropped))
+            passing += [(receiver, packet) for packet in passed]
+        return passing
+
+
+def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], reception: Reception) -> None:
+    """Receive on all open links at once; equal to `Reception.hear_all` for frames without delay."""
+    is_open = links.is_open
+    receivers = links.receivers[is_open].tolist()
+    reception.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
+    reception.largest_bytes = max(map(len, frames))
+    heard, said = reception.heard, list(zip(senders, frames, strict=True))
+    for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
+        heard[receiver].append(said[column])

@@ -1,0 +1,176 @@
+"""Bodies and events: positions, sensing, and work on events."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import EventState
+from deltaswarm_world.core.arrays import Floats
+from deltaswarm_world.core.arrivals import Arrivals
+from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.density import Places
+from deltaswarm_world.core.near import near
+from deltaswarm_world.core.obstacles import Obstacles
+
+START_STREAM = 2
+MAX_TRIES = 10_000
+"""After this many draws in a row inside obstacles, there is no room for the agents."""
+
+
+@dataclass
+class EventRecord:
+    """One event's life. Position in m, world frame; times in s."""
+
+    event: int
+    x_m: float
+    y_m: float
+    arrived_s: float
+    sensed_s: float | None = None
+    completed_s: float | None = None
+    work_agent_s: float = 0.0
+    as_sensed: Event = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.as_sensed = Event(self.event, self.x_m, self.y_m)
+
+    def state(self) -> EventState:
+        """The event's state for the recorder and `events.csv`."""
+        times = (self.arrived_s, self.sensed_s, self.completed_s)
+        return EventState(self.event, self.x_m, self.y_m, *times, self.work_agent_s)
+
+
+class Environment:
+    """Positions (n, 2) [m; world frame] and velocities (one pair each) [m/s] of the agents, and all events."""
+
+    def __init__(self, scenario: Scenario) -> None:
+        count = scenario.agents.count
+        size = np.array([scenario.arena.width_m, scenario.arena.height_m])
+        self._obstacles = Obstacles(scenario.arena.obstacles)
+        self.positions_m = self._start(generator(scenario.seed, START_STREAM), count, size)
+        self.velocities_mps: list[tuple[float, float]] = [(0.0, 0.0)] * count
+        self.arrived: list[EventRecord] = []
+        self.active: list[EventRecord] = []
+        self.changed: list[EventRecord] = []
+        """The events that arrived, were first sensed or completed in this step."""
+        self.completed = 0
+        """Number of events completed so far."""
+        self._size_m = size
+        self._step_s = scenario.run.step_s
+        self._speed_mps = scenario.agents.speed_mps
+        self._sensing_range_m = scenario.agents.sensing_range_m
+        self._work_agent_s = scenario.events.work_agent_s
+        self.density = Places(scenario.events.density, scenario.arena, self._obstacles)
+        """Where events occur."""
+        self._arrivals = Arrivals(scenario, self.density)
+        self._places_m: Floats = np.zeros((0, 2))
+
+    def command(self, agent: int, vx_mps: float, vy_mps: float) -> None:
+        """Set an agent's velocity, cut to the speed limit with its direction kept."""
+        speed = (vx_mps * vx_mps + vy_mps * vy_mps) ** 0.5
+        if speed > self._speed_mps:
+            vx_mps, vy_mps = vx_mps * self._speed_mps / speed, vy_mps * self._speed_mps / speed
+        self.velocities_mps[agent] = vx_mps, vy_mps
+
+    def move(self, drive: Callable[[Floats], None] | None = None) -> None:
+        """Move bodies by one step; the arena's edge and obstacles stop them.
+
+        `drive`, if given, changes what bodies make of their commands.
+        """
+        velocities_mps = np.array(self.velocities_mps)
+        if drive is not None:
+            drive(velocities_mps)
+        moved = self.positions_m + velocities_mps * self._step_s
+        moved = np.minimum(np.maximum(moved, 0.0), self._size_m)  # much faster than np.clip
+        self.positions_m = self._obstacles.stop(self.positions_m, moved) if self._obstacles else moved
+
+    def _start(self, rng: np.random.Generator, count: int, size_m: Floats) -> Floats:
+        """Draw uniform positions in the arena, outside obstacles."""
+        places_m: Floats = rng.random((count, 2)) * size_m
+        for _ in range(MAX_TRIES):
+            inside = self._obstacles.inside(places_m).nonzero()[0]
+            if not len(inside):
+                return places_m
+            places_m[inside] = rng.random((len(inside), 2)) * size_m
+        raise ValueError(f"arena.obstacles must leave room for agents (got {MAX_TRIES} draws in a row in obstacles)")
+
+    def arrive(self, time_s: float) -> None:
+        """Let the events arrive that are due by now [s]."""
+        new = [EventRecord(*arrival) for arrival in self._arrivals.until(time_s)]
+        if new:
+            self.arrived += new
+            self.active += new
+            self.changed += new
+            self._place_active()
+
+    def sense(
+        self, time_s: float, present: list[bool], misses: Callable[[int], bool] | None = None
+    ) -> list[list[Event]]:
+        """Return each agent's events within sensing range and line of sight; note when an event is first sensed.
+
+        `misses`, if given, says of an agent whether it misses the event before it all the same.
+        """
+        sensed: list[list[Event]] = [[] for _ in present]
+        if self.active:
+            agents, indices = near(self.positions_m, self._places_m, self._sensing_range_m)
+            if self._obstacles:
+                seen = ~self._obstacles.hide(self.positions_m[agents], self._places_m[indices])
+                agents, indices = agents[seen], indices[seen]
+            for agent, index in zip(agents.tolist(), indices.tolist(), strict=True):
+                if present[agent] and (misses is None or not misses(agent)):
+                    record = self.active[index]
+                    sensed[agent].append(record.as_sensed)
+                    if record.sensed_s is None:
+                        record.sensed_s = time_s
+                        self.changed.append(record)
+        return sensed
+
+    def work(self, observers: dict[int, int], time_s: float) -> None:
+        """Let each event's distinct observers work on it for one step; complete finished events."""
+        done = False
+        for record in self.active:
+            count = observers.get(record.event, 0)
+            if count:
+                record.work_agent_s += count * self._step_s
+                if record.work_agent_s >= self._work_agent_s - 1e-9:
+                    record.completed_s = time_s
+                    self.changed.append(record)
+                    self.completed += 1
+                    done = True
+        if done:
+            self.active = [record for record in self.active if record.completed_s is None]
+            self._place_active()
+
+    def from_densest_m(self, agents: Sequence[int], time_s: float) -> float | None:
+        """Return the mean distance of agents from the position at which events are densest at a time [m].
+
+        None if there are no agents, or events are equally dense everywhere.
+        """
+        densest_m = self.density.densest_m(time_s) if agents else None
+        if densest_m is None:
+            return None
+        return float(np.hypot(*(self.positions_m[agents] - densest_m).T).mean())
+
+    def states(self) -> list[EventState]:
+        """Return all events so far in order of arrival, by id within a step."""
+        return [event.state() for event in sorted(self.arrived, key=_by_arrival)]
+
+    def states_to_show(self) -> list[EventState]:
+        """Return the events that are incomplete or changed in this step."""
+        shown = {event.event: event for event in (*self.active, *self.changed)}
+        return [event.state() for event in sorted(shown.values(), key=_by_arrival)]
+
+    def mean_waiting_s(self) -> float:
+        """Return the mean waiting time of sensed events so far [s]; 0 before the first."""
+        waits = [event.sensed_s - event.arrived_s for event in self.arrived if event.sensed_s is not None]
+        return sum(waits) / len(waits) if waits else 0.0
+
+    def _place_active(self) -> None:
+        places = [(record.x_m, record.y_m) for record in self.active]
+        self._places_m = np.array(places, dtype=np.float64).reshape(-1, 2)
+
+
+def _by_arrival(record: EventRecord) -> tuple[float, int]:
+    return record.arrived_s, record.event

@@ -1,0 +1,109 @@
+"""The interface of a kind of fault: hooks that act on processes and bodies."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.orders import NOTE, ProcessOrder
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.settings_fault import FaultSettings
+from deltaswarm_world.core.arrays import Floats
+
+
+@dataclass
+class ActiveFault:
+    """A started fault; `index` is its index in the scenario, `end` the first step after it."""
+
+    index: int
+    fault: FaultSettings
+    agents: set[int]
+    end: int | None
+    rng: np.random.Generator
+
+
+class Orders:
+    """The orders of one step, numbered over the run."""
+
+    def __init__(self, step_s: float) -> None:
+        self.given: list[ProcessOrder] = []
+        self._step_s = step_s
+        self._step = 0
+        self._numbered = 0
+
+    def begin(self, step: int) -> None:
+        """Start a new list."""
+        self.given = []
+        self._step = step
+
+    def give(self, action: str, agents: Collection[int], why: str) -> None:
+        """Add an order for some agents' processes; without agents, a note."""
+        if agents or action == NOTE:
+            time_s = self._step * self._step_s
+            self.given.append(ProcessOrder(self._numbered, self._step, time_s, action, tuple(sorted(agents)), why))
+            self._numbered += 1
+
+
+class Kind:
+    """One kind of fault in one run. Hooks that a kind does not override have no effect.
+
+    Args:
+        scenario: the run's scenario.
+        orders: collects the orders for processes.
+    """
+
+    name: ClassVar[str]
+    """The name in `[[fault]]`, from `deltaswarm_wire.settings_fault`."""
+    hits_dead: ClassVar[bool] = True
+    """Whether it affects named agents without a process: a body can fail without one."""
+
+    kills: ClassVar[bool] = False
+    """Whether it ends its targets' processes."""
+
+    def __init__(self, scenario: Scenario, orders: Orders) -> None:
+        self.agents: frozenset[int] = frozenset()
+        """Return the agents under this fault in this step."""
+        self._scenario = scenario
+        self._orders = orders
+
+    # When something begins or ends
+
+    def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
+        """Begin a fault and update `living`; return whether the fault lasts."""
+        self._orders.give(NOTE, fault.agents, why)
+        return True
+
+    def end(self, fault: ActiveFault, living: set[int]) -> None:
+        """End a fault and update `living`."""
+        self._orders.give(NOTE, fault.agents, f"{self.name} ends")
+
+    def see_killed(self, targets: Collection[int], faults: Sequence[ActiveFault]) -> None:
+        """Note agents killed by a fault of any kind during these active faults of this kind."""
+
+    def look(self, faults: Sequence[ActiveFault]) -> None:
+        """Note the active faults of this kind from this step on, by start."""
+        self.agents = frozenset(agent for fault in faults for agent in fault.agents)
+
+    # In each step, while a fault is under way
+
+    @property
+    def blind(self) -> frozenset[int]:
+        """Return the agents that sense nothing."""
+        return frozenset()
+
+    @property
+    def deaf(self) -> frozenset[int]:
+        """Return the agents whose radio neither sends nor receives."""
+        return frozenset()
+
+    def misses(self, agent: int) -> bool:
+        """Whether an agent misses one event within its sensing range; called once per agent, event and step."""
+        return False
+
+    def distort(self, sensed: Sequence[list[Event]], positions_m: Floats) -> None:
+        """Change what agents sense; `sensed` is per agent, positions (n, 2) [m; world frame]."""
+
+    def drive(self, velocities_mps: Floats) -> None:
+        """Change the velocities (n, 2) [m/s; world frame] that bodies do in this step."""

@@ -1,0 +1,52 @@
+"""Search for neighbours."""
+
+import numpy as np
+import numpy.typing as npt
+
+from deltaswarm_world.core.arrays import Floats
+
+Indices = npt.NDArray[np.intp]
+
+FEW_PAIRS = 10_000
+"""Up to this number a full comparison is faster than a tree."""
+
+
+def near(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
+    """Which of `others_m` (m, 2) are within the range, itself included, of which of `places_m` (n, 2).
+
+    Two arrays of indices, into `places_m` and into `others_m`, in order of the first and then the second.
+    """
+    first, second, _ = near_with_squares(places_m, others_m, range_m)
+    return first, second
+
+
+def near_with_squares(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices, Floats]:
+    """Return the same with the square of each pair's distance [m2]."""
+    if len(places_m) * len(others_m) <= FEW_PAIRS:
+        # By coordinate: numpy is several times slower along an axis of length 2.
+        squares_m2 = _squares_m2(places_m[:, 0, None] - others_m[:, 0], places_m[:, 1, None] - others_m[:, 1])
+        pairs = (squares_m2.ravel() <= range_m**2).nonzero()[0]
+        first, second = np.divmod(pairs, len(others_m))
+        return first, second, squares_m2.ravel()[pairs]
+    first, second = _candidates(places_m, others_m, range_m)
+    first, second = np.divmod(np.sort(first * np.intp(len(others_m)) + second), len(others_m))
+    offsets_m = places_m[first] - others_m[second]
+    squares_m2 = _squares_m2(offsets_m[:, 0], offsets_m[:, 1])
+    within = squares_m2 <= range_m**2
+    return first[within], second[within], squares_m2[within]
+
+
+def _squares_m2(dx_m: Floats, dy_m: Floats) -> Floats:
+    squares_m2: Floats = dx_m * dx_m + dy_m * dy_m
+    return squares_m2
+
+
+def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Indices, Indices]:
+    """Return all pairs within the range, and some slightly beyond, since a tree rounds differently."""
+    try:
+        from scipy.spatial import KDTree  # slow to import; small swarms do not need it
+    except ModuleNotFoundError:  # it comes with the extra `study`
+        first, second = np.indices((len(places_m), len(others_m))).reshape(2, -1)
+        return first, second
+    found = KDTree(places_m).sparse_distance_matrix(KDTree(others_m), range_m * 1.000001, output_type="ndarray")
+    return found["i"], found["j"]

@@ -1,0 +1,189 @@
+"""The operator's uplink: which reports reach the operator, when, and why not.
+
+Each report is tried once. These effects apply in order: a missing sender (`dead`); the sender's queue (`bandwidth`);
+the base's range (`range`, or the relay, `relay.py`, with each relay's queue and `loss` at each hop); then outages
+(`outage`), `loss` and bursts (`burst`) on the link to the base; then delay; and the queue of the operator's radio
+(`base_full`). The first effect that drops a report is the reason:
+
+    sent = arrived + dropped, by reason + in flight
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_world.core.air.channel.chance import Bursts, Loss
+from deltaswarm_world.core.air.channel.links import Ends, LinkModel, Links
+from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue
+from deltaswarm_world.core.air.channel.zones import Blackouts
+from deltaswarm_world.core.arrays import Floats
+from deltaswarm_world.core.chance import generator
+from deltaswarm_world.core.uplink.relay import Relay, SteadyLinks, StepState
+
+LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
+"""Each model has its own stream, as for radio; the relay's is 45."""
+
+BASE = 0
+"""The operator's radio as the only end of its queue."""
+
+
+class Uplink:
+    """The uplink of one run, with all its models; call `carry` at the end of every step, in order."""
+
+    def __init__(self, scenario: Scenario, steady_links: SteadyLinks) -> None:
+        uplink, count, step_s = scenario.uplink, scenario.agents.count, scenario.run.step_s
+        self.dropped: dict[str, int] = {}
+        """Dropped reports of the last step by reason."""
+        self._count = count
+        self._base_m: Floats = np.array(uplink.base_m or (0.0, 0.0))
+        self._range_m = uplink.range_m
+        self._relay = Relay(scenario, steady_links) if uplink.relay else None
+        self._models: list[LinkModel] = []
+        if uplink.outages:
+            self._models.append(Blackouts(uplink.outages, "outage"))
+        if uplink.loss > 0:
+            self._models.append(Loss(uplink.loss, generator(scenario.seed, LOSS_STREAM)))
+        if uplink.burst.is_on:
+            rng = generator(scenario.seed, BURST_STREAM)
+            self._models.append(Bursts(uplink.burst, count, step_s, rng, to_one=True))
+        self._delays: DelayLine | None = None
+        if uplink.latency_s > 0 or uplink.jitter_s > 0:
+            rngs = [generator(scenario.seed, stream) for stream in (JITTER_STREAM, ROUNDING_STREAM)]
+            self._delays = DelayLine(uplink.latency_s, uplink.jitter_s, step_s, *rngs)
+        width = uplink.bandwidth
+        self._sending, self._taking_in = (
+            RateLimitedQueue(rate * step_s, width.queue_bytes) if rate > 0 else None
+            for rate in (width.sender_bytes_per_s, width.receiver_bytes_per_s)
+        )
+        self._order_rng = generator(scenario.seed, ORDER_STREAM)
+        """Random order into the operator's queue, so that low numbers have no priority."""
+        self._numbers = 0
+        self._state = StepState(-1, 0.0, np.zeros((count, 2)), [True] * count, {}, [True] * count)
+
+    @property
+    def under_way(self) -> int:
+        """Number of pending reports."""
+        parts = (self._sending, self._delays, self._taking_in)
+        return sum(part.waiting for part in parts if part is not None) + (self._relay.under_way if self._relay else 0)
+
+    def carry(
+        self,
+        step: int,
+        time_s: float,
+        positions_m: Floats,
+        there: Sequence[bool],
+        roots: Mapping[int, int],
+        sent: Mapping[int, bytes],
+    ) -> list[bytes]:
+        """Run one step with positions [m], presence and root by agent, and reports; return arrived reports."""
+        self.dropped = {}
+        self._state = state = StepState(step, time_s, positions_m, there, roots, self._within(positions_m))
+        entering = []
+        for sender in sorted(sent):
+            self._numbers += 1
+            packet = Packet(sender, self._numbers, sent[sender])
+            if there[sender]:
+                entering.append((sender, packet))
+            else:
+                self._drop(packet, "dead")
+        near = self._near(state, entering)
+        arriving = [(BASE, packet) for packet in self._cross(state, near)]
+        if self._delays is not None:
+            arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
+            arriving += self._delays.take(step)
+        return [packet.data for packet in sorted(self._take_in([packet for _, packet in arriving]))]
+
+    def _within(self, positions_m: Floats) -> Sequence[bool]:
+        """Return the agents within and at the base's range."""
+        if self._range_m is None:
+            return [True] * self._count
+        offsets = positions_m - self._base_m
+        within: list[bool] = (offsets[:, 0] ** 2 + offsets[:, 1] ** 2 <= self._range_m**2).tolist()
+        return within
+
+    def _drop(self, packet: Packet, reason: str, where: str = "") -> None:
+        """Count a dropped report; `where` is for `TracedUplink`."""
+        self.dropped[reason] = self.dropped.get(reason, 0) + 1
+        if self._relay:
+            self._relay.forget(packet.number)
+
+    def _near(self, state: StepState, entering: list[Arrival]) -> list[Arrival]:
+        """Pass reports through the senders' queues and the relay; return those on the link to the base."""
+        relay, within = self._relay, state.within
+        if relay is None:
+            on_air = self._send(state, entering)
+            for end, packet in on_air:
+                if not within[end]:
+                    self._drop(packet, "range")
+            return [(end, packet) for end, packet in on_air if within[end]]
+        near, beyond = [], []
+        for end, packet in sorted(self._send(state, entering + relay.handed) + relay.waiting, key=_by_carrier):
+            if reason := relay.check(state, (end, packet)):
+                self._drop(packet, reason, f", at agent {end}")
+            elif within[end]:
+                relay.forget(packet.number)
+                near.append((end, packet))
+            else:
+                beyond.append((end, packet))
+        for (end, packet), reason in relay.hand_on(state, beyond):
+            self._drop(packet, reason, f", at agent {end}")
+        return near
+
+    def _send(self, state: StepState, entering: list[Arrival]) -> list[Arrival]:
+        """Pass reports through the queues of senders and relays; return those on the air, by relay, then age."""
+        entering.sort(key=_by_carrier)
+        queue = self._sending
+        if queue is None or queue.pass_all(entering):
+            return entering
+        by_end: dict[int, list[Packet]] = {}
+        for end, packet in entering:
+            by_end.setdefault(end, []).append(packet)
+        on_air = []
+        for end in sorted(by_end.keys() | queue.ends):
+            passed, dropped = queue.take(end, by_end.get(end, []))
+            on_air += [(end, packet) for packet in passed]
+            for packet in dropped:
+                self._drop(packet, "bandwidth", f", the queue of agent {end} is full")
+            for packet in [] if state.there[end] else queue.clear(end):
+                self._drop(packet, "dead", f", in the queue of agent {end}")
+        return on_air
+
+    def _cross(self, state: StepState, near: list[Arrival]) -> list[Packet]:
+        """Apply the models of the link to the base; return the received reports."""
+        if not near:
+            return []
+        links = self._links(state, [end for end, _ in near])
+        for model in self._models:
+            cut = model.cuts(links, state.time_s)
+            if cut is None:
+                continue
+            cut &= links.is_open
+            links.is_open &= ~cut
+            for row in np.flatnonzero(cut).tolist():
+                self._drop(near[row][1], model.reason)
+        return [near[row][1] for row in np.flatnonzero(links.is_open).tolist()]
+
+    def _links(self, state: StepState, senders: Sequence[int]) -> Links:
+        """Make links from agents, ascending, to the base, the end after the last agent."""
+        ids = np.array(senders)
+        base = Ends(np.full(len(ids), self._count), np.tile(self._base_m, (len(ids), 1)))
+        return Links.of_pairs(Ends(ids, state.positions_m[ids]), base)
+
+    def _take_in(self, packets: list[Packet]) -> list[Packet]:
+        """Pass reports through the queue of the operator's radio."""
+        queue = self._taking_in
+        if queue is None:
+            return packets
+        order = self._order_rng.random(self._count).tolist()
+        if not queue.is_wide_enough(BASE, packets):
+            packets.sort(key=lambda packet: (order[packet.sender], packet.number))
+        passed, dropped = queue.take(BASE, packets)
+        for packet in dropped:
+            self._drop(packet, "base_full")
+        return passed
+
+
+def _by_carrier(arrival: Arrival) -> tuple[int, int]:
+    end, packet = arrival
+    return end, packet.number

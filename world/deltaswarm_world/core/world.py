@@ -1,0 +1,309 @@
+"""The world's core: one step at a time, frames out, acts and radio frames in, truth and record out.
+
+Inputs are processed in agent order, never in arrival order; `inbox.py` takes and checks them.
+"""
+
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict
+from itertools import accumulate
+from typing import Any
+
+from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
+from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
+from deltaswarm_wire.operator_messages import Forwarded
+from deltaswarm_wire.orders import KILL, START, ProcessOrder
+from deltaswarm_wire.settings import Scenario
+from deltaswarm_wire.truth import DEAD, Body, Said, StepRecord, Truth
+from deltaswarm_world.core.air.radio import Air, Reception
+from deltaswarm_world.core.coverage import Coverage
+from deltaswarm_world.core.downlink import Downlink
+from deltaswarm_world.core.environment import Environment
+from deltaswarm_world.core.faults.timeline import Faults
+from deltaswarm_world.core.inbox import Inbox
+from deltaswarm_world.core.lockstep import LockStep
+from deltaswarm_world.core.quiet import QuietSleep
+from deltaswarm_world.core.step_record import record
+from deltaswarm_world.core.turns import AWAITED, OFF, Turns
+from deltaswarm_world.core.uplink.uplink import Uplink
+
+HEARD_BYTES = 6
+"""Overhead of a heard frame in an agent's frame: its sender and length."""
+
+NOBODY_HIT: frozenset[int] = frozenset()
+
+SILENT, GONE = TreeStatus(), TreeStatus(DEAD)
+
+
+class WorldCore:
+    """The world of one run, with `scenario.agents.count` agents numbered from 0."""
+
+    def __init__(self, scenario: Scenario, boards: Iterable[int] = ()) -> None:
+        self.scenario = scenario
+        self.environment = Environment(scenario)
+        self.lockstep = LockStep(range(scenario.agents.count), boards)
+        self.inbox = Inbox(self.lockstep)
+        self.refused_claims = 0
+        """Number of claimed observations of events out of sensing range."""
+        self.events_cut = 0
+        """Number of sensed events that did not fit into a frame."""
+        self.agents_in_trees = 0
+        """In the last closed step."""
+        self.digest = Digest()
+        self.forwarded: list[Forwarded] = []
+        """Reports that reach the operator in the last closed step."""
+
+        self.air = Air(scenario)
+        self.uplink = Uplink(scenario, self.air.steady_links) if scenario.uplink.is_on else None
+        """None: each report reaches the operator in the step in which it is sent."""
+        self.turns = Turns(AWAITED if scenario.has_commander else OFF)
+        self.downlink = Downlink(scenario)
+        self._delivered: list[tuple[int, bytes]] = []
+        """(agent, sample) of base frames received in this step."""
+        self._sent: dict[int, bytes] = {}
+        self._forwarded_ever = 0
+        self._coverage = Coverage(scenario)
+        self._faults = Faults(scenario) if scenario.fault else None
+        count = scenario.agents.count
+        self._present = [True] * count
+        self._listening = self.speaking = [True] * count
+        """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
+        self._tree_statuses: dict[int, TreeStatus] = {}
+        """Each present agent's tree status, by its last act."""
+        self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
+        self._sensed: list[list[Event]] = []
+        self.links: Sequence[tuple[int, int]] = ()
+        """(sender, receiver) of each frame heard in this step."""
+        self._step = -1
+        self._is_last = False
+        self._time_s = 0.0
+        self._carried = Reception(0)
+
+    # A step: inject and begin, then acts and radio frames as they arrive, then end
+
+    def inject(self, step: int) -> Sequence[ProcessOrder]:
+        """Apply the faults before a step; return the orders for agents' processes."""
+        if self._faults is None:
+            return ()
+        lockstep = self.lockstep
+        roots = [agent for agent, status in self._tree_statuses.items() if status.root == agent]
+        orders = self._faults.inject(step, lockstep.alive, roots)
+        for order in orders:
+            for agent in order.agents:
+                self._sleep.wake(agent)
+                if order.action == KILL:
+                    lockstep.take_out(agent)
+                    self.environment.command(agent, 0.0, 0.0)
+                elif order.action == START:
+                    lockstep.back(agent)
+                    self._sleep.start(agent, step)
+                    self.inbox.begin_anew(agent)
+        lockstep.frozen = self._faults.frozen
+        return orders
+
+    def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
+        """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent."""
+        environment, lockstep = self.environment, self.lockstep
+        self._step, self._time_s, self._is_last = step, step * self.scenario.run.step_s, last
+        taking_part = lockstep.taking_part()
+        probed, lockstep.probed = lockstep.probed, []
+        alive = lockstep.alive
+        for agent, there in enumerate(self._present):
+            if there != (agent in alive):
+                self._present[agent] = not there
+                self._sleep.wake(agent)
+                environment.command(agent, 0.0, 0.0)
+        while lockstep.returned:
+            self._sleep.wake(lockstep.returned.pop())  # even if it left and came back within a step
+        environment.changed.clear()
+        if step > 0:
+            environment.move(self._faults.drive if self._faults else None)
+        environment.arrive(self._time_s)
+        self.downlink.send(step, self.turns.leaving(step, self.scenario.run.step_s))
+        self._sensed = self._sense((*taking_part, *probed))
+        heard = self._hear(taking_part)
+        self._sleep.move_to(environment.positions_m.tolist())
+        always = lockstep.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
+        asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
+        lockstep.begin(step, asked)
+        before = self._tree_statuses
+        self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
+        self.inbox.begin(step)
+        return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
+
+    def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
+        here, poses = self._sleep.ask(agent, self._step)
+        sensed = self._sensed[agent]
+        if len(sensed) > MAX_SENSED:
+            self.events_cut += len(sensed) - MAX_SENSED
+            sensed = sensed[:MAX_SENSED]
+        return Frame(self._step, self._time_s, last, *here, poses, tuple(sensed), tuple(heard))
+
+    def _sense(self, agents: Iterable[int]) -> list[list[Event]]:
+        """Return what these agents sense, with faults applied; an agent without a frame senses nothing."""
+        faults, environment = self._faults, self.environment
+        present = [False] * len(self._present)
+        for agent in agents:
+            present[agent] = True
+        if faults is None:
+            return environment.sense(self._time_s, present)
+        sensed = environment.sense(self._time_s, faults.seeing(present), faults.misses)
+        faults.distort(sensed, environment.positions_m)
+        return sensed
+
+    def _hear(self, taking_part: Sequence[int]) -> list[list[Heard]]:
+        """Deliver the radio frames of the step before; return each agent's received frames with their senders."""
+        deaf, mute = (self._faults.deaf, self._faults.mute) if self._faults else (NOBODY_HIT, NOBODY_HIT)
+        listening = [False] * len(self._present)
+        for agent in taking_part:
+            listening[agent] = agent not in deaf
+        self.speaking, self._listening = self._listening, listening
+        reception = self.air.carry(
+            self._step, self._time_s, self.inbox.transmitted, self.environment.positions_m, listening, mute
+        )
+        self.links = reception.links
+        if cut := self._cut_overfull(reception.heard, reception.largest_bytes):
+            self.links = [(sender, agent) for agent, frames in enumerate(reception.heard) for sender, _ in frames]
+            reception.drop("frame_full", cut)
+        self._delivered = self.downlink.carry(self._step, self._time_s, self.environment.positions_m, listening)
+        for agent, data in self._delivered:
+            reception.heard[agent].append((BASE, data))
+        self._carried = reception
+        return reception.heard
+
+    def _cut_overfull(self, heard: list[list[Heard]], largest_bytes: int) -> int:
+        """Drop frames that do not fit into their receiver's frame; return their number."""
+        largest = largest_bytes + HEARD_BYTES
+        least_room = FRAME_ROOM_BYTES - SENSED_BYTES * MAX_SENSED
+        cut = 0
+        for frames, sensed in zip(heard, self._sensed, strict=True):
+            if len(frames) * largest <= least_room:
+                continue  # they always fit
+            room = FRAME_ROOM_BYTES - SENSED_BYTES * min(MAX_SENSED, len(sensed))
+            ends = list(accumulate(len(data) + HEARD_BYTES for _, data in frames))
+            fitting = bisect_right(ends, room)
+            cut += len(frames) - fitting
+            del frames[fitting:]
+        return cut
+
+    def end(self) -> StepRecord:
+        """Close the step: commands, work, completion, record, digest."""
+        late = self.lockstep.give_up()
+        self.inbox.drop_frames(late)
+        observers: Counter[int] = Counter()
+        for agent, data in self._delivered:
+            self.digest.add(self._step, agent, COMMAND, data)
+        for agent in sorted(self.inbox.acts):
+            data, act = self.inbox.acts[agent]
+            self.environment.command(agent, act.vx_mps, act.vy_mps)
+            if act.observed:
+                sensed = {event.event for event in self._sensed[agent]}
+                for event in set(act.observed):
+                    if event in sensed:
+                        observers[event] += 1
+                    else:
+                        self.refused_claims += 1
+            spoken = self.inbox.transmitted.get(agent)
+            if spoken is not None:
+                self.digest.add(self._step, agent, RADIO, spoken)
+            self.digest.add(self._step, agent, ACT, data)
+            self._tree_statuses[agent] = act.tree_status
+            self._sleep.hold(agent, act)
+        self.environment.work(observers, self._time_s)
+        for agent in late:
+            self._tree_statuses.pop(agent, None)
+            self._sleep.wake(agent)
+        self._forward()
+        self.digest.end_step()
+        row = self._step_record(late)
+        if self._is_last:  # what arrives until the end is part of the run, whatever the length of a step
+            self.environment.arrive(self._time_s + self.scenario.run.step_s)
+        return row
+
+    def _forward(self) -> None:
+        """Forward this step's reports, or those that the uplink delivers, to the operator in agent order."""
+        sent = self._sent = self.inbox.take_reports()
+        arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
+        first = self._forwarded_ever
+        self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
+        self._forwarded_ever += len(arrived)
+
+    def _carry_up(self, uplink: Uplink, sent: dict[int, bytes]) -> list[bytes]:
+        """Pass reports into the uplink; return the delivered ones."""
+        for agent in sorted(sent):
+            self.digest.add(self._step, agent, REPORT, sent[agent])
+        lockstep = self.lockstep
+        absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
+        there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
+        roots = {agent: status.root for agent, status in self._tree_statuses.items() if status.root != NOBODY}
+        return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
+
+    def _step_record(self, late: Collection[int]) -> StepRecord:
+        uplink, sent = self.uplink, len(self._sent)
+        in_trees = sorted(agent for agent, status in self._tree_statuses.items() if status.root != NOBODY)
+        roots = [agent for agent in in_trees if self._tree_statuses[agent].root == agent]
+        self.agents_in_trees = len(in_trees)
+        due = self._coverage.is_due(self._step)
+        rejected, lost = self.inbox.take_counts()
+        reception, others = self._carried, self.scenario.agents.count - 1
+        return record(
+            step=self._step,
+            time_s=self._time_s,
+            agents_alive=len(self.lockstep.alive),
+            agents_late=len(late),
+            agents_asked=len(self.inbox.acts) + len(late),
+            agents_in_trees=len(in_trees),
+            trees=len(roots),
+            covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
+            roots_from_densest_m=self.environment.from_densest_m(roots, self._time_s),
+            delta=self._mean_delta(),
+            events_open=len(self.environment.active),
+            events_completed=self.environment.completed,
+            frames_sent=len(self.inbox.transmitted),
+            bytes_sent=sum(map(len, self.inbox.transmitted.values())),
+            frames_received=len(self.links),
+            frames_duplicated=reception.duplicated,
+            frames_in_flight=len(self.inbox.transmitted) * others + self.air.under_way,
+            rejected=rejected,
+            transport_lost=lost,
+            frames_dropped=reception.dropped,
+            reports_sent=sent,
+            reports_arrived=len(self.forwarded) if uplink else sent,
+            reports_in_flight=uplink.under_way if uplink else 0,
+            reports_dropped=uplink.dropped if uplink else {},
+        )
+
+    def _mean_delta(self) -> float | None:
+        deltas = [status.delta for status in self._tree_statuses.values() if status.delta]
+        return sum(deltas) / len(deltas) if deltas else None
+
+    def truth(self, row: StepRecord) -> Truth:
+        """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
+        bodies = []
+        for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
+            status = self._tree_statuses.get(agent, SILENT) if agent in self.lockstep.alive else GONE
+            bodies.append(Body(agent, x_m, y_m, *status))
+        events = tuple(self.environment.states_to_show())
+        return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
+
+    @property
+    def said(self) -> list[Said]:
+        """The raw radio frames and reports of the last closed step, in agent order."""
+        return self.inbox.said(self._sent)
+
+    def totals(self, complete: bool) -> dict[str, Any]:
+        """Return the world's totals of a run."""
+        return {
+            "complete": complete,
+            "digest": self.digest.hex(),
+            "agents_lost": list(self.lockstep.lost),
+            "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
+            "faults": list(self._faults.log) if self._faults else [],
+            **self.inbox.totals,
+            "refused_claims": self.refused_claims,
+            "events_cut": self.events_cut,
+            "commands": self.turns.log,
+            "downlink": self.downlink.totals,
+        }

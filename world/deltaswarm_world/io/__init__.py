@@ -1,0 +1,1 @@
+"""Processes, the fabric, files and clocks."""

@@ -1,0 +1,162 @@
+"""What the world takes in while it waits: samples, tokens, the operator's words; and its sign of life."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import Callable
+
+from deltaswarm_wire.commands import Pace, Turn
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.operator_messages import Status
+from deltaswarm_wire.orders import ProcessOrder
+from deltaswarm_world.core.pace import RealTimePace
+from deltaswarm_world.core.retransmit_buffer import HandingOn
+from deltaswarm_world.core.rhythm import Rhythm
+from deltaswarm_world.core.turns import LIVE, OFF
+from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.control_input import Ack, OperatorMessage, Persisted
+from deltaswarm_world.io.saving import SavedWorld
+from deltaswarm_world.io.transport import Transport
+from deltaswarm_world.io.wakeup import Wakeup
+
+log = logging.getLogger("deltaswarm.world")
+
+STATUS_EVERY_S = 0.5
+MAX_TOLD = 100
+"""The log tells of so many comings and goings of one agent."""
+
+
+class Attention:
+    """The state of one run at the world's edge. The world's process decides by it what to do next."""
+
+    def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
+        self._config = config
+        self._settings = config.scenario.run
+        self._core = saved.core
+        self._transport = transport
+        self._wakeup = wakeup
+        self._handing_on = HandingOn(transport.forwarded, transport.clock)
+        self._handing_on.confirm(self._core.lockstep.step)
+        self._has_begun = False
+        self._pace: RealTimePace | None = None
+        turns = self._core.turns
+        if config.has_station and turns.mode == OFF:
+            turns.mode = LIVE
+        self._rhythm = Rhythm(turns, self._settings.step_s, time.monotonic)
+        self._in_hand: ProcessOrder | None = None
+        """What is being done to processes, on order: their tokens come and go as planned."""
+        self._status_due = 0.0
+        self._there: set[tuple[str, int]] = set()
+        self._taken: dict[str, int] = {}
+        """By role, the newest step that operator and recorder have, since they came."""
+        self._is_over = False
+        self._phase = "waiting"
+        """Phase of the newest status."""
+        """The last clock has gone out."""
+        self._operator_left = False
+        """The operator went, and has not been given what it missed."""
+        self._warned: set[int] = set()
+        self._comings: Counter[int] = Counter()
+
+    def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
+        """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
+
+        Raises:
+            InterruptedError: a signal came, and the condition did not hold soon.
+        """
+        began = time.monotonic()
+        self._wakeup.wake_at(began + within_s)
+        while not condition():
+            if self._transport.take(self._take):
+                continue
+            self._look_up()
+            if not condition() and time.monotonic() >= self._wakeup.deadline:
+                if self._wakeup.stop_requested:
+                    raise InterruptedError("stopped by a signal")
+                return False
+        if self._pace:
+            self._pace.pause(time.monotonic() - began)
+        return True
+
+    def _look_up(self) -> None:
+        """What the world does each time that it is woken."""
+        self._take_control()
+        if time.monotonic() >= self._status_due:  # also where a step, or the end, takes long
+            self._send_status(self._core.lockstep.step, self._phase)
+
+    def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
+        """Take one sample of an agent."""
+        hanging = self._core.lockstep.hanging
+        was_hanging = agent in hanging
+        reason = self._core.inbox.hear(agent, leaf, data, act)
+        if was_hanging and agent not in hanging:
+            log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
+        if reason is not None and agent not in self._warned:
+            self._warned.add(agent)
+            log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
+
+    def _take_control(self) -> None:
+        """Take note of who came and who went, and of what operator and recorder have, in that order.
+
+        What the operator counted is handed on to the recorder.
+        """
+        for message in self._wakeup.control.take():
+            if isinstance(message, Persisted):
+                self._taken[message.role] = message.step
+                if message.role == OPERATOR and not self._operator_left:
+                    self._handing_on.confirm(message.step)
+                continue
+            if isinstance(message, Ack):
+                self._transport.workload(message.data)
+                continue
+            if isinstance(message, OperatorMessage):
+                self._take_operator_message(message.word)
+                continue
+            role, number, is_there = message
+            (self._there.add if is_there else self._there.discard)((role, number))
+            if role == RECORDER and is_there and self._config.publish_truth:  # what it has, it says only later
+                self._taken.setdefault(role, self._core.lockstep.step)
+            if role == AGENT and number < self._config.scenario.agents.count:
+                self._take_token(number, is_there)
+            elif not is_there:
+                self._taken.pop(role, None)
+                self._operator_left |= role == OPERATOR and self._has_begun
+
+    def _take_operator_message(self, word: Turn | Pace) -> None:
+        """The operator's turn, or the pace that it wants."""
+        if isinstance(word, Pace):
+            self._rhythm.take(word)
+        elif reason := self._core.turns.take(word):
+            log.warning("dropped: %s", reason)
+
+    def _take_token(self, agent: int, there: bool) -> None:
+        """An agent came or went."""
+        lockstep = self._core.lockstep
+        if self._in_hand is not None and agent in self._in_hand.agents:
+            return
+        was_there = agent in lockstep.alive
+        (lockstep.back if there else lockstep.gone)(agent)
+        if agent in lockstep.boards:  # samples may overtake the token that tells of a return
+            self._core.inbox.go_on_anywhere(agent)
+        has_changed = was_there != (agent in lockstep.alive)
+        self._comings[agent] += has_changed
+        if has_changed and self._has_begun and not self._is_over and self._comings[agent] <= MAX_TOLD:
+            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
+
+    def _send_status(self, step: int, phase: str) -> None:
+        self._phase = phase
+        self._status_due = time.monotonic() + STATUS_EVERY_S
+        core = self._core
+        self._transport.status(
+            Status(
+                max(step, 0),
+                self._settings.steps,
+                max(step, 0) * self._settings.step_s,
+                len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
+                core.agents_in_trees,
+                core.environment.mean_waiting_s(),
+                len(core.environment.active),
+                core.environment.completed,
+                phase,
+            )
+        )

@@ -1,0 +1,291 @@
+"""The world's process: lock-step and clock. Only `transport.py`, `wakeup.py` and `slow_links.py` use Zenoh."""
+
+import logging
+import time
+
+from deltaswarm_wire.checkpoint import is_due
+from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
+from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
+from deltaswarm_wire.truth import StepRecord, encode_truth, encode_wire
+from deltaswarm_world.core.lockstep import TimeoutBackoff
+from deltaswarm_world.core.pace import RealTimePace
+from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
+from deltaswarm_world.io import saving
+from deltaswarm_world.io.attention import Attention
+from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.files import WorldOutput
+from deltaswarm_world.io.saving import SavedWorld
+from deltaswarm_world.io.transport import Transport
+from deltaswarm_world.io.wakeup import Wakeup
+
+log = logging.getLogger("deltaswarm.world")
+
+SAVING_STEPS = 2.0
+"""An agent may take this many step timeouts to save itself, and half as long after each miss."""
+
+GOODBYE_S = 3.0
+"""Time at the end for the other parts to leave [s]."""
+
+
+class WorldProcess(Attention):
+    """One run of the world over its transport, or the rest of a run from a checkpoint."""
+
+    def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
+        super().__init__(config, transport, wakeup, saved)
+        self._backoff = saved.backoff
+        self._saving_backoff = TimeoutBackoff(SAVING_STEPS * self._settings.step_timeout_s)
+        self._restarts = saved.restarts
+        self._overruns_before = saved.overruns
+        self._probe_due = 0.0
+
+    def wait_for_all(self) -> None:
+        """Wait until every expected process is present.
+
+        Raises:
+            TimeoutError: some are missing; the text names them.
+            InterruptedError: a signal came first.
+        """
+        expected = {(AGENT, agent) for agent in self._core.lockstep.alive}
+        expected |= {(role, 0) for role in self._config.expect}
+        if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
+            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
+            raise TimeoutError(f"all must be ready within {self._settings.start_timeout_s:g} s (missing: {missing})")
+
+    def _are_there(self, expected: set[tuple[str, int]]) -> bool:
+        if time.monotonic() >= self._status_due:
+            self._send_status(-1, "waiting")
+        return expected <= self._there
+
+    def run(self, output: WorldOutput) -> bool:
+        """Run all steps; return True if none was cut off.
+
+        Raises:
+            TimeoutError: the operator did not answer or come back, a part did not catch up, or an order was not done.
+            InterruptedError: a signal came during such a wait.
+        """
+        settings = self._settings
+        first = self._core.lockstep.step + 1
+        self._has_begun = True
+        output.started()
+        self._send_status(first, "running")
+        if settings.clock == "realtime":
+            self._pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
+        for step in range(first, settings.steps):
+            self._await_operator(step)
+            for order in self._core.inject(step):
+                self._give(order)
+            last = step == settings.steps - 1 or self._wakeup.stop_requested
+            self._probe(last)
+            self._transport.frames(self._core.begin(step, last))
+            self._collect()
+            record = self._core.end()
+            output.write(record, self._core.environment.changed)  # a step is on file before anyone is told of it
+            self._close(record, last)
+            if time.monotonic() >= self._status_due:
+                self._send_status(step, "running")
+            if last:
+                break
+            if is_due(step, self._config.checkpoint_steps):
+                self._save(step, output)
+        complete = step == settings.steps - 1
+        # A complete run may have to resume, too, if the disk has no room for its results.
+        may_resume = self._config.checkpoint_steps > 0
+        output.finish(self._core, complete, self._overruns, may_resume=may_resume)
+        self._send_status(step, "ended")
+        return complete
+
+    def _await_operator(self, step: int) -> None:
+        """Hold a step back until the operator's turn has come and the pace allows the step.
+
+        Raises:
+            TimeoutError, InterruptedError: as in `run`.
+        """
+        rhythm, wakeup = self._rhythm, self._wakeup
+        self._take_control()
+        while not rhythm.may_begin(step) and not wakeup.stop_requested:
+            if self._operator_left:
+                self._welcome_operator()
+            wait_s = rhythm.wait_s(step)
+            patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
+
+            def is_over() -> bool:
+                return rhythm.may_begin(step) or wakeup.stop_requested or self._operator_left
+
+            if not self._wait_until(is_over, patience_s) and wait_s is None:
+                raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
+        rhythm.begin()
+
+    @property
+    def _overruns(self) -> int:
+        return self._overruns_before + (self._pace.overruns if self._pace else 0)
+
+    def _save(self, step: int, output: WorldOutput) -> None:
+        """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint.
+
+        Raises:
+            InterruptedError: a signal came while the world waited for others.
+        """
+        lockstep, inbox = self._core.lockstep, self._core.inbox
+        agents = set(lockstep.taking_part())
+        others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
+
+        def can_be_saved() -> bool:
+            return not self._operator_left and agents == lockstep.alive
+
+        def others_have() -> bool:
+            return all(self._taken.get(role, -1) >= step for role in others)
+
+        backoff, began = self._saving_backoff, time.monotonic()
+
+        def is_enough() -> bool:
+            _, longest_s = backoff.with_any(inbox.unsaved, step)
+            return not inbox.unsaved or time.monotonic() >= began + longest_s
+
+        if can_be_saved():
+            inbox.await_saved(agents)
+            self._transport.save(agents, step)
+            self._wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
+            self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
+        inbox.unsaved |= saving.missing(self._config.out, step, agents)
+        is_whole = others_have() and saving.has_operator(self._config.out, step)
+        if not can_be_saved() or inbox.unsaved or not is_whole:
+            log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
+            for agent in sorted(inbox.unsaved):
+                backoff.missed(agent, step)
+                log.warning("agent %d did not save itself", agent)
+            return
+        saving.save(
+            self._config.out,
+            SavedWorld(self._core, self._backoff, self._restarts, output.sync(), output.wall_s, self._overruns),
+        )
+
+    def _probe(self, last: bool) -> None:
+        """Schedule a frame for boards that have hung for long, and for all hung boards at the end, so they see it."""
+        now, lockstep = time.monotonic(), self._core.lockstep
+        if last or now >= self._probe_due:
+            lockstep.probe()
+        if now >= self._probe_due or not lockstep.hanging:
+            self._probe_due = now + self._settings.step_timeout_s
+
+    def _give(self, order: ProcessOrder) -> None:
+        """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
+
+        Raises:
+            TimeoutError: the order was not reception out in time.
+            InterruptedError: a signal came first.
+        """
+        log.warning("%s", order.text)
+        self._transport.order(order)
+        if order.action == NOTE:
+            return
+        self._in_hand = order
+        if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
+            raise TimeoutError(f"orders must be done within {self._settings.start_timeout_s:g} s (got {order.text})")
+        self._in_hand = None
+        if order.action == START:
+            self._restarts.update(order.agents)
+
+    def _is_done(self, order: ProcessOrder) -> bool:
+        tokens = [(AGENT, agent) in self._there for agent in order.agents]
+        as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
+        return as_told and order.number in self._wakeup.done
+
+    def _collect(self) -> None:
+        """Wait until every agent has closed the step or its time is up; if all hang, wait for the first to return.
+
+        Sleeping agents take part, so a step in which no agent is asked does not wait.
+        """
+        lockstep, wakeup, pace = self._core.lockstep, self._wakeup, self._pace
+        began = time.monotonic()
+        everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
+        soonest_s, _ = self._backoff.with_any(lockstep.waiting, lockstep.step)
+        wakeup.wake_at(pace.next_tick() if pace else began + soonest_s)
+        while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
+            if self._transport.take(self._take):
+                continue
+            self._look_up()
+            if time.monotonic() < wakeup.deadline:
+                continue
+            _, latest_s = self._backoff.with_any(lockstep.waiting, lockstep.step)
+            if pace or wakeup.stop_requested or time.monotonic() >= began + latest_s:
+                self._give_up()
+                break
+            wakeup.wake_at(began + latest_s)
+        if pace:
+            wakeup.wake_at(pace.tick_ends_s)
+            while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
+                if not self._transport.take(self._take):
+                    self._look_up()
+        self._transport.take_waiting(self._take)  # late agents take part again in the next step
+
+    def _give_up(self) -> None:
+        """Continue the step without the agents that have not closed it."""
+        lockstep = self._core.lockstep
+        for agent in sorted(lockstep.waiting):
+            self._backoff.missed(agent, lockstep.step)
+            log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
+
+    def _close(self, record: StepRecord, last: bool) -> None:
+        """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
+
+        Raises:
+            TimeoutError, InterruptedError: as in `run`.
+        """
+        core, transport = self._core, self._transport
+        if self._config.publish_truth:
+            transport.truth(encode_truth(core.truth(record)))
+        if self._config.publish_wire:
+            transport.wire(encode_wire(record.step, core.said))
+        self._take_control()
+        reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
+        clock = encode_clock(Clock(record.step, record.time_s, last))
+        self._handing_on.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
+        if self._operator_left:
+            self._welcome_operator()
+        self._is_over = last
+        if not last and any(record.step - taken > AHEAD_STEPS for taken in self._taken.values()):
+            self._let_catch_up(record.step)
+
+    def _welcome_operator(self) -> None:
+        """Wait for the operator that replaces the lost one, and send it what it missed."""
+        step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
+        log.warning("the operator is gone in step %d; waiting for it", step)
+        if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
+            raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
+        self._operator_left = False
+        self._handing_on.begin_anew(self._taken[OPERATOR])
+        log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
+
+    def _let_catch_up(self, step: int) -> None:
+        """Wait for parts that are far behind, unless a signal came: then the last step comes at once."""
+
+        def behind() -> list[str]:
+            return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
+
+        def is_over() -> bool:
+            return self._wakeup.stop_requested or self._operator_left or not behind()
+
+        if not self._wait_until(is_over, self._settings.start_timeout_s):
+            raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
+
+    def goodbye(self) -> None:
+        """Let operator and recorder take what was sent and leave; then undeclare the world's token.
+
+        Raises:
+            TimeoutError: the operator did not take it, or left and did not come back.
+            InterruptedError: a signal came during the wait.
+        """
+        last = self._core.lockstep.step
+
+        def has_all() -> bool:
+            return self._handing_on.confirmed >= last
+
+        while OPERATOR in self._config.expect and not has_all():
+            if self._operator_left:
+                self._welcome_operator()
+            elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
+                raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
+        if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
+            log.warning("not all parts left within %g s", GOODBYE_S)
+        self._transport.leave()

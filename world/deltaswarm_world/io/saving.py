@@ -1,0 +1,84 @@
+"""The world's part of a checkpoint, written last, which completes it."""
+
+import json
+import pickle
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Self
+
+from deltaswarm_wire import checkpoint
+from deltaswarm_world.core.lockstep import TimeoutBackoff
+from deltaswarm_world.core.world import WorldCore
+from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.files import TABLES
+
+
+@dataclass
+class SavedWorld:
+    """The full state of a world, also of a `new` one."""
+
+    core: WorldCore
+    backoff: TimeoutBackoff
+    restarts: Counter[int] = field(default_factory=Counter)
+    """Restarts of each agent by orders."""
+    table_bytes: Sequence[int] = ()
+    """Lengths of the world's tables; empty: no tables yet."""
+    wall_s: float = 0.0
+    """Wall time since the first step, without interruptions of the run [s]."""
+    overruns: int = 0
+
+    @classmethod
+    def new(cls, config: WorldConfig) -> Self:
+        """Make the state before the first step."""
+        scenario = config.scenario
+        return cls(WorldCore(scenario, config.boards), TimeoutBackoff(scenario.run.step_timeout_s))
+
+
+def missing(run_folder: Path, step: int, agents: Iterable[int]) -> set[int]:
+    """Return the agents without a file in a checkpoint, whatever they said."""
+    folder = run_folder / checkpoint.FOLDER / str(step)
+    return {agent for agent in agents if not (folder / checkpoint.agent_file(agent)).is_file()}
+
+
+def has_operator(run_folder: Path, step: int) -> bool:
+    """Whether the operator's file is in a checkpoint; one that was killed may have confirmed the step without it."""
+    return (run_folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE).is_file()
+
+
+def save(run_folder: Path, saved: SavedWorld) -> None:
+    """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
+    lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
+    newest = folder / str(lockstep.step)
+    checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
+    agents = sorted(lockstep.alive)
+    files = checkpoint.files(newest, agents)
+    told = {
+        "step": lockstep.step,
+        "agents": agents,
+        "sha256": {file.name: checkpoint.digest(file) for file in files},
+        "restarts": list(saved.restarts.items()),
+        "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
+    }
+    checkpoint.write(folder / checkpoint.NEWEST, json.dumps(told).encode())
+    for other in folder.iterdir():
+        if other.name.isdecimal() and int(other.name) < lockstep.step:
+            shutil.rmtree(other, ignore_errors=True)
+
+
+def load(run_folder: Path, step: int) -> SavedWorld:
+    """Load the world's state after a step.
+
+    Raises:
+        ValueError: its file cannot be read.
+    """
+    file = run_folder / checkpoint.FOLDER / str(step) / checkpoint.WORLD_FILE
+    try:
+        saved = pickle.loads(file.read_bytes())
+        if not isinstance(saved, SavedWorld):
+            raise TypeError(f"must hold a world (got {type(saved).__name__})")
+    except Exception as error:  # the file may raise anything
+        raise ValueError(f"--resume must name a readable checkpoint: {file}: {error!r} (got {step})") from error
+    return saved

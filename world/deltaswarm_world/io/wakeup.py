@@ -1,0 +1,131 @@
+"""Wakes the world's process from its wait for samples. Only this file, `transport.py` and `slow_links.py` use Zenoh."""
+
+import logging
+import signal
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+
+from deltaswarm_wire.codec import WireError
+from deltaswarm_wire.commands import Pace, Turn, decode_pace, decode_turn
+from deltaswarm_wire.keys import Keys, parse_token
+from deltaswarm_wire.orders import decode_done, decode_taken
+from deltaswarm_wire.session import use_one_worker_thread
+from deltaswarm_world.io.control_input import Ack, ControlQueue, OperatorMessage, Persisted, Token
+
+use_one_worker_thread()
+import zenoh  # noqa: E402 (reads its thread settings at import)
+
+log = logging.getLogger("deltaswarm.world")
+
+WAKE_EVERY_S = 0.5
+"""Longest wait [wall s], so that the world can publish its status."""
+
+STOP_WITHIN_S = 1.0
+"""Time that a stopping run waits for agents to close the step."""
+
+
+class Wakeup:
+    """Wakes the main thread from its wait for samples: at a deadline, a token, or a signal.
+
+    Only a sample, which the world sends to itself, reaches a thread blocked in the channel.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Keys) -> None:
+        self.deadline = float("inf")
+        """Wall time (monotonic) of the next wake-up; set by `wake_at`."""
+        self.stop_requested = False
+        self.control = ControlQueue()
+        self.done: deque[int] = deque()
+        """Numbers of completed orders."""
+        self._session = session
+        self._key = keys.agent(0, "wake")
+        self._nudge = threading.Event()
+        on_token = zenoh.handlers.Callback(self._on_token, indirect=False)
+        self._subscriber = session.liveliness().declare_subscriber(keys.all_tokens, on_token, history=True)
+        self._words = [
+            session.declare_subscriber(key, zenoh.handlers.Callback(note, indirect=False))
+            for key, note in (
+                (keys.done, self._on_done),
+                (keys.all_taken, self._on_taken),
+                (keys.workload, self._on_workload),
+                (keys.turn, self._saying(decode_turn)),
+                (keys.pace, self._saying(decode_pace)),
+            )
+        ]
+        self._closed = False
+        self._watcher = threading.Thread(target=self._watch, daemon=True)
+        self._watcher.start()
+        self._await_signal()
+
+    def wake_at(self, deadline_s: float) -> None:
+        """Wake at a wall time (monotonic) [s], or soon after a signal."""
+        self.deadline = deadline_s
+        if self.stop_requested:
+            self.deadline = min(deadline_s, time.monotonic() + STOP_WITHIN_S)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        token = parse_token(str(sample.key_expr))
+        if token is not None:
+            self.control.put(Token(*token, sample.kind == zenoh.SampleKind.PUT))
+            self._nudge.set()
+
+    def _on_done(self, sample: zenoh.Sample) -> None:
+        try:
+            self.done.append(decode_done(sample.payload.to_bytes()))
+        except WireError as error:
+            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
+        self._nudge.set()
+
+    def _on_taken(self, sample: zenoh.Sample) -> None:
+        try:
+            self.control.put(Persisted(str(sample.key_expr).split("/")[-2], decode_taken(sample.payload.to_bytes())))
+        except WireError as error:
+            log.warning("dropped a sample on %s: %s", sample.key_expr, error)
+        self._nudge.set()
+
+    def _on_workload(self, sample: zenoh.Sample) -> None:
+        self.control.put(Ack(sample.payload.to_bytes()))  # no wake-up: the operator's next message causes one
+
+    def _saying(self, decode: Callable[[bytes], Turn | Pace]) -> Callable[[zenoh.Sample], None]:
+        def on_word(sample: zenoh.Sample) -> None:
+            try:
+                self.control.put(OperatorMessage(decode(sample.payload.to_bytes())))
+            except WireError as error:
+                log.warning("a sample on %s was dropped: %s", sample.key_expr, error)
+            self._nudge.set()
+
+        return on_word
+
+    def _await_signal(self) -> None:
+        """Watch the wake-up descriptor, since a blocked main thread runs no signal handlers."""
+        reader, writer = socket.socketpair()
+        writer.setblocking(False)
+        signal.set_wakeup_fd(writer.fileno())
+        self._signals = reader, writer
+        threading.Thread(target=self._stop_on, args=(reader,), daemon=True).start()
+
+    def _stop_on(self, reader: socket.socket) -> None:
+        reader.recv(1)
+        self.stop_requested = True
+        self.deadline = min(self.deadline, time.monotonic() + STOP_WITHIN_S)
+        self._nudge.set()
+
+    def close(self) -> None:
+        """Stop waking; the session is about to close."""
+        self._closed = True
+        self._nudge.set()
+        self._watcher.join()
+
+    def _watch(self) -> None:
+        woken_at = time.monotonic()
+        while not self._closed:
+            now = time.monotonic()
+            left_s = self.deadline - now
+            nudged = self._nudge.wait(min(max(left_s, 0.001), 0.1))
+            if nudged or left_s <= 0.0 or now - woken_at >= WAKE_EVERY_S:
+                woken_at = now
+                self._nudge.clear()
+                self._session.put(self._key, b"", allowed_destination=zenoh.Locality.SESSION_LOCAL)
