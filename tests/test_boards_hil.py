@@ -183,8 +183,8 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
         (["--boards", "4", "--listen", "tcp/0.0.0.0:7447"], "--listen: tcp/0.0.0.0:7447"),
         (["--boards", "4", "--listen", "unixsock-stream//tmp/world"], "--listen: unixsock-stream//tmp/world"),
         (["--boards", "4", "--listen", "tls/[::1]:7447"], "--listen: tls/[::1]:7447"),
-        (["--boards", "4", "--in-process"], "--boards: --in-process"),
-        (["--boards-folder", "there"], "--boards-folder: there"),
+        (["--boards", "4", "--in-process"], "--in-process: --boards"),
+        (["--boards-folder", "there"], "--boards-folder: --boards"),
     ],
 )
 def test_what_cannot_be_is_refused(

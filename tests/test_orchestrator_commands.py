@@ -7,6 +7,7 @@ import pytest
 
 from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli.run import EXCLUDES, NEEDS
 from deltaswarm_orchestrator.results.run_tables import write_tables
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
@@ -73,9 +74,47 @@ def test_a_file_that_is_no_script_is_refused(tmp_path: Path, text: str | None) -
         load_scenario("smoke", commands=file)
 
 
-@pytest.mark.parametrize("arguments", [("--station", "--in-process"), ("--resume", "there", "--station")])
-def test_a_station_is_for_a_new_run_by_processes(tmp_path: Path, arguments: tuple[str, ...]) -> None:
-    """Elsewhere it would be passed over in silence."""
-    assert main(["run", "smoke", *arguments] if "--resume" not in arguments else ["run", *arguments]) != OK
+WITH_VALUE = {
+    "speed": "2",
+    "station_listen": "127.0.0.1:0",
+    "live_port": "0",
+    "boards_folder": "there",
+    "boards": "4",
+    "checkpoint": "5",
+    "listen": "tcp/127.0.0.1:0",
+    "zenoh": "mode='client'",
+    "resume": "there",
+    "seed": "1",
+    "set": "seed=1",
+    "out": "there",
+    "record": "off",
+    "commands": "there",
+}
+
+
+def option(name: str) -> list[str]:
+    return [f"--{name.replace('_', '-')}", *([WITH_VALUE[name]] if name in WITH_VALUE else [])]
+
+
+@pytest.mark.parametrize(
+    "names",
+    [*((name,) for name in NEEDS), *((name, other) for name, (others, _) in EXCLUDES.items() for other in others)],
+    ids="-".join,
+)
+def test_an_option_without_effect_is_refused(
+    names: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one line that names both; nothing is started or written."""
+    monkeypatch.chdir(tmp_path)
+    words = [word for name in names for word in (["smoke"] if name == "scenario" else option(name))]
+    assert main(["run", *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    both = names if len(names) == 2 else (*names, NEEDS[names[0]])
+    assert all((name.upper() if name == "scenario" else option(name)[0]) in line for name in both)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_station_is_for_a_run(tmp_path: Path) -> None:
+    """A folder without one has none."""
     assert main(["station", str(tmp_path / "no-run")]) != OK
     assert main(["replay", str(tmp_path)]) != OK

@@ -202,7 +202,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
     [
         (["--resume", "nowhere"], "(got nowhere)"),
         (["--resume", "nowhere", "--seed", "3"], "without --seed"),
-        (["smoke", "--checkpoint", "5", "--in-process"], "without --in-process"),
+        (["smoke", "--checkpoint", "5", "--in-process"], "--in-process must be given without --checkpoint"),
         (["smoke", "--checkpoint", "0"], "--checkpoint: must be at least 1 (got '0')"),
     ],
 )

@@ -6,17 +6,18 @@ import sys
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.cli.arguments import number, whole
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
-from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.settings import RECORDS, Scenario
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.boards.files import Boards
+
+Number = TypeVar("Number", int, float)
 
 DEFAULT_SCENARIO = "paper-25"
 LOOPBACK = "127.0.0.1:0"
@@ -26,6 +27,22 @@ LIVE_PORT = 8765
 
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
+
+NEEDS = {"speed": "station", "station_listen": "station", "live_port": "live", "boards_folder": "boards"}
+"""Options, and the one without which they have no effect."""
+
+EXCLUDES = {
+    "in_process": (("station", "researcher", "boards", "checkpoint", "listen", "zenoh"), "there is one process"),
+    "boards": (("checkpoint",), "it saves processes of this machine"),
+    "resume": (
+        (
+            *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run"),
+            *("commands", "station"),
+        ),
+        "the run goes on as it began",
+    ),
+}
+"""Options, the others that must not be given with them, and why."""
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -58,7 +75,6 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--listen",
-        default=ANYWHERE,
         type=listens_on,
         metavar="ENDPOINT",
         help=f"where the router listens (default: {ANYWHERE})",
@@ -81,7 +97,6 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--checkpoint",
         type=whole(1),
-        default=0,
         metavar="STEPS",
         help="save the whole run after every STEPS steps",
     )
@@ -92,13 +107,11 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--speed",
         type=number(0, 1000),
-        default=1.0,
         metavar="N",
         help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
     )
     command.add_argument(
         "--station-listen",
-        default=LOOPBACK,
         metavar="HOST:PORT",
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
@@ -123,7 +136,7 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
-    if problem := _live_problem(arguments) or _resume_problem(arguments):
+    if problem := _problem(arguments):
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     if arguments.dry_run:
@@ -143,7 +156,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = arguments.resume or arguments.out or _default_folder(scenario)
     boards = _boards_of(arguments, out)
-    listen = ANYWHERE if boards else arguments.listen
+    listen = ANYWHERE if boards else arguments.listen or ANYWHERE
     options = RunOptions(
         out,
         arguments.in_process,
@@ -151,11 +164,11 @@ def run(arguments: argparse.Namespace) -> int:
         listen,
         tuple(arguments.zenoh),
         boards,
-        arguments.checkpoint,
-        Station(arguments.speed, arguments.station_listen) if arguments.station else None,
+        arguments.checkpoint or 0,
+        Station(_or(arguments.speed, 1.0), arguments.station_listen or LOOPBACK) if arguments.station else None,
         arguments.researcher,
         resume=arguments.resume is not None,
-        live_port=(LIVE_PORT if arguments.live_port is None else arguments.live_port) if arguments.live else None,
+        live_port=_or(arguments.live_port, LIVE_PORT) if arguments.live else None,
     )
     try:
         with Display(scenario.run.step_s, scenario.agents.count) as display:
@@ -182,34 +195,27 @@ def run(arguments: argparse.Namespace) -> int:
     return OK if result.summary["valid"] else FAILED
 
 
-def _live_problem(arguments: argparse.Namespace) -> str | None:
-    """Return what is wrong with the use of --live and --station; None if nothing is."""
-    if arguments.station and arguments.in_process:
-        return "--station must be given without --in-process: the station is a process of its own"
-    if arguments.live and arguments.dry_run:
-        return "--live shows a run under way; --dry-run makes none"
-    if arguments.live_port is not None and not arguments.live:
-        return "--live-port is for --live foxglove, which was not given"
-    return None
+def _or(value: Number | None, default: Number) -> Number:
+    """Return the value, or the default if the option was not given; 0 is a value."""
+    return default if value is None else value
 
 
-def _resume_problem(arguments: argparse.Namespace) -> str | None:
-    """Return what is wrong with the use of --resume and --checkpoint; None if nothing is."""
-    if arguments.resume is None:
-        elsewhere = {"--in-process": arguments.in_process, "--boards": arguments.boards}
-        given = [name for name, value in elsewhere.items() if arguments.checkpoint and value]
-        return f"--checkpoint must be given without {given[0]}: it saves processes of this machine" if given else None
-    names = (
-        *("scenario", "set", "seed", "out", "force", "in_process", "record", "boards", "checkpoint", "dry_run"),
-        *("commands", "station"),
-    )
-    given = [name for name in names if getattr(arguments, name) not in (None, False, 0, [])]
-    if given:
-        shown = ", ".join(name.upper() if name == "scenario" else f"--{name.replace('_', '-')}" for name in given)
-        return f"--resume must be given without {shown}: the run goes on as it began"
-    if not (arguments.resume / "scenario.toml").is_file():
+def _problem(arguments: argparse.Namespace) -> str | None:
+    """Return what is wrong with the combination of options; None if nothing is."""
+    given = {name for name, value in vars(arguments).items() if not (value is None or value is False or value == [])}
+    for name, needed in NEEDS.items():
+        if name in given and needed not in given:
+            return f"{_shown(name)} must be given with {_shown(needed)}, without which it has no effect"
+    for name, (others, why) in EXCLUDES.items():
+        if name in given and (refused := [_shown(other) for other in others if other in given]):
+            return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
+    if arguments.resume is not None and not (arguments.resume / "scenario.toml").is_file():
         return f"--resume must be the folder of an interrupted run (got {arguments.resume})"
     return None
+
+
+def _shown(name: str) -> str:
+    return name.upper() if name == "scenario" else f"--{name.replace('_', '-')}"
 
 
 def _scenario_of(arguments: argparse.Namespace) -> Scenario:
@@ -231,22 +237,10 @@ def _default_folder(scenario: Scenario) -> Path:
 
 
 def _boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
-    """Return the boards of a run with the folder `out`; None if it has none.
-
-    Raises:
-        SettingsError: --boards-folder without --boards, or --boards with --in-process.
-    """
+    """Return the boards of a run with the folder `out`; None if it has none."""
     if not arguments.boards:
-        if arguments.boards_folder:
-            raise SettingsError(
-                [Problem("--boards-folder", str(arguments.boards_folder), "must be given with --boards")]
-            )
         return None
-    if arguments.in_process:
-        raise SettingsError(
-            [Problem("--boards", "with --in-process", "must not be given: boards are processes of their own")]
-        )
     from deltaswarm_orchestrator.boards.files import Boards
 
     folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
-    return Boards(tuple(arguments.boards), arguments.listen, folder)
+    return Boards(tuple(arguments.boards), arguments.listen or ANYWHERE, folder)
