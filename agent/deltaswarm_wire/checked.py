@@ -227,7 +227,12 @@ def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
     noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
     low, high = limits.get("low"), limits.get("high")
     if low is not None and high is not None:
-        return f"{low:g}" if low == high else f"{noun} from {low:g} to {high:g}"
+        return _limit(low) if low == high else f"{noun} from {_limit(low)} to {_limit(high)}"
     words = (("above", "above"), ("low", "of at least"), ("high", "at most"))
-    bounds = [f"{word} {limits[name]:g}" for name, word in words if limits.get(name) is not None]
+    bounds = [f"{word} {_limit(limits[name])}" for name, word in words if limits.get(name) is not None]
     return " ".join((noun, " and ".join(bounds))).rstrip()
+
+
+def _limit(limit: float) -> str:
+    """Show whole numbers in full: a limit that is rounded is none."""
+    return str(limit) if isinstance(limit, int) else f"{limit:g}"

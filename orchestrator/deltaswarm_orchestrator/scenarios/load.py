@@ -159,7 +159,7 @@ def read_toml(
     path = beside / name
     if found := _instead_of_file(path):
         allowed = f"{did_you_mean(name, built_in)}must be a TOML file or one of {', '.join(built_in)}"
-        raise SettingsError([Problem(key, f"{name!r} {found}", allowed)])
+        raise SettingsError([Problem(key, f"{name!r}, which {found}", allowed)])
     try:
         table = tomllib.loads(path.read_text())
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
