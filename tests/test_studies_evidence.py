@@ -132,12 +132,18 @@ def test_a_finding_that_is_no_longer_carried_is_named() -> None:
         'within = "hybrid 3", is = "higher" }]\n'
         '[[finding]]\ntext = "not carried"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
         'level = "loss=0.5", within = "hybrid 3", is = "higher" }]\n'
+        '[[finding]]\ntext = "either"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
+        'level = ["loss=0.5", "loss=0.9"], within = "hybrid 3", is = ["alike", "higher"] }]\n'
+        '[[finding]]\ntext = "one of two"\nbecause = [{ contrast = "limit", metric = "waiting_all", '
+        'level = ["loss=0.5", "loss=0.9"], within = "hybrid 3", is = "higher" }]\n'
     )  # fmt: skip
     study = made(own)
     runs = runs_of(study, table(worse_at_90), NONE)
-    found = findings_of(study, claims_of(study, runs), contrasts_of(study, runs)).set_index("text")["broken"]
-    assert found["carried"] == ""
+    results = {"claim": claims_of(study, runs), "contrast": contrasts_of(study, runs)}
+    found = findings_of(study, results).set_index("text")["broken"]
+    assert found["carried"] == found["either"] == ""
     assert "alike" in found["not carried"]
+    assert "alike" in found["one of two"]
 
 
 def test_a_ranking_that_turns_with_the_events_never_sensed_is_told() -> None:
@@ -245,9 +251,13 @@ targets = [
 
 def test_a_fit_ranks_combinations_by_their_distances() -> None:
     """In published interquartile ranges; the sum is of squares, and resamples say how sure the first place is."""
-    study = made(OWN + FIT)
+    finding = '[[finding]]\ntext = "{0}"\nbecause = [{{ fit = "Which loss fits", within = "{0}", is = "closest" }}]\n'
+    study = made(OWN + FIT + finding.format("loss=0.9") + finding.format("loss=0.5"))
     runs = runs_of(study, table(worse_at_90), NONE)
     found = fits_of(study, runs)
+    broken = findings_of(study, {"fit": found}).set_index("text")["broken"]
+    assert broken["loss=0.9"] == ""
+    assert "farther" in broken["loss=0.5"]
     medians = runs.groupby("variant")[["waiting_all", "messages"]].median()
     assert found["within"].tolist()[:2] == ["loss=0.9"] * 2
     first = found.iloc[0]

@@ -95,6 +95,9 @@ def test_sound_tables_are_taken() -> None:
         (CONTRAST + FINDING.replace('"messages"', '"mesages"'), "finding[0].because[0].metric"),
         (CONTRAST + FINDING.replace('"messages"', '"trees"'), "finding[0].because[0].metric"),
         (CONTRAST + FINDING.replace("hybrid 3", "hybrid"), "finding[0].because[0].within"),
+        (CONTRAST + FINDING.replace('"loss=0.5"', '["loss=0.5", "loss=0.6"]'), "finding[0].because[0].level"),
+        (CONTRAST + FINDING.replace('"higher"', '["higher", "hihger"]'), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace('"higher"', "[]"), "finding[0].because[0].is"),
         (CONTRAST + FINDING.replace("within", "whitin"), "finding[0].because[0].whitin"),
         (CONTRAST + FINDING.replace('contrast = "a"', 'contrast = "b"'), "finding[0].because[0].contrast"),
         (CONTRAST + FINDING.replace('contrast = "a", ', ""), "finding[0].because[0]"),
@@ -150,6 +153,12 @@ def test_sound_tables_are_taken() -> None:
         ('[[figure]]\nname = "f"\nkind = "pie"\n', "figure[0].kind"),
         ('[[figure]]\nname = "f"\nkind = "plane"\nx = "mode"\n', "figure[0].x"),
         ('[[finding]]\ntext = "t"\nbecause = [{ claim = "none", is = "holds" }]\n', "finding[0].because[0].claim"),
+        (
+            '[[fit]]\ntext = "f"\nfactor = "mode"\ntargets = [{ level = "hybrid 3", metric = "waiting" }]\n'
+            '[[finding]]\ntext = "t"\nbecause = [{ fit = "f", within = "loss=0.6", is = "closest" }]\n',
+            "finding[0].because[0].within",
+        ),
+        ('[[finding]]\ntext = "t"\nbecause = [{ fit = "none", is = "closest" }]\n', "finding[0].because[0].fit"),
         ('[[metric]]\nname = "m"\nkind = "window"\nof = "waiting"\n', "metric[0].of"),
         ('[[metric]]\nname = "m"\n', "metric[0].column"),
         ("[study]\nfactors = { loss = \"one\" }\n", "study.factors"),

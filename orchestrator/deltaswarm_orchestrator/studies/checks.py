@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterator, Sequence
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
-from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST
+from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, ContrastSettings, listed
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.sweeps.table import flattened
 from deltaswarm_wire.checked import Problem, did_you_mean
@@ -97,10 +97,11 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         yield f"{where}.published", list(figure.published), boxes
         yield f"{where}.lines", [value for value in figure.lines.values() if isinstance(value, str)], variants
     ids = {CLAIM: [claim.id for claim in file.claim], CONTRAST: [contrast.id for contrast in file.contrast]}
+    ids |= {FIT: [fit.text for fit in file.fit]}
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
-            kind = CLAIM if CLAIM in result else CONTRAST
-            yield f"finding[{i}].because[{j}].{kind}", [str(result[kind])], ids[kind]
+            kind = next(kind for kind in ids if kind in result)
+            yield f"finding[{i}].because[{j}].{kind}", [str(name) for name in listed(result[kind])], ids[kind]
 
 
 def _over_time() -> list[str]:
@@ -121,22 +122,26 @@ def _repeated_names(study: Study) -> Iterator[Problem]:
 
 
 def _results(study: Study) -> Iterator[Problem]:
-    """Report parts of contrasts that findings name and that do not exist."""
-    contrasts = {contrast.id: contrast for contrast in study.file.contrast}
-    for i, finding in enumerate(study.file.finding):
+    """Report parts of contrasts and fits that findings name and that do not exist."""
+    file = study.file
+    rows = {contrast.id: _rows_of(study, contrast) for contrast in file.contrast}
+    rows |= {fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit}
+    for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
-            if CONTRAST not in result:
-                continue
-            contrast = contrasts[str(result[CONTRAST])]
-            rows = list(study.comparisons(contrast))
-            known = {"metric": list(study.metrics_of(contrast))}
-            known |= {name: [getattr(row, name) for row in rows] for name in ("level", "reference", "within")}
-            for name, values in known.items():
-                if name in result and result[name] not in values:
-                    hint = did_you_mean(result[name], values).rstrip()
-                    allowed = f"must be one of {', '.join(map(repr, dict.fromkeys(values)))}"
-                    where = f"finding[{i}].because[{j}].{name}"
-                    yield Problem(where, repr(result[name]) + (hint and f"; {hint}"), allowed)
+            for name, values in rows.get(str(result.get(CONTRAST, result.get(FIT))), {}).items():
+                for value in listed(result.get(name, [])):
+                    if value not in values:
+                        hint = did_you_mean(value, values).rstrip()
+                        allowed = f"must be one of {', '.join(map(repr, dict.fromkeys(values)))}"
+                        where = f"finding[{i}].because[{j}].{name}"
+                        yield Problem(where, repr(value) + (hint and f"; {hint}"), allowed)
+
+
+def _rows_of(study: Study, contrast: ContrastSettings) -> dict[str, list[str]]:
+    """Return what a contrast's rows have in each of the columns that a finding may name."""
+    rows = list(study.comparisons(contrast))
+    named = {name: [getattr(row, name) for row in rows] for name in ("level", "reference", "within")}
+    return {"metric": list(study.metrics_of(contrast))} | named
 
 
 # Times

@@ -19,7 +19,15 @@ from deltaswarm_orchestrator.stats import (
     smallest_alpha,
     with_error,
 )
-from deltaswarm_orchestrator.studies.settings import CLAIM, HOLDS, IS, NO_DATA, REFUTED, UNDECIDED, ClaimSettings
+from deltaswarm_orchestrator.studies.settings import (
+    HOLDS,
+    IS,
+    NO_DATA,
+    REFUTED,
+    UNDECIDED,
+    ClaimSettings,
+    listed,
+)
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import Row, column, end, samples_of
 
@@ -158,23 +166,26 @@ def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
     return found
 
 
-def findings_of(study: Study, claims: pd.DataFrame, contrasts: pd.DataFrame) -> pd.DataFrame:
-    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do)."""
+def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    """Make a row per finding: the sentence, and the results that no longer support it (empty if all do).
+
+    `results` has the table of each kind of result: claims, contrasts and fits.
+    """
     rows = []
     for finding in study.file.finding:
-        broken = [told for result in finding.because if (told := _broken(result, claims, contrasts))]
+        broken = [told for result in finding.because if (told := _broken(result, results))]
         rows.append({"text": finding.text, "broken": "; ".join(broken)})
     return pd.DataFrame(rows, columns=["text", "broken"])
 
 
-def _broken(result: Mapping[str, Any], claims: pd.DataFrame, contrasts: pd.DataFrame) -> str:
+def _broken(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> str:
     """Say why a result does not support a finding; empty if it does."""
-    rows = claims if CLAIM in result else contrasts
+    rows = next(table for kind, table in results.items() if kind in result)
     for name, value in result.items():
         if name != IS:
-            rows = rows[rows[name] == value]
+            rows = rows[rows[name].isin(listed(value))]
     named = ", ".join(f"{name} {value!r}" for name, value in result.items() if name != IS)
     if rows.empty:
         return f"there is no result with {named}"
-    wrong = rows[rows["verdict"] != result[IS]]
+    wrong = rows[~rows["verdict"].isin(listed(result[IS]))]
     return f"{named} is {wrong['verdict'].iloc[0]}, not {result[IS]}" if len(wrong) else ""

@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreement
 from deltaswarm_orchestrator.studies.fits import fits_of, grids_of
 from deltaswarm_orchestrator.studies.metrics import ID
 from deltaswarm_orchestrator.studies.recovery import recovery_of
-from deltaswarm_orchestrator.studies.settings import REFUTED
+from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, REFUTED
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import (
     ORIGIN,
@@ -51,15 +51,15 @@ class Evidence:
     @classmethod
     def of(cls, study: Study, runs: pd.DataFrame, courses: pd.DataFrame, recovery: pd.DataFrame) -> "Evidence":
         """Evaluate the runs; `courses` and `recovery`, which need the time series, are given."""
-        contrasts, claims = contrasts_of(study, runs), claims_of(study, runs)
-        findings = findings_of(study, claims, contrasts)
+        contrasts, claims, fits = contrasts_of(study, runs), claims_of(study, runs), fits_of(study, runs)
+        findings = findings_of(study, {CLAIM: claims, CONTRAST: contrasts, FIT: fits})
         lists = (
             same_arrivals(study, runs),
             [*missing_runs(study, runs), *missing_metrics(study, runs)],
             disagreements(study, runs),
             [*too_few(contrasts), *vacuous_claims(study, runs)],
         )
-        tables = (contrasts, claims, findings, fits_of(study, runs), grids_of(study, runs))
+        tables = (contrasts, claims, findings, fits, grids_of(study, runs))
         return cls(runs, courses, recovery, estimates_of(study, runs), *tables, *lists)
 
     @classmethod

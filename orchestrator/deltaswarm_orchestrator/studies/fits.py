@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from deltaswarm_orchestrator.stats import describe
-from deltaswarm_orchestrator.studies.settings import FitSettings, GridSettings
+from deltaswarm_orchestrator.studies.settings import CLOSEST, FARTHER, FitSettings, GridSettings
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import Row, column, samples_of
 
@@ -21,7 +21,8 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """Make a row per fit, combination of the other factors and target, the closest combination first.
 
     `distance` is from the median to the published one, in published interquartile ranges; `sum` adds the squares of a
-    combination's distances. `closest` is the share of bootstrap samples of the replicates in which its sum is smallest.
+    combination's distances. `closest` is the share of bootstrap samples of the replicates in which its sum is smallest;
+    `verdict` says whether its sum is the smallest of all replicates.
     """
     rows: list[Row] = []
     for fit in study.file.fit:
@@ -29,9 +30,10 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
         distances = np.stack([_distances(study, runs, fit, cell) for cell in cells])
         sums = (distances**2).sum(axis=1)
         winners = np.bincount(sums[:, 1:].argmin(axis=0), minlength=len(cells)) / RESAMPLES
-        for place in sums[:, 0].argsort(kind="stable"):
+        for rank, place in enumerate(sums[:, 0].argsort(kind="stable")):
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
             tail = {"sum": float(sums[place, 0]), "closest": float(winners[place])}
+            tail |= {"verdict": FARTHER if rank else CLOSEST}
             rows += [
                 {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
                 for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)

@@ -15,10 +15,17 @@ SLIGHTLY_HIGHER, SLIGHTLY_LOWER = "slightly higher", "slightly lower"
 """Higher or lower, and within the margin: there is a difference, and it is small."""
 CONTRAST_VERDICTS = (HIGHER, LOWER, ALIKE, UNCLEAR, SLIGHTLY_HIGHER, SLIGHTLY_LOWER, NO_DATA)
 
-CLAIM, CONTRAST, IS = "claim", "contrast", "is"
-RESULT_KEYS = {CLAIM: (CLAIM, IS), CONTRAST: (CONTRAST, IS, "metric", "level", "reference", "within")}
-"""The keys of a result that supports a finding, by its kind."""
-VERDICTS = {CLAIM: CLAIM_VERDICTS, CONTRAST: CONTRAST_VERDICTS}
+CLOSEST, FARTHER = "closest", "farther"
+FIT_VERDICTS = (CLOSEST, FARTHER)
+
+CLAIM, CONTRAST, FIT, IS = "claim", "contrast", "fit", "is"
+RESULT_KEYS = {
+    CLAIM: (CLAIM, IS),
+    CONTRAST: (CONTRAST, IS, "metric", "level", "reference", "within"),
+    FIT: (FIT, IS, "within"),
+}
+"""The keys of a result that supports a finding, by its kind. A value may be a list: then every row must agree."""
+VERDICTS = {CLAIM: CLAIM_VERDICTS, CONTRAST: CONTRAST_VERDICTS, FIT: FIT_VERDICTS}
 
 Pairs = tuple[tuple[str, ...], ...]
 
@@ -240,12 +247,19 @@ class FigureSettings:
         return found
 
 
+def listed(value: Any) -> list[Any]:
+    """Return a list as it is, and any other value as a list of one."""
+    return value if isinstance(value, list) else [value]
+
+
 @dataclass(frozen=True)
 class FindingSettings:
     """A table `[[finding]]`: a sentence written by a person, and the results that support it."""
 
     text: str = key("", "the sentence")
-    because: tuple[dict[str, Any], ...] = key((), "results: {claim, is} or {contrast, metric, level, within, is}")
+    because: tuple[dict[str, Any], ...] = key(
+        (), "results: {claim, is} or {contrast, metric, level, within, is}; values or lists"
+    )
 
     def problems(self) -> list[Problem]:
         """List results that name no claim or contrast, no verdict, or something else."""
@@ -256,7 +270,7 @@ class FindingSettings:
             where = f"because[{i}]"
             kinds = [kind for kind in RESULT_KEYS if kind in result]
             if len(kinds) != 1:
-                found.append(Problem(where, ", ".join(result) or "nothing", "must name one claim or one contrast"))
+                found.append(Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit"))
                 continue
             (kind,) = kinds
             found += [
@@ -264,8 +278,9 @@ class FindingSettings:
                 for name in result
                 if name not in RESULT_KEYS[kind]
             ]
-            if result.get(IS) not in VERDICTS[kind]:
-                allowed = f"must be one of {', '.join(VERDICTS[kind])}"
+            verdicts = listed(result.get(IS, []))
+            if not verdicts or not set(verdicts) <= set(VERDICTS[kind]):
+                allowed = f"must be one of {', '.join(VERDICTS[kind])}, or a list of them"
                 found.append(Problem(f"{where}.is", repr(result[IS]) if IS in result else "nothing", allowed))
         return found
 
