@@ -32,8 +32,8 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
         winners = np.bincount(sums[:, 1:].argmin(axis=0), minlength=len(cells)) / RESAMPLES
         for rank, place in enumerate(sums[:, 0].argsort(kind="stable")):
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
-            tail = {"sum": float(sums[place, 0]), "closest": float(winners[place])}
-            tail |= {"verdict": FARTHER if rank else CLOSEST}
+            found = {"sum": float(sums[place, 0]), "closest": float(winners[place])}
+            tail = {**found, "verdict": FARTHER if rank else CLOSEST}
             rows += [
                 {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
                 for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)
