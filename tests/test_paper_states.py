@@ -96,13 +96,13 @@ def rough(seed: int, watch: Watch, *more: str) -> None:
     """A rough run, in which a member of a tree is killed now and then."""
     rng = random.Random(seed)
     crew = swarm("smoke", *ROUGH, *more, seed=seed)
-    lockstep = crew.world.lockstep
+    participants = crew.world.participants
 
     def before(step: int) -> None:
-        if step and step % KILL_EVERY_STEPS == 0 and len(lockstep.alive) > 4:
-            in_trees = [n for n, one in controllers_of(crew).items() if one.membership and n in lockstep.alive]
+        if step and step % KILL_EVERY_STEPS == 0 and len(participants.present) > 4:
+            in_trees = [n for n, one in controllers_of(crew).items() if one.membership and n in participants.present]
             if in_trees:
-                lockstep.gone(rng.choice(in_trees))
+                participants.token_gone(rng.choice(in_trees))
 
     for _ in play(crew, ROUGH_STEPS, before):
         watch.check(crew)
@@ -111,11 +111,11 @@ def rough(seed: int, watch: Watch, *more: str) -> None:
 def two_roots(watch: Watch) -> None:
     """A root begins anew while its frames are under way: the other yields to the old one, and it to the other."""
     crew = swarm("smoke", *PAIR)
-    lockstep = crew.world.lockstep
+    participants = crew.world.participants
 
     def before(step: int) -> None:
         for agent in range(2) if step in CONNECTED else ():
-            (lockstep.back if agent in CONNECTED[step] else lockstep.gone)(agent)
+            (participants.token_back if agent in CONNECTED[step] else participants.token_gone)(agent)
 
     for _ in play(crew, 60, before):
         watch.check(crew)

@@ -27,22 +27,26 @@ class Trees:
     def __init__(self, seed: int, *sets: str) -> None:
         self.seed = seed
         self.crew: InProcess = swarm("paper-25", *BUSY, *sets, seed=seed)
-        self.alive = self.crew.world.lockstep.alive
         self.rng = random.Random(seed)
         self.step = -1
         self.cycle, self.rootless, self.ghost, self.missing = Spans(), Spans(), Spans(), Spans()
         self.most_in_trees = 0
 
     @property
+    def present(self) -> set[int]:
+        """The agents that have a process."""
+        return self.crew.world.participants.present
+
+    @property
     def members(self) -> dict[int, PaperController]:
         """The living agents in trees."""
-        return {n: one for n, one in controllers_of(self.crew).items() if one.membership and n in self.alive}
+        return {n: one for n, one in controllers_of(self.crew).items() if one.membership and n in self.present}
 
     def kill_a_root(self) -> None:
         """Silence one, if there is any, while enough agents are left to go on."""
         roots = [agent for agent, core in self.members.items() if core.state is State.ROOT]
-        if roots and len(self.alive) > 12:
-            self.crew.world.lockstep.gone(self.rng.choice(roots))
+        if roots and len(self.present) > 12:
+            self.crew.world.participants.token_gone(self.rng.choice(roots))
 
     def advance(self) -> None:
         """One step, and a look at all trees after it."""
@@ -140,14 +144,14 @@ def test_all_agree_when_the_air_is_clear_again(seed: int) -> None:
     trees.run(400, kills=False)
     followers = [agent for agent, core in trees.members.items() if core.state is not State.ROOT]
     for agent in trees.rng.sample(followers, 3):
-        trees.crew.world.lockstep.gone(agent)
+        trees.crew.world.participants.token_gone(agent)
     trees.run(15, kills=False)
     (loss,) = (model for model in trees.crew.world.air._models if isinstance(model, Loss))
     loss._share = 0.0
     for _ in range(60):
         for agent, core in controllers_of(trees.crew).items():
             if core.membership is None:
-                trees.crew.world.lockstep.gone(agent)
+                trees.crew.world.participants.token_gone(agent)
         trees.advance()
     assert len(trees.members) >= 5
     check_agreement(trees.members, seed)

@@ -3,63 +3,62 @@
 from typing import Any
 
 from deltaswarm_wire.operator_messages import Report, encode_report
-from deltaswarm_world.core.lockstep import Attendance, LockStep
+from deltaswarm_world.core.participants import Attendance, Participants
 from tests.worlds import Stage
 
 AGENT, BOARD = 0, 1
 
 
-def begin(lockstep: LockStep, step: int) -> list[int]:
+def begin(participants: Participants, step: int) -> list[int]:
     """A step in which all that can be asked are asked."""
-    taking_part = lockstep.taking_part()
-    lockstep.begin(step, taking_part)
+    taking_part = participants.taking_part()
+    participants.begin(step, taking_part)
     return taking_part
 
 
 def test_a_board_that_goes_is_counted_and_not_lost() -> None:
     """An agent that goes is lost; before the first step a board may come and go as it likes."""
-    lockstep = LockStep([AGENT, BOARD], [BOARD])
-    lockstep.gone(BOARD)
-    lockstep.back(BOARD)
-    begin(lockstep, 0)
+    participants = Participants([AGENT, BOARD], [BOARD])
+    participants.token_gone(BOARD)
+    participants.token_back(BOARD)
+    begin(participants, 0)
     for _ in range(2):
-        lockstep.gone(BOARD)
-        lockstep.gone(BOARD)
-        lockstep.back(BOARD)
-    lockstep.gone(AGENT)
-    assert lockstep.lost == [AGENT]
-    assert lockstep.boards == {BOARD: Attendance(late_steps=0, absences=2, absent_steps=0)}
+        participants.token_gone(BOARD)
+        participants.token_gone(BOARD)
+        participants.token_back(BOARD)
+    participants.token_gone(AGENT)
+    assert participants.lost == [AGENT]
+    assert participants.boards == {BOARD: Attendance(late_steps=0, absences=2, absent_steps=0)}
 
 
 def test_steps_without_a_board_are_counted() -> None:
     """Those that it was away for, and those that it was there for and did not close, each once."""
-    lockstep = LockStep([AGENT, BOARD], [BOARD])
+    participants = Participants([AGENT, BOARD], [BOARD])
     for step in range(3):  # there, and silent
-        begin(lockstep, step)
-        lockstep.close(AGENT, step)
-        lockstep.give_up()
-    lockstep.gone(BOARD)
+        begin(participants, step)
+        participants.answer(AGENT, step)
+        participants.time_out()
+    participants.token_gone(BOARD)
     for step in range(3, 8):
-        assert begin(lockstep, step) == [AGENT]
-        lockstep.close(AGENT, step)
-        lockstep.give_up()
-    lockstep.back(BOARD)
-    assert begin(lockstep, 8) == [AGENT, BOARD]
+        assert begin(participants, step) == [AGENT]
+        participants.answer(AGENT, step)
+        participants.time_out()
+    participants.token_back(BOARD)
+    assert begin(participants, 8) == [AGENT, BOARD]
     for agent in (AGENT, BOARD):
-        lockstep.close(agent, 8)
-    lockstep.give_up()
-    assert lockstep.boards == {BOARD: Attendance(late_steps=3, absences=1, absent_steps=5)}
+        participants.answer(agent, 8)
+    participants.time_out()
+    assert participants.boards == {BOARD: Attendance(late_steps=3, absences=1, absent_steps=5)}
 
 
 def test_only_boards_that_hang_are_knocked_for() -> None:
     """An agent of this machine that hangs answers when it can."""
-    lockstep = LockStep([AGENT, BOARD, 2], [BOARD, 2])
-    begin(lockstep, 0)
-    lockstep.close(2, 0)
-    lockstep.give_up()
-    lockstep.probe()
-    assert lockstep.hanging == {AGENT, BOARD}
-    assert lockstep.probed == [BOARD]
+    participants = Participants([AGENT, BOARD, 2], [BOARD, 2])
+    begin(participants, 0)
+    participants.answer(2, 0)
+    participants.time_out()
+    assert participants.hung == {AGENT, BOARD}
+    assert participants.probe() == [BOARD]
 
 
 def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) -> list[int]:
@@ -68,8 +67,8 @@ def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) ->
     lost = []
     for position, counter in enumerate(counters):
         if position == away_before:
-            stage.core.lockstep.gone(BOARD)
-            stage.core.lockstep.back(BOARD)
+            stage.core.participants.token_gone(BOARD)
+            stage.core.participants.token_back(BOARD)
             stage.core.inbox.go_on_anywhere(BOARD)
         stage.begin()
         stage.counters[BOARD] = counter
@@ -94,11 +93,10 @@ def test_a_knock_brings_a_frame_that_nobody_waits_for() -> None:
     stage.end(BOARD)
     assert set(stage.begin()) == {AGENT}
     stage.end()
-    stage.core.lockstep.probe()
-    frames = stage.begin(last=True)
+    frames = stage.begin(last=True, probe=True)
     assert set(frames) == {AGENT, BOARD}
     assert frames[BOARD].last
-    assert stage.core.lockstep.waiting == {AGENT}
+    assert stage.core.participants.asked == {AGENT}
     assert stage.act(BOARD) is None
     stage.end()
     assert set(stage.begin()) == {AGENT, BOARD}

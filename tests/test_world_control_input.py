@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_wire.keys import AGENT, OPERATOR
-from deltaswarm_world.core.lockstep import MAX_RETURNS, LockStep
+from deltaswarm_world.core.participants import MAX_RETURNS, Participants
 from deltaswarm_world.io.control_input import ControlInput, ControlQueue, Persisted, Token
 
 TOKENS = st.builds(Token, st.sampled_from([AGENT, OPERATOR]), st.integers(0, 2), st.booleans())
@@ -28,20 +28,20 @@ def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: 
 
 
 def test_who_comes_and_goes_without_end_is_taken_back_only_so_often() -> None:
-    lockstep = LockStep([0, 1])
+    participants = Participants([0, 1])
     for step in range(10 * MAX_RETURNS):
-        lockstep.begin(step, [0])
-        lockstep.gone(1)
-        lockstep.back(1)
-    assert lockstep.alive == {0}
-    assert lockstep.lost == [1] * (MAX_RETURNS + 1)
+        participants.begin(step, [0])
+        participants.token_gone(1)
+        participants.token_back(1)
+    assert participants.present == {0}
+    assert participants.lost == [1] * (MAX_RETURNS + 1)
 
 
 def test_a_board_is_always_taken_back() -> None:
     """Its link may fail as often as it will."""
-    lockstep = LockStep([0, 1], boards=[1])
+    participants = Participants([0, 1], boards=[1])
     for step in range(10 * MAX_RETURNS):
-        lockstep.begin(step, [0])
-        lockstep.gone(1)
-        lockstep.back(1)
-    assert lockstep.alive == {0, 1}
+        participants.begin(step, [0])
+        participants.token_gone(1)
+        participants.token_back(1)
+    assert participants.present == {0, 1}

@@ -93,7 +93,7 @@ def test_malformed_radio_frames_are_counted_never_raised(samples: list[tuple[int
     record = stage.end()
     assert (record.rejected, record.frames_sent) == (refused, len(taken))
     assert sum(stage.core.inbox.rejected.values()) == refused
-    assert stage.core.lockstep.is_closed
+    assert stage.core.participants.is_closed
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), strange(ACT)), min_size=1, max_size=8))
@@ -104,7 +104,7 @@ def test_malformed_acts_are_counted_never_raised(samples: list[tuple[int, bytes]
     stage.begin()
     refused = 0
     for agent, data in samples:
-        is_due = agent in stage.core.lockstep.waiting
+        is_due = agent in stage.core.participants.asked
         valid = is_due and complaint(ACT, data) is None and ACT.decode(data).step == stage.step
         assert (stage.core.inbox.hear_act(agent, data) is None) == valid
         refused += not valid
@@ -157,7 +157,7 @@ def test_an_act_of_a_step_to_come_is_refused() -> None:
     stage.end()
     stage.begin()
     assert stage.act(1, step=0) is not None
-    assert stage.core.lockstep.waiting == {0, 1, 2}
+    assert stage.core.participants.asked == {0, 1, 2}
     assert stage.end().rejected == 1
     assert stage.core.inbox.excess == {1: 1}
 
@@ -264,7 +264,7 @@ def test_a_dead_agent_stops_and_hears_nothing() -> None:
     stage.act(0, vx_mps=1.0)
     stage.say(1)
     stage.end()
-    stage.core.lockstep.gone(0)
+    stage.core.participants.token_gone(0)
     stage.event(50, 50)
     assert list(stage.begin()) == [1]
     record = stage.end()
@@ -281,7 +281,12 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
     """In every step: sent times all others = heard, dropped by reason, in flight; also with deaths, returns, hangs."""
     crew = swarm("smoke", "agents.count=10", "events.rate_hz=0.3", "control.delta=2", *radio)
     world = crew.world
-    changes = {60: world.lockstep.gone, 90: world.lockstep.gone, 120: world.lockstep.back, 150: world.lockstep.gone}
+    changes = {
+        60: world.participants.token_gone,
+        90: world.participants.token_gone,
+        120: world.participants.token_back,
+        150: world.participants.token_gone,
+    }
     in_flight = heard = 0
     dropped = Counter[str]()
     for step in range(250):

@@ -104,7 +104,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     """However the message of one that dies and of its successor come together."""
     fabric = Fabric([[COMES, *AGENTS], *batches])
     world = begun(fabric, tmp_path)
-    world._core.lockstep.step, world._has_begun = LAST, True
+    world._core.participants.step, world._has_begun = LAST, True
     for step in range(LAST + 1):
         world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()
@@ -137,7 +137,7 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
     """An operator may be killed before it writes it, and its successor confirms the step."""
     fabric = Fabric([[COMES, *AGENTS]])
     world = begun(fabric, tmp_path)
-    world._core.lockstep.step, world._taken = LAST, {OPERATOR: LAST, RECORDER: LAST}
+    world._core.participants.step, world._taken = LAST, {OPERATOR: LAST, RECORDER: LAST}
     folder = tmp_path / checkpoint.FOLDER
     _, operators, *agents = checkpoint.files(folder / str(LAST), range(len(AGENTS)))
     folder.mkdir()

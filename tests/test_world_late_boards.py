@@ -49,11 +49,10 @@ class Late:
     def play(self, *, probed: bool, answers: int) -> None:
         """Play a step; the board answers at most this many of its frames in it."""
         self.step += 1
-        if probed:
-            self.core.lockstep.probe()
-        self.frames += [self.step for agent, _ in self.core.begin(self.step, last=False) if agent == BOARD]
+        frames = self.core.begin(self.step, last=False, probe=probed)
+        self.frames += [self.step for agent, _ in frames if agent == BOARD]
         self.core.inbox.hear(AGENT, ACT, act_of(self.step), None)
-        is_awaited = BOARD in self.core.lockstep.waiting
+        is_awaited = BOARD in self.core.participants.asked
         for _ in range(min(answers, len(self.frames))):
             self.answer(self.frames.popleft())
         is_closed = is_awaited and self.reported[-1:] == [self.step]
@@ -64,7 +63,11 @@ class Late:
 
     def cut(self) -> None:
         """The link goes and comes back; the board's process goes on."""
-        for note in (self.core.lockstep.gone, self.core.lockstep.back, self.core.inbox.go_on_anywhere):
+        for note in (
+            self.core.participants.token_gone,
+            self.core.participants.token_back,
+            self.core.inbox.go_on_anywhere,
+        ):
             note(BOARD)
 
 

@@ -78,8 +78,8 @@ def test_an_agent_that_went_and_came_back_within_a_step_is_asked() -> None:
     for agent in range(3):
         stage.act(agent, until=50)
     stage.core.end()
-    stage.core.lockstep.gone(1)
-    stage.core.lockstep.back(1)
+    stage.core.participants.token_gone(1)
+    stage.core.participants.token_back(1)
     assert list(stage.begin()) == [1]
 
 

@@ -43,10 +43,10 @@ class Stage:
         environment._place_active()
         return event.event
 
-    def begin(self, last: bool = False) -> dict[int, Frame]:
+    def begin(self, last: bool = False, probe: bool = False) -> dict[int, Frame]:
         """The next step's frames."""
         self.step += 1
-        self.frames = dict(self.core.begin(self.step, last))
+        self.frames = dict(self.core.begin(self.step, last, probe))
         return self.frames
 
     def say(self, agent: int, payload: bytes = b"here") -> bytes:
@@ -64,6 +64,6 @@ class Stage:
 
     def end(self, *silent: int) -> StepRecord:
         """Acts of all who have not acted, save the silent; then the end of the step."""
-        for agent in sorted(self.core.lockstep.waiting - set(silent)):
+        for agent in sorted(self.core.participants.asked - set(silent)):
             assert self.act(agent) is None
         return self.core.end()

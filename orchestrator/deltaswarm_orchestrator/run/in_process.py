@@ -80,7 +80,7 @@ class InProcess:
                 said.append((agent, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
-                world.lockstep.gone(agent)
+                world.participants.token_gone(agent)
         self.agents_s += clock() - began
         for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
             if radio is not None:

@@ -17,14 +17,14 @@ from deltaswarm_wire.messages import Act, decode_act
 from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.truth import Said
-from deltaswarm_world.core.lockstep import LockStep
+from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.sequence import SequenceNumbers, by_agent
 
 
 class Inbox:
     """The samples of one step, and the counts of a run."""
 
-    def __init__(self, lockstep: LockStep) -> None:
+    def __init__(self, participants: Participants) -> None:
         self.transmitted: dict[int, bytes] = {}
         """Radio frames, by sender."""
         self._reports: dict[int, deque[bytes]] = {}
@@ -44,7 +44,7 @@ class Inbox:
         """Agents that have not yet confirmed that they are saved."""
         self._saves_due: Counter[int] = Counter()
         """Number of confirmations still due from each agent."""
-        self._lockstep = lockstep
+        self._participants = participants
         self._step = -1
         self._radio_numbers, self._report_numbers = SequenceNumbers(), SequenceNumbers()
         self._rejected_before = self._lost_before = 0
@@ -80,7 +80,7 @@ class Inbox:
         except WireError as error:
             self.hear_radio(agent, data)
             return self.reject(agent, str(error))
-        late = act.step < self._step or agent not in self._lockstep.waiting
+        late = act.step < self._step or agent not in self._participants.asked
         reason = self.hear_radio(agent, data, late)
         return self.take_act(agent, act, act_bytes) or reason
 
@@ -98,9 +98,9 @@ class Inbox:
         A `late` one, whose step does not wait for the agent, is not delivered; its act is checked and counted.
         """
         self._radio_numbers.follow(agent, counter)
-        if late and self._lockstep.unanswered(agent):
+        if late and self._participants.unanswered(agent):
             return None
-        if late or agent in self.transmitted or agent not in self._lockstep.waiting:
+        if late or agent in self.transmitted or agent not in self._participants.asked:
             return self.reject_excess(agent, "radio: a second frame in one step, or one out of turn")
         self.transmitted[agent] = data
         return None
@@ -120,7 +120,9 @@ class Inbox:
         if report.step > self._step:
             return self.reject(agent, f"report.step: {report.step} has not begun, {self._step} has")
         self._report_numbers.follow(agent, report.sequence)
-        if report.step <= self._newest_report.get(agent, -1) or self._ahead[agent] >= self._lockstep.unanswered(agent):
+        if report.step <= self._newest_report.get(agent, -1) or self._ahead[agent] >= self._participants.unanswered(
+            agent
+        ):
             return self.reject_excess(agent, "report: a second one in one step, or one out of turn")
         self._newest_report[agent] = report.step
         self._ahead[agent] += 1
@@ -139,11 +141,11 @@ class Inbox:
         """Take one decoded act with its bytes; return the reason if it is dropped."""
         if act.step > self._step:
             return self.reject(agent, f"act.step: {act.step} has not begun, {self._step} has")
-        if self._lockstep.close(agent, act.step):
+        if self._participants.answer(agent, act.step):
             self._ahead[agent] = 0
             self.acts[agent] = (data, act)
             return None
-        if self._lockstep.answer_late(agent, act.step):
+        if self._participants.answer_late(agent, act.step):
             self._ahead[agent] = max(0, self._ahead[agent] - 1)
             self.late_acts[agent] += 1
             return None

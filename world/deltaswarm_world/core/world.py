@@ -23,7 +23,7 @@ from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.inbox import Inbox
-from deltaswarm_world.core.lockstep import LockStep
+from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.quiet import QuietSleep
 from deltaswarm_world.core.step_record import record
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
@@ -43,8 +43,8 @@ class WorldCore:
     def __init__(self, scenario: Scenario, boards: Iterable[int] = ()) -> None:
         self.scenario = scenario
         self.environment = Environment(scenario)
-        self.lockstep = LockStep(range(scenario.agents.count), boards)
-        self.inbox = Inbox(self.lockstep)
+        self.participants = Participants(range(scenario.agents.count), boards)
+        self.inbox = Inbox(self.participants)
         self.refused_claims = 0
         """Number of claimed observations of events out of sensing range."""
         self.events_cut = 0
@@ -87,36 +87,39 @@ class WorldCore:
         """Apply the faults before a step; return the orders for agents' processes."""
         if self._faults is None:
             return ()
-        lockstep = self.lockstep
+        participants = self.participants
         roots = [agent for agent, status in self._tree_statuses.items() if status.root == agent]
-        orders = self._faults.inject(step, lockstep.alive, roots)
+        orders = self._faults.inject(step, participants.present, roots)
         for order in orders:
             for agent in order.agents:
                 self._sleep.wake(agent)
                 if order.action == KILL:
-                    lockstep.take_out(agent)
+                    participants.kill(agent)
                     self.environment.command(agent, 0.0, 0.0)
                 elif order.action == START:
-                    lockstep.back(agent)
+                    participants.token_back(agent)
                     self._sleep.start(agent, step)
                     self.inbox.begin_anew(agent)
-        lockstep.frozen = self._faults.frozen
+        participants.freeze(self._faults.frozen)
         return orders
 
-    def begin(self, step: int, last: bool) -> list[tuple[int, Frame]]:
-        """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent."""
-        environment, lockstep = self.environment, self.lockstep
+    def begin(self, step: int, last: bool, probe: bool = False) -> list[tuple[int, Frame]]:
+        """Move bodies, let events arrive, compute sensing and hearing; return a frame per awake agent.
+
+        With `probe`, hung boards get a frame, too.
+        """
+        environment, participants = self.environment, self.participants
         self._step, self._time_s, self._is_last = step, step * self.scenario.run.step_s, last
-        taking_part = lockstep.taking_part()
-        probed, lockstep.probed = lockstep.probed, []
-        alive = lockstep.alive
+        taking_part = participants.taking_part()
+        probed = participants.probe() if probe else []
+        alive = participants.present
         for agent, there in enumerate(self._present):
             if there != (agent in alive):
                 self._present[agent] = not there
                 self._sleep.wake(agent)
                 environment.command(agent, 0.0, 0.0)
-        while lockstep.returned:
-            self._sleep.wake(lockstep.returned.pop())  # even if it left and came back within a step
+        while participants.returned:
+            self._sleep.wake(participants.returned.pop())  # even if it left and came back within a step
         environment.changed.clear()
         if step > 0:
             environment.move(self._faults.drive if self._faults else None)
@@ -125,9 +128,9 @@ class WorldCore:
         self._sensed = self._sense((*taking_part, *probed))
         heard = self._hear(taking_part)
         self._sleep.move_to(environment.positions_m.tolist())
-        always = lockstep.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
+        always = participants.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
         asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
-        lockstep.begin(step, asked)
+        participants.begin(step, asked)
         before = self._tree_statuses
         self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
         self.inbox.begin(step)
@@ -190,7 +193,7 @@ class WorldCore:
 
     def end(self) -> StepRecord:
         """Close the step: commands, work, completion, record, digest."""
-        late = self.lockstep.give_up()
+        late = self.participants.time_out()
         self.inbox.drop_frames(late)
         observers: Counter[int] = Counter()
         for agent, data in self._delivered:
@@ -234,9 +237,8 @@ class WorldCore:
         """Pass reports into the uplink; return the delivered ones."""
         for agent in sorted(sent):
             self.digest.add(self._step, agent, REPORT, sent[agent])
-        lockstep = self.lockstep
-        absent = lockstep.hanging | lockstep.frozen | (self._faults.deaf if self._faults else NOBODY_HIT)
-        there = [agent in lockstep.alive and agent not in absent for agent in range(len(self._present))]
+        reachable = set(self.participants.taking_part()) - (self._faults.deaf if self._faults else NOBODY_HIT)
+        there = [agent in reachable for agent in range(len(self._present))]
         roots = {agent: status.root for agent, status in self._tree_statuses.items() if status.root != NOBODY}
         return uplink.carry(self._step, self._time_s, self.environment.positions_m, there, roots, sent)
 
@@ -251,7 +253,7 @@ class WorldCore:
         return record(
             step=self._step,
             time_s=self._time_s,
-            agents_alive=len(self.lockstep.alive),
+            agents_alive=len(self.participants.present),
             agents_late=len(late),
             agents_asked=len(self.inbox.acts) + len(late),
             agents_in_trees=len(in_trees),
@@ -281,9 +283,9 @@ class WorldCore:
 
     def truth(self, row: StepRecord) -> Truth:
         """Return the full state of the last closed step for the recorder. Call it once per step, or never."""
-        bodies = []
+        bodies, present = [], self.participants.present
         for agent, (x_m, y_m) in enumerate(self.environment.positions_m.tolist()):
-            status = self._tree_statuses.get(agent, SILENT) if agent in self.lockstep.alive else GONE
+            status = self._tree_statuses.get(agent, SILENT) if agent in present else GONE
             bodies.append(Body(agent, x_m, y_m, *status))
         events = tuple(self.environment.states_to_show())
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
@@ -298,8 +300,8 @@ class WorldCore:
         return {
             "complete": complete,
             "digest": self.digest.hex(),
-            "agents_lost": list(self.lockstep.lost),
-            "boards": {str(agent): asdict(attendance) for agent, attendance in self.lockstep.boards.items()},
+            "agents_lost": list(self.participants.lost),
+            "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             **self.inbox.totals,
             "refused_claims": self.refused_claims,

@@ -36,7 +36,7 @@ class Attention:
         self._transport = transport
         self._wakeup = wakeup
         self._handing_on = HandingOn(transport.forwarded, transport.clock)
-        self._handing_on.confirm(self._core.lockstep.step)
+        self._handing_on.confirm(self._core.participants.step)
         self._has_begun = False
         self._pace: RealTimePace | None = None
         turns = self._core.turns
@@ -82,15 +82,15 @@ class Attention:
         """What the world does each time that it is woken."""
         self._take_control()
         if time.monotonic() >= self._status_due:  # also where a step, or the end, takes long
-            self._send_status(self._core.lockstep.step, self._phase)
+            self._send_status(self._core.participants.step, self._phase)
 
     def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample of an agent."""
-        hanging = self._core.lockstep.hanging
-        was_hanging = agent in hanging
+        hung = self._core.participants.hung
+        was_hung = agent in hung
         reason = self._core.inbox.hear(agent, leaf, data, act)
-        if was_hanging and agent not in hanging:
-            log.info("agent %d, which hung, answers again in step %d", agent, self._core.lockstep.step)
+        if was_hung and agent not in hung:
+            log.info("agent %d, which hung, answers again in step %d", agent, self._core.participants.step)
         if reason is not None and agent not in self._warned:
             self._warned.add(agent)
             log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
@@ -115,7 +115,7 @@ class Attention:
             role, number, is_there = message
             (self._there.add if is_there else self._there.discard)((role, number))
             if role == RECORDER and is_there and self._config.publish_truth:  # what it has, it says only later
-                self._taken.setdefault(role, self._core.lockstep.step)
+                self._taken.setdefault(role, self._core.participants.step)
             if role == AGENT and number < self._config.scenario.agents.count:
                 self._take_token(number, is_there)
             elif not is_there:
@@ -131,17 +131,17 @@ class Attention:
 
     def _take_token(self, agent: int, there: bool) -> None:
         """An agent came or went."""
-        lockstep = self._core.lockstep
+        participants = self._core.participants
         if self._in_hand is not None and agent in self._in_hand.agents:
             return
-        was_there = agent in lockstep.alive
-        (lockstep.back if there else lockstep.gone)(agent)
-        if agent in lockstep.boards:  # samples may overtake the token that tells of a return
+        was_there = participants.is_present(agent)
+        (participants.token_back if there else participants.token_gone)(agent)
+        if agent in participants.boards:  # samples may overtake the token that tells of a return
             self._core.inbox.go_on_anywhere(agent)
-        has_changed = was_there != (agent in lockstep.alive)
+        has_changed = was_there != participants.is_present(agent)
         self._comings[agent] += has_changed
         if has_changed and self._has_begun and not self._is_over and self._comings[agent] <= MAX_TOLD:
-            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", lockstep.step)
+            log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", participants.step)
 
     def _send_status(self, step: int, phase: str) -> None:
         self._phase = phase
@@ -152,7 +152,7 @@ class Attention:
                 max(step, 0),
                 self._settings.steps,
                 max(step, 0) * self._settings.step_s,
-                len(core.lockstep.alive) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
+                len(core.participants.present) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
                 core.agents_in_trees,
                 core.environment.mean_waiting_s(),
                 len(core.environment.active),

@@ -8,7 +8,7 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
 from deltaswarm_wire.truth import StepRecord, encode_truth, encode_wire
-from deltaswarm_world.core.lockstep import TimeoutBackoff
+from deltaswarm_world.core.backoff import TimeoutBackoff
 from deltaswarm_world.core.pace import RealTimePace
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.io import saving
@@ -46,7 +46,7 @@ class WorldProcess(Attention):
             TimeoutError: some are missing; the text names them.
             InterruptedError: a signal came first.
         """
-        expected = {(AGENT, agent) for agent in self._core.lockstep.alive}
+        expected = {(AGENT, agent) for agent in self._core.participants.present}
         expected |= {(role, 0) for role in self._config.expect}
         if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
             missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
@@ -65,7 +65,7 @@ class WorldProcess(Attention):
             InterruptedError: a signal came during such a wait.
         """
         settings = self._settings
-        first = self._core.lockstep.step + 1
+        first = self._core.participants.step + 1
         self._has_begun = True
         output.started()
         self._send_status(first, "running")
@@ -76,8 +76,7 @@ class WorldProcess(Attention):
             for order in self._core.inject(step):
                 self._give(order)
             last = step == settings.steps - 1 or self._wakeup.stop_requested
-            self._probe(last)
-            self._transport.frames(self._core.begin(step, last))
+            self._transport.frames(self._core.begin(step, last, self._is_probe_due(last)))
             self._collect()
             record = self._core.end()
             output.write(record, self._core.environment.changed)  # a step is on file before anyone is told of it
@@ -126,12 +125,12 @@ class WorldProcess(Attention):
         Raises:
             InterruptedError: a signal came while the world waited for others.
         """
-        lockstep, inbox = self._core.lockstep, self._core.inbox
-        agents = set(lockstep.taking_part())
+        participants, inbox = self._core.participants, self._core.inbox
+        agents = set(participants.taking_part())
         others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
 
         def can_be_saved() -> bool:
-            return not self._operator_left and agents == lockstep.alive
+            return not self._operator_left and agents == participants.present
 
         def others_have() -> bool:
             return all(self._taken.get(role, -1) >= step for role in others)
@@ -160,13 +159,13 @@ class WorldProcess(Attention):
             SavedWorld(self._core, self._backoff, self._restarts, output.sync(), output.wall_s, self._overruns),
         )
 
-    def _probe(self, last: bool) -> None:
-        """Schedule a frame for boards that have hung for long, and for all hung boards at the end, so they see it."""
-        now, lockstep = time.monotonic(), self._core.lockstep
-        if last or now >= self._probe_due:
-            lockstep.probe()
-        if now >= self._probe_due or not lockstep.hanging:
+    def _is_probe_due(self, last: bool) -> bool:
+        """Whether boards that have hung for long get a frame; at the end all hung boards do, so that they see it."""
+        now = time.monotonic()
+        is_due = now >= self._probe_due
+        if is_due or not self._core.participants.hung:
             self._probe_due = now + self._settings.step_timeout_s
+        return is_due or last
 
     def _give(self, order: ProcessOrder) -> None:
         """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
@@ -196,18 +195,18 @@ class WorldProcess(Attention):
 
         Sleeping agents take part, so a step in which no agent is asked does not wait.
         """
-        lockstep, wakeup, pace = self._core.lockstep, self._wakeup, self._pace
+        participants, wakeup, pace = self._core.participants, self._wakeup, self._pace
         began = time.monotonic()
-        everyone_hangs = 0 if lockstep.taking_part() else len(lockstep.hanging)
-        soonest_s, _ = self._backoff.with_any(lockstep.waiting, lockstep.step)
+        everyone_hangs = 0 if participants.taking_part() else len(participants.hung)
+        soonest_s, _ = self._backoff.with_any(participants.asked, participants.step)
         wakeup.wake_at(pace.next_tick() if pace else began + soonest_s)
-        while not lockstep.is_closed or (everyone_hangs and len(lockstep.hanging) == everyone_hangs):
+        while not participants.is_closed or (everyone_hangs and len(participants.hung) == everyone_hangs):
             if self._transport.take(self._take):
                 continue
             self._look_up()
             if time.monotonic() < wakeup.deadline:
                 continue
-            _, latest_s = self._backoff.with_any(lockstep.waiting, lockstep.step)
+            _, latest_s = self._backoff.with_any(participants.asked, participants.step)
             if pace or wakeup.stop_requested or time.monotonic() >= began + latest_s:
                 self._give_up()
                 break
@@ -221,10 +220,10 @@ class WorldProcess(Attention):
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
-        lockstep = self._core.lockstep
-        for agent in sorted(lockstep.waiting):
-            self._backoff.missed(agent, lockstep.step)
-            log.warning("step %d goes on without agent %d, which hangs", lockstep.step, agent)
+        participants = self._core.participants
+        for agent in sorted(participants.asked):
+            self._backoff.missed(agent, participants.step)
+            log.warning("step %d goes on without agent %d, which hangs", participants.step, agent)
 
     def _close(self, record: StepRecord, last: bool) -> None:
         """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
@@ -249,7 +248,7 @@ class WorldProcess(Attention):
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""
-        step, patience_s = self._core.lockstep.step, self._settings.start_timeout_s
+        step, patience_s = self._core.participants.step, self._settings.start_timeout_s
         log.warning("the operator is gone in step %d; waiting for it", step)
         if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
             raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
@@ -276,7 +275,7 @@ class WorldProcess(Attention):
             TimeoutError: the operator did not take it, or left and did not come back.
             InterruptedError: a signal came during the wait.
         """
-        last = self._core.lockstep.step
+        last = self._core.participants.step
 
         def has_all() -> bool:
             return self._handing_on.confirmed >= last

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Self
 
 from deltaswarm_wire import checkpoint
-from deltaswarm_world.core.lockstep import TimeoutBackoff
+from deltaswarm_world.core.backoff import TimeoutBackoff
 from deltaswarm_world.core.world import WorldCore
 from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.files import TABLES
@@ -50,13 +50,13 @@ def has_operator(run_folder: Path, step: int) -> bool:
 
 def save(run_folder: Path, saved: SavedWorld) -> None:
     """Write the world, mark the checkpoint as complete, delete the one before. Raises OSError."""
-    lockstep, folder = saved.core.lockstep, run_folder / checkpoint.FOLDER
-    newest = folder / str(lockstep.step)
+    participants, folder = saved.core.participants, run_folder / checkpoint.FOLDER
+    newest = folder / str(participants.step)
     checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
-    agents = sorted(lockstep.alive)
+    agents = sorted(participants.present)
     files = checkpoint.files(newest, agents)
     told = {
-        "step": lockstep.step,
+        "step": participants.step,
         "agents": agents,
         "sha256": {file.name: checkpoint.digest(file) for file in files},
         "restarts": list(saved.restarts.items()),
@@ -64,7 +64,7 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
     }
     checkpoint.write(folder / checkpoint.NEWEST, json.dumps(told).encode())
     for other in folder.iterdir():
-        if other.name.isdecimal() and int(other.name) < lockstep.step:
+        if other.name.isdecimal() and int(other.name) < participants.step:
             shutil.rmtree(other, ignore_errors=True)
 
 

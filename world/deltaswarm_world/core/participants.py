@@ -1,0 +1,223 @@
+"""The participants of the lock-step: the condition of each agent, and every transition.
+
+A step asks agents that are idle: each gets a frame, and the step is closed once all have answered with an act. An agent
+that exceeds the time-out is hung: it gets no more frames until it answers the one that it missed. A frozen agent gets
+none until it is thawed, and an absent agent has no process. An agent changes its condition only through `TRANSITIONS`;
+what the table does not list changes nothing.
+
+Boards are agents on machines of their own. They may come and go, which is counted and no loss. A hung board is probed:
+it gets a frame now and then, for which nobody waits. Its process may go on behind a cut link and answer frames from
+before, so the number of answers still due is kept.
+"""
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Set
+from dataclasses import dataclass
+from enum import Enum
+
+MAX_RETURNS = 20
+"""Number of times that an agent, unless it is a board, may come back after its process died."""
+
+
+class Condition(Enum):
+    """What a step may expect of an agent."""
+
+    ABSENT = "absent"
+    IDLE = "idle"
+    ASKED = "asked"
+    HUNG = "hung"
+    FROZEN = "frozen"
+
+
+class Cause(Enum):
+    """Why an agent changes its condition."""
+
+    TOKEN = "its liveliness token appeared"
+    TOKEN_GONE = "its liveliness token disappeared"
+    KILLED = "killed by an order"
+    FRAME = "got the frame of a step"
+    ACT = "answered with an act"
+    TIMEOUT = "exceeded the time-out"
+    FREEZE = "frozen by an order"
+    THAW = "thawed by an order"
+
+
+ABSENT, IDLE, ASKED, HUNG, FROZEN = Condition
+
+TRANSITIONS: dict[tuple[Condition, Cause], Condition] = {
+    (ABSENT, Cause.TOKEN): IDLE,
+    (IDLE, Cause.FRAME): ASKED,
+    (ASKED, Cause.ACT): IDLE,
+    (ASKED, Cause.TIMEOUT): HUNG,
+    (HUNG, Cause.ACT): IDLE,
+    (IDLE, Cause.FREEZE): FROZEN,
+    (HUNG, Cause.FREEZE): FROZEN,
+    (FROZEN, Cause.THAW): IDLE,
+    (IDLE, Cause.TOKEN_GONE): ABSENT,
+    (ASKED, Cause.TOKEN_GONE): ABSENT,
+    (HUNG, Cause.TOKEN_GONE): ABSENT,
+    (FROZEN, Cause.TOKEN_GONE): ABSENT,
+    (IDLE, Cause.KILLED): ABSENT,
+    (ASKED, Cause.KILLED): ABSENT,
+    (HUNG, Cause.KILLED): ABSENT,
+    (FROZEN, Cause.KILLED): ABSENT,
+}
+
+
+@dataclass
+class Attendance:
+    """A board's attendance in a run."""
+
+    late_steps: int = 0
+    """Steps that the board missed while present."""
+    absences: int = 0
+    """Number of absences."""
+    absent_steps: int = 0
+    """Steps of absence."""
+
+
+class Participants:
+    """Keeps each agent's condition, and which acts are due. It has no clock; the caller has."""
+
+    def __init__(self, agents: Iterable[int], boards: Iterable[int] = ()) -> None:
+        self.step = -1
+        self.lost: list[int] = []
+        """Agents whose process died without an order, by step, ascending within a step."""
+        self.returned: set[int] = set()
+        """Agents whose process reappeared, until the world handles it."""
+        self.boards = {agent: Attendance() for agent in sorted(boards)}
+        self._in: dict[Condition, set[int]] = {condition: set() for condition in Condition}
+        """The agents in each condition; each agent is in one."""
+        self._in[IDLE] = set(agents)
+        self._lost_before = 0
+        """Number of lost agents at the start of this step."""
+        self._missed: dict[int, int] = {}
+        """The step that each hung agent missed: an act for that or a later step ends the hang."""
+        self._answers_due: Counter[int] = Counter()
+        """Number of frames that may still be answered: probes, and frames from before an absence or a freeze."""
+
+    @property
+    def asked(self) -> Set[int]:
+        """Agents that got the frame of this step and have not answered it."""
+        return self._in[ASKED]
+
+    @property
+    def hung(self) -> Set[int]:
+        """Agents that exceeded the time-out of a step and have not answered since."""
+        return self._in[HUNG]
+
+    @property
+    def present(self) -> set[int]:
+        """Agents that have a process."""
+        return self._in[IDLE] | self._in[ASKED] | self._in[HUNG] | self._in[FROZEN]
+
+    def taking_part(self) -> list[int]:
+        """Return the agents that a step may ask, or has asked, ascending."""
+        return sorted(self._in[IDLE] | self._in[ASKED])
+
+    def is_present(self, agent: int) -> bool:
+        """Whether an agent has a process."""
+        return any(agent in self._in[condition] for condition in (IDLE, ASKED, HUNG, FROZEN))
+
+    # A step
+
+    def begin(self, step: int, asked: Iterable[int]) -> None:
+        """Open a step, in which these agents get a frame."""
+        self.step = step
+        self._lost_before = len(self.lost)
+        for agent in asked:
+            self._change(agent, Cause.FRAME)
+        for agent, attendance in self.boards.items():
+            attendance.absent_steps += agent in self._in[ABSENT]
+
+    def probe(self) -> list[int]:
+        """Return the hung boards, which get a frame in the next step; the step does not wait for their acts."""
+        probed = sorted(self._in[HUNG] & self.boards.keys())
+        self._answers_due.update(probed)
+        return probed
+
+    def unanswered(self, agent: int) -> int:
+        """Return the number of an agent's frames without an act."""
+        return (agent in self._in[ASKED]) + (agent in self._in[HUNG]) + self._answers_due[agent]
+
+    def answer(self, agent: int, step: int) -> bool:
+        """Take an act; return whether it answers the frame of this step."""
+        if step != self.step or agent not in self._in[ASKED]:
+            return False
+        self._answers_due.pop(agent, None)  # it answers in order: what is still due was lost
+        return self._change(agent, Cause.ACT)
+
+    def answer_late(self, agent: int, step: int) -> bool:
+        """Take an act that does not answer the frame of this step; return whether it was still due."""
+        if agent in self._in[HUNG] and step >= self._missed[agent]:
+            return self._change(agent, Cause.ACT)
+        if self._answers_due[agent]:
+            self._answers_due[agent] -= 1
+            return True
+        return False
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the step waits for no agent."""
+        return not self._in[ASKED]
+
+    def time_out(self) -> list[int]:
+        """Continue without the agents that have not answered, which are hung from now on; return them."""
+        late = sorted(self._in[ASKED])
+        for agent in late:
+            self._missed[agent] = self.step
+            self._change(agent, Cause.TIMEOUT)
+        for agent in self._in[HUNG] & self.boards.keys():
+            self.boards[agent].late_steps += 1
+        return late
+
+    # Processes
+
+    def token_gone(self, agent: int) -> None:
+        """Note that an agent's liveliness token disappeared: an agent is lost, a board is absent."""
+        is_due = agent in self._in[ASKED] or agent in self._in[HUNG]
+        if not self._change(agent, Cause.TOKEN_GONE):
+            return
+        if agent not in self.boards:
+            self.lost[self._lost_before :] = sorted([*self.lost[self._lost_before :], agent])
+            return
+        self._answers_due[agent] += is_due  # its process may be well, and answer once its link is back
+        self.boards[agent].absences += self.step >= 0
+
+    def token_back(self, agent: int) -> None:
+        """Note that an agent's token reappeared; it takes part from the next step on, unless it died too often."""
+        if self.lost.count(agent) <= MAX_RETURNS and self._change(agent, Cause.TOKEN):
+            self.returned.add(agent)
+
+    def kill(self, agent: int) -> None:
+        """Remove an agent killed by an order, which does not count as lost."""
+        self._change(agent, Cause.KILLED)
+
+    def freeze(self, frozen: Collection[int]) -> None:
+        """Let these agents be frozen, and no others. A frame that a hung agent did not answer may be answered later."""
+        for agent in sorted(self._in[FROZEN].difference(frozen)):
+            self._change(agent, Cause.THAW)
+        for agent in frozen:
+            is_due = agent in self._in[HUNG]
+            self._answers_due[agent] += self._change(agent, Cause.FREEZE) and is_due
+
+    def _change(self, agent: int, cause: Cause) -> bool:
+        """Change an agent's condition as the table says; return whether the table lists a change."""
+        for condition, agents in self._in.items():
+            if agent in agents:
+                after = TRANSITIONS.get((condition, cause))
+                if after is None:
+                    return False
+                agents.discard(agent)
+                self._in[after].add(agent)
+                return True
+        return False
+
+
+def diagram() -> str:
+    """Return the table as a Mermaid state diagram."""
+    lines = ["stateDiagram-v2", f"    [*] --> {IDLE.value}"]
+    lines += [
+        f"    {source.value} --> {target.value}: {cause.value}" for (source, cause), target in TRANSITIONS.items()
+    ]
+    return "\n".join(lines) + "\n"
