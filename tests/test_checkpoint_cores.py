@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.operator_messages import Clock
 from tests.airs import EVERYTHING
-from tests.test_quiet_sleep import BUSY, FAULTS
+from tests.test_sleep_schedule_in_swarms import BUSY, FAULTS
 
 STEPS, EVERY = 300, 23
 UPLINK = "uplink={loss=0.2, latency_s=3, bandwidth={sender_bytes_per_s=40}, base_m=[20, 20], range_m=15, relay=true}"

@@ -1,4 +1,4 @@
-"""The downlink, the operator's turns and its rhythm, without agents."""
+"""The downlink, the operator's turns and its gate, without agents."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +15,7 @@ from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_wire.settings_downlink import FIRST_STEP
 from deltaswarm_world.core.downlink import Downlink
-from deltaswarm_world.core.rhythm import Rhythm
+from deltaswarm_world.core.step_gate import StepGate
 from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns
 from tests.commanding import a_command, sign
 
@@ -218,7 +218,7 @@ def test_only_so_many_commands_may_wait() -> None:
     assert turns.take(a_turn(6, 999)) is None
 
 
-# Rhythm
+# StepGate
 
 
 class Clock:
@@ -227,16 +227,16 @@ class Clock:
     def __init__(self) -> None:
         self.now_s = 100.0
         self.turns = Turns(LIVE)
-        self.rhythm = Rhythm(self.turns, 0.5, lambda: self.now_s)
+        self.gate = StepGate(self.turns, 0.5, lambda: self.now_s)
 
     def steps_in(self, seconds: float, first: int) -> int:
         """The step that comes next after so long, if each begins as soon as it may."""
         until_s, step = self.now_s + seconds, first
         while True:
-            while self.rhythm.may_begin(step) and step < first + 10_000:
-                self.rhythm.begin()
+            while self.gate.may_begin(step) and step < first + 10_000:
+                self.gate.begin()
                 step += 1
-            wait_s = self.rhythm.wait_s(step)
+            wait_s = self.gate.wait_s(step)
             assert wait_s is not None
             if self.now_s + wait_s > until_s:
                 self.now_s = until_s
@@ -248,19 +248,19 @@ class Clock:
 def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
     """So many simulated seconds in each of the wall's."""
     clock = Clock()
-    clock.rhythm.take(Pace(speed, -1))
+    clock.gate.take(Pace(speed, -1))
     assert clock.steps_in(20.0, 0) * 0.5 == pytest.approx(20 * speed, abs=1)
 
 
 def test_a_pause_holds_a_step_back_and_nothing_is_caught_up_after_it() -> None:
     """However long it was; a step more is held again."""
     clock = Clock()
-    clock.rhythm.take(Pace(2.0, 6))
+    clock.gate.take(Pace(2.0, 6))
     assert clock.steps_in(100.0, 0) == 6
-    assert clock.rhythm.wait_s(6) == math.inf
-    clock.rhythm.take(Pace(2.0, 7))
+    assert clock.gate.wait_s(6) == math.inf
+    clock.gate.take(Pace(2.0, 7))
     assert clock.steps_in(100.0, 6) == 7
-    clock.rhythm.take(Pace(2.0, -1))
+    clock.gate.take(Pace(2.0, -1))
     assert clock.steps_in(10.0, 7) - 7 == pytest.approx(40, abs=2)
 
 
@@ -269,18 +269,18 @@ def test_as_fast_as_possible_waits_for_nothing_but_turns() -> None:
     clock = Clock()
     assert clock.steps_in(0.0, 0) == 10_000
     clock.turns.mode = AWAITED
-    assert clock.rhythm.wait_s(2) is None
-    assert not clock.rhythm.may_begin(2)
+    assert clock.gate.wait_s(2) is None
+    assert not clock.gate.may_begin(2)
     clock.turns.take(a_turn(0))
-    assert clock.rhythm.may_begin(2)
+    assert clock.gate.may_begin(2)
 
 
 def test_another_speed_holds_from_the_next_step_on() -> None:
     """Also from a very slow one."""
     clock = Clock()
-    clock.rhythm.take(Pace(1e-9, -1))
-    assert clock.rhythm.may_begin(0)
-    clock.rhythm.begin()
-    assert not clock.rhythm.may_begin(1)
-    clock.rhythm.take(Pace(0.0, -1))
-    assert clock.rhythm.may_begin(1)
+    clock.gate.take(Pace(1e-9, -1))
+    assert clock.gate.may_begin(0)
+    clock.gate.begin()
+    assert not clock.gate.may_begin(1)
+    clock.gate.take(Pace(0.0, -1))
+    assert clock.gate.may_begin(1)

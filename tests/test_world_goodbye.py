@@ -106,7 +106,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     world = begun(fabric, tmp_path)
     world._core.participants.step, world._has_begun = LAST, True
     for step in range(LAST + 1):
-        world._handing_on.close(ClosedStep(step, [], b"%d" % step), now=True)
+        world._buffer.close(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
     lives = sum(message == GOES for batch in batches for message in batch)

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_world.core.retransmit_buffer import ClosedStep, HandingOn
+from deltaswarm_world.core.retransmit_buffer import ClosedStep, RetransmitBuffer
 
 
 class Listener:
@@ -36,23 +36,23 @@ class Listener:
 def test_each_step_arrives_once(events: list[str]) -> None:
     """Whatever the order of steps, confirmations, deaths and returns; and nothing confirmed is kept."""
     operator = Listener()
-    handing_on = HandingOn(operator.reports.append, operator.clock)
+    buffer = RetransmitBuffer(operator.reports.append, operator.clock)
     wanted: list[tuple[bytes, ...]] = []
     is_there = True
     for event in [*events, "back"]:
         if event == "step":
             step = len(wanted)
             wanted.append(tuple(b"%d/%d" % (step, number) for number in range(step % 3)))
-            handing_on.close(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
+            buffer.close(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
         elif event == "save" and is_there:
-            handing_on.confirm(operator.save())
+            buffer.confirm(operator.save())
         elif event == "gone":
             is_there = False
         elif event == "back" and not is_there:
-            handing_on.begin_anew(operator.die())
+            buffer.begin_anew(operator.die())
             is_there = True
-        assert handing_on.confirmed == len(operator.saved) - 1
-        assert len(handing_on._kept) == len(wanted) - len(operator.saved)
+        assert buffer.confirmed == len(operator.saved) - 1
+        assert len(buffer._kept) == len(wanted) - len(operator.saved)
     assert operator.closed == wanted
 
 
@@ -60,9 +60,9 @@ def test_who_has_all_is_told_once_more_that_it_was_the_last() -> None:
     """An operator that is killed between its last confirmation and its end: another one ends in its place."""
     reports: list[bytes] = []
     clocks: list[bytes] = []
-    handing_on = HandingOn(reports.append, clocks.append)
-    handing_on.close(ClosedStep(0, [b"a"], b"0"), now=True)
-    handing_on.close(ClosedStep(1, [b"b"], b"1", last=True), now=True)
-    handing_on.begin_anew(1)
+    buffer = RetransmitBuffer(reports.append, clocks.append)
+    buffer.close(ClosedStep(0, [b"a"], b"0"), now=True)
+    buffer.close(ClosedStep(1, [b"b"], b"1", last=True), now=True)
+    buffer.begin_anew(1)
     assert reports == [b"a", b"b"]
     assert clocks == [b"0", b"1", b"1"]

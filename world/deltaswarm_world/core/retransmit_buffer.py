@@ -20,7 +20,7 @@ class ClosedStep(NamedTuple):
 Send = Callable[[bytes], None]
 
 
-class HandingOn:
+class RetransmitBuffer:
     """Forwards closed steps to the operator and keeps them until it confirms them as on disk."""
 
     def __init__(self, send_report: Send, send_clock: Send) -> None:

@@ -24,7 +24,7 @@ from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
 from deltaswarm_world.core.inbox import Inbox
 from deltaswarm_world.core.participants import Participants
-from deltaswarm_world.core.quiet import QuietSleep
+from deltaswarm_world.core.sleep_schedule import SleepSchedule
 from deltaswarm_world.core.step_record import record
 from deltaswarm_world.core.turns import AWAITED, OFF, Turns
 from deltaswarm_world.core.uplink.uplink import Uplink
@@ -72,7 +72,7 @@ class WorldCore:
         """Agents with a working receiver in this step, and in the step before, when the frames heard now were sent."""
         self._tree_statuses: dict[int, TreeStatus] = {}
         """Each present agent's tree status, by its last act."""
-        self._sleep = QuietSleep(count, ask_all=scenario.run.ask_every_step)
+        self._sleep = SleepSchedule(count, ask_all=scenario.run.ask_every_step)
         self._sensed: list[list[Event]] = []
         self.links: Sequence[tuple[int, int]] = ()
         """(sender, receiver) of each frame heard in this step."""
@@ -129,7 +129,7 @@ class WorldCore:
         heard = self._hear(taking_part)
         self._sleep.move_to(environment.positions_m.tolist())
         always = participants.boards.keys() | (self._faults.affected if self._faults else NOBODY_HIT)
-        asked = taking_part if last else self._sleep.to_ask(step, taking_part, self._sensed, heard, always)
+        asked = taking_part if last else self._sleep.due(step, taking_part, self._sensed, heard, always)
         participants.begin(step, asked)
         before = self._tree_statuses
         self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}

@@ -10,8 +10,8 @@ from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Status
 from deltaswarm_wire.orders import ProcessOrder
 from deltaswarm_world.core.pace import RealTimePace
-from deltaswarm_world.core.retransmit_buffer import HandingOn
-from deltaswarm_world.core.rhythm import Rhythm
+from deltaswarm_world.core.retransmit_buffer import RetransmitBuffer
+from deltaswarm_world.core.step_gate import StepGate
 from deltaswarm_world.core.turns import LIVE, OFF
 from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.control_input import Ack, OperatorMessage, Persisted
@@ -35,14 +35,14 @@ class Attention:
         self._core = saved.core
         self._transport = transport
         self._wakeup = wakeup
-        self._handing_on = HandingOn(transport.forwarded, transport.clock)
-        self._handing_on.confirm(self._core.participants.step)
+        self._buffer = RetransmitBuffer(transport.forwarded, transport.clock)
+        self._buffer.confirm(self._core.participants.step)
         self._has_begun = False
         self._pace: RealTimePace | None = None
         turns = self._core.turns
         if config.has_station and turns.mode == OFF:
             turns.mode = LIVE
-        self._rhythm = Rhythm(turns, self._settings.step_s, time.monotonic)
+        self._gate = StepGate(turns, self._settings.step_s, time.monotonic)
         self._in_hand: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
         self._status_due = 0.0
@@ -50,9 +50,9 @@ class Attention:
         self._taken: dict[str, int] = {}
         """By role, the newest step that operator and recorder have, since they came."""
         self._is_over = False
+        """The last clock has gone out."""
         self._phase = "waiting"
         """Phase of the newest status."""
-        """The last clock has gone out."""
         self._operator_left = False
         """The operator went, and has not been given what it missed."""
         self._warned: set[int] = set()
@@ -104,7 +104,7 @@ class Attention:
             if isinstance(message, Persisted):
                 self._taken[message.role] = message.step
                 if message.role == OPERATOR and not self._operator_left:
-                    self._handing_on.confirm(message.step)
+                    self._buffer.confirm(message.step)
                 continue
             if isinstance(message, Ack):
                 self._transport.workload(message.data)
@@ -125,7 +125,7 @@ class Attention:
     def _take_operator_message(self, word: Turn | Pace) -> None:
         """The operator's turn, or the pace that it wants."""
         if isinstance(word, Pace):
-            self._rhythm.take(word)
+            self._gate.take(word)
         elif reason := self._core.turns.take(word):
             log.warning("dropped: %s", reason)
 

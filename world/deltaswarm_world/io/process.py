@@ -100,20 +100,20 @@ class WorldProcess(Attention):
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
-        rhythm, wakeup = self._rhythm, self._wakeup
+        gate, wakeup = self._gate, self._wakeup
         self._take_control()
-        while not rhythm.may_begin(step) and not wakeup.stop_requested:
+        while not gate.may_begin(step) and not wakeup.stop_requested:
             if self._operator_left:
                 self._welcome_operator()
-            wait_s = rhythm.wait_s(step)
+            wait_s = gate.wait_s(step)
             patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
 
             def is_over() -> bool:
-                return rhythm.may_begin(step) or wakeup.stop_requested or self._operator_left
+                return gate.may_begin(step) or wakeup.stop_requested or self._operator_left
 
             if not self._wait_until(is_over, patience_s) and wait_s is None:
                 raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
-        rhythm.begin()
+        gate.begin()
 
     @property
     def _overruns(self) -> int:
@@ -239,7 +239,7 @@ class WorldProcess(Attention):
         self._take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
-        self._handing_on.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
+        self._buffer.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
         if self._operator_left:
             self._welcome_operator()
         self._is_over = last
@@ -253,8 +253,8 @@ class WorldProcess(Attention):
         if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
             raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
         self._operator_left = False
-        self._handing_on.begin_anew(self._taken[OPERATOR])
-        log.warning("the operator is back; it had the steps up to %d", self._handing_on.confirmed)
+        self._buffer.begin_anew(self._taken[OPERATOR])
+        log.warning("the operator is back; it had the steps up to %d", self._buffer.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
         """Wait for parts that are far behind, unless a signal came: then the last step comes at once."""
@@ -278,7 +278,7 @@ class WorldProcess(Attention):
         last = self._core.participants.step
 
         def has_all() -> bool:
-            return self._handing_on.confirmed >= last
+            return self._buffer.confirmed >= last
 
         while OPERATOR in self._config.expect and not has_all():
             if self._operator_left:

@@ -1,4 +1,4 @@
-"""The quiet sleep: agents with something to decide, and the positions of the others meanwhile."""
+"""The sleep schedule: which agents have something to decide, and the positions of the others meanwhile."""
 
 from collections import deque
 from collections.abc import Collection, Sequence
@@ -7,7 +7,7 @@ from itertools import islice
 from deltaswarm_wire.messages import MAX_POSES, Act, Event, Heard, Pose
 
 
-class QuietSleep:
+class SleepSchedule:
     """Keeps until when each agent's last act holds, and the step of its last frame."""
 
     def __init__(self, agents: int, *, ask_all: bool) -> None:
@@ -32,7 +32,7 @@ class QuietSleep:
         """Let an act hold until its step, at most as long as a frame has room for positions."""
         self._until[agent] = min(act.until, act.step + MAX_POSES)
 
-    def to_ask(
+    def due(
         self,
         step: int,
         agents: Sequence[int],

@@ -7,7 +7,7 @@ from deltaswarm_wire.commands import Pace
 from deltaswarm_world.core.turns import Turns
 
 
-class Rhythm:
+class StepGate:
     """Holds steps back until the operator's turn has come and its pace allows them.
 
     `monotonic` tells the wall time [s], as in the module `time`. The pace changes no result: nobody is late by it.
