@@ -103,6 +103,25 @@ def test_the_sample_of_proofs_is_the_same_each_time() -> None:
     assert set(samples[3]) == {one.key for one in sweeps[0].jobs()}
 
 
+def test_the_sample_of_proofs_is_spread() -> None:
+    """Half of all runs are of every variant and of nearly every replicate, and not the first half of either."""
+    axes = {"control.delta": [2, 3, 4], "radio.loss": [0.0, 0.5]}
+    sweep = made({"axes": axes, "repeats": 20, "prove": 60})
+    sample = sweep.sample(sweep.jobs())
+    assert {one.variant.label for one in sample} == {variant.label for variant in sweep.variants}
+    assert len({one.replicate for one in sample}) > 15
+
+
+def test_runs_that_processes_cannot_do_are_not_in_the_sample() -> None:
+    """Bounds exist in one process alone; a sweep of nothing else has no proofs."""
+    mixed, bounds = (
+        made({"axes": {"run.bound": kinds}, "repeats": 2, "prove": 10})
+        for kinds in (["none", "everything"], ["everything"])
+    )
+    assert [one.scenario.run.bound for one in mixed.sample(mixed.jobs())] == ["none", "none"]
+    assert bounds.sample(bounds.jobs()) == []
+
+
 # By what a finished run is found again
 
 
