@@ -7,7 +7,6 @@ from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
-from deltaswarm_world.core.backoff import FORGIVEN_STEPS, TimeoutBackoff
 from deltaswarm_world.core.participants import TRANSITIONS, Cause, Condition, Participants, diagram
 
 PAGE = Path(__file__).parent.parent / "docs" / "PARTICIPANTS.md"
@@ -208,20 +207,6 @@ def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away
         (False, False),
     ]
     assert not participants.unanswered(1)
-
-
-def test_an_agent_that_is_late_again_and_again_costs_little() -> None:
-    """Nine thousand steps in which it misses each: less than a minute; and a single miss is forgotten."""
-    backoff = TimeoutBackoff(5.0)
-    waited_s = 0.0
-    for step in range(9000):
-        waited_s += backoff.left_s(0, step)
-        backoff.missed(0, step)
-    assert 10.0 <= waited_s < 60.0
-    assert backoff.left_s(1, 9000) == 5.0
-    once = TimeoutBackoff(5.0)
-    once.missed(0, 10)
-    assert [once.left_s(0, step) for step in (11, 10 + FORGIVEN_STEPS)] == [2.5, 5.0]
 
 
 def test_those_lost_in_one_step_are_listed_by_number() -> None:
