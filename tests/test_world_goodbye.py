@@ -1,6 +1,6 @@
 """A run's last steps, while parts are killed, leave or fall far behind: no step is lost."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -9,6 +9,7 @@ import pytest
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
+from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink
 from deltaswarm_world.core.retransmit_buffer import ClosedStep
 from deltaswarm_world.io.config import WorldConfig
@@ -76,9 +77,10 @@ class Fabric:
 COMES, GOES = Token(OPERATOR, 0, True), Token(OPERATOR, 0, False)
 
 
-def begun(fabric: Fabric, folder: Path) -> WorldProcess:
+def begun(fabric: Fabric, folder: Path, expect: tuple[str, ...] = (OPERATOR,)) -> WorldProcess:
     """A world for which all have come."""
-    config = WorldConfig("run", load_scenario("smoke", []), RouterLink(""), folder, folder, publish_truth=True)
+    scenario = load_scenario("smoke", [])
+    config = WorldConfig("run", scenario, RouterLink(""), folder, folder, expect=expect, publish_truth=True)
     world = WorldProcess(config, cast(Transport, fabric), cast(Wakeup, fabric), SavedWorld.new(config))
     world.wait_for_all()
     return world
@@ -154,3 +156,44 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
         checkpoint.write(operators, b"an operator")
         world._save(LAST, output)
     assert (folder / checkpoint.NEWEST).exists()
+
+
+@pytest.mark.parametrize("late", [OPERATOR, RECORDER, AGENT])
+def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Path) -> None:
+    """Not until it confirms this one: what it saved is of an earlier checkpoint, though its file may be there."""
+    newest = tmp_path / checkpoint.FOLDER / checkpoint.NEWEST
+    too_early = list[bool]()
+
+    def batches() -> Iterator[list[Token | Persisted]]:
+        yield [COMES, Token(RECORDER, 0, True), *AGENTS]
+        for step in (LAST - 1, LAST):
+            too_early.append(newest.exists())
+            for role in (OPERATOR, RECORDER):
+                if role != late:
+                    yield [Persisted(role, LAST)]
+            if late == AGENT:
+                assert inbox.hear_saved(2, encode_taken(step)) is None
+            else:
+                yield [Persisted(late, step)]
+            yield []
+
+    fabric = Fabric(batches())
+    world = begun(fabric, tmp_path, (OPERATOR, RECORDER))
+    inbox = world._core.inbox
+    inbox.begin(LAST)
+    inbox.await_saved({2})  # an earlier checkpoint, for which it was late
+    world._core.lockstep.step = LAST
+    files = checkpoint.files(newest.parent / str(LAST), range(len(AGENTS)))
+    newest.parent.mkdir()
+
+    def save(asked: set[int], step: int) -> None:
+        for file in files[1:]:
+            checkpoint.write(file, b"a part")
+        for agent in asked - {2} if late == AGENT else asked:
+            assert inbox.hear_saved(agent, encode_taken(step)) is None
+
+    fabric.save = save  # type: ignore[attr-defined]
+    with WorldOutput(tmp_path) as output:
+        world._save(LAST, output)
+    assert newest.exists()
+    assert too_early == [False, False]
