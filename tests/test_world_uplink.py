@@ -27,15 +27,21 @@ LINE_M = [[x, 0.0] for x in (0, 8, 16, 24, 32)]
 
 BASE = {"base_m": [0, 0], "range_m": 5.0}
 
+STEPS_S = (0.5, 1.0)
+"""Lengths of a step: what is set in seconds lasts as long with either."""
+
 
 class Stage:
     """An uplink, driven by hand: everybody is there and reports, unless told otherwise."""
 
-    def __init__(self, places_m: Sequence[Sequence[float]], uplink: dict[str, Any], **radio: Any) -> None:
+    def __init__(
+        self, places_m: Sequence[Sequence[float]], uplink: dict[str, Any], step_s: float = 1.0, **radio: Any
+    ) -> None:
         self.count = len(places_m)
         self.places_m = np.array(places_m, dtype=np.float64)
+        self.step_s = step_s
         table = {"agents": {"count": self.count}, "uplink": uplink, "radio": {"range_m": 9.0, **radio}}
-        scenario = load(Scenario, table)
+        scenario = load(Scenario, {"run": {"step_s": step_s}, **table})
         self.uplink = Uplink(scenario, Air(scenario).steady_links)
         self.step = -1
 
@@ -47,7 +53,7 @@ class Stage:
         roots = dict.fromkeys(range(self.count), self.count - 1) if trees is None else trees
         sent = {sender: f"{sender}@{self.step}".ljust(LEAST_REPORT_BYTES).encode() for sender in senders}
         there = [agent not in absent for agent in range(self.count)]
-        arrived = self.uplink.carry(self.step, float(self.step), self.places_m, there, roots, sent)
+        arrived = self.uplink.carry(self.step, self.step * self.step_s, self.places_m, there, roots, sent)
         return [data.decode().rstrip() for data in arrived]
 
 
@@ -129,17 +135,21 @@ def test_a_relay_takes_a_hop_a_step() -> None:
     assert stage.uplink.under_way == 0
 
 
-def test_a_wall_and_another_tree_are_in_the_way() -> None:
-    """Links are those of the air; a tree carries for its own members only. Who finds no way waits, not for ever."""
-    wall = Stage(LINE_M, {**BASE, "relay": True}, walls=[{"a_m": [20, 0], "b_m": [20, 100], "until_s": 10}])
+@pytest.mark.parametrize("step_s", STEPS_S)
+def test_a_wall_and_another_tree_are_in_the_way(step_s: float) -> None:
+    """Links are those of the air; a tree carries for its own members only. Who finds no way waits, but for 60 s."""
+    walls = [{"a_m": [20, 0], "b_m": [20, 100], "until_s": 10}]
+    wall = Stage(LINE_M, {**BASE, "relay": True}, step_s, walls=walls)
     wall.places_m[:, 1] = 1.0
-    came = [wall.carry([4] if step == 0 else []) for step in range(16)]
-    assert [step for step, arrived in enumerate(came) if arrived] == [14]  # four hops, once the wall is gone
-    other = Stage(LINE_M, {**BASE, "relay": True})
+    gone = round(10 / step_s)
+    came = [wall.carry([4] if step == 0 else []) for step in range(gone + 6)]
+    assert [step for step, arrived in enumerate(came) if arrived] == [gone + 4]  # four hops, once the wall is gone
+    other = Stage(LINE_M, {**BASE, "relay": True}, step_s)
     trees = {0: 0, 1: 0, 2: 4, 3: 4, 4: 4}
-    outcomes = [(other.carry([4] if step == 0 else [], trees), other.uplink.dropped) for step in range(70)]
-    assert [step for step, (_, dropped) in enumerate(outcomes) if dropped] == [int(TIME_TO_LIVE_S) + 1]
-    assert outcomes[61][1] == {"expired": 1}
+    life = round(TIME_TO_LIVE_S / step_s)
+    outcomes = [(other.carry([4] if step == 0 else [], trees), other.uplink.dropped) for step in range(life + 10)]
+    assert [step for step, (_, dropped) in enumerate(outcomes) if dropped] == [life + 1]
+    assert outcomes[life + 1][1] == {"expired": 1}
     assert not any(arrived for arrived, _ in outcomes)
 
 
@@ -161,11 +171,19 @@ def test_each_hop_loses() -> None:
     assert sum(came) / 3000 == pytest.approx(0.8**3, abs=0.04)
 
 
-def test_delay_outage_and_a_narrow_operator() -> None:
-    """Latency is in steps; an outage takes what is sent in it; the operator's full queue drops the rest."""
-    stage = Stage(LINE_M, {"latency_s": 2.0, "outages": [{"from_s": 1, "until_s": 2}]})
-    assert [stage.carry([0]) for _ in range(5)] == [[], [], ["0@0"], [], ["0@2"]]
-    narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90, "queue_bytes": 170}})
+@pytest.mark.parametrize("step_s", STEPS_S)
+def test_delay_outage_and_a_narrow_operator(step_s: float) -> None:
+    """In seconds and bytes per second; an outage takes what is sent in it; the operator's full queue drops the rest."""
+    latency = round(2 / step_s)
+    stage = Stage(LINE_M, {"latency_s": 2.0, "outages": [{"from_s": 1, "until_s": 2}]}, step_s)
+    came = [stage.carry([0]) for _ in range(2 * latency + 1)]
+    outage = {step for step in range(latency + 1) if 1 <= step * step_s < 2}
+    assert came == [
+        [f"0@{step - latency}"] if step >= latency and step - latency not in outage else []
+        for step in range(2 * latency + 1)
+    ]
+    assert len(outage) == round(1 / step_s)
+    narrow = Stage(LINE_M, {"bandwidth": {"receiver_bytes_per_s": 90 / step_s, "queue_bytes": 170}}, step_s)
     assert len(narrow.carry(range(5))) == 1
     assert (narrow.uplink.dropped, narrow.uplink.under_way) == ({"base_full": 2}, 2)
 
