@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 
 import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_orchestrator.bench.radio_cost import ALL_ON
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.air.radio import Air, Reception
 from deltaswarm_world.core.arrays import Floats
 

@@ -5,12 +5,12 @@ from typing import Any
 
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import commands as wire
 from deltaswarm_wire import operator_messages as om
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_ID, MAX_STEP
 from deltaswarm_wire.commands import ArgumentForm, Command, CommandForm, Relayed, Signed, Target, encode_command
-from deltaswarm_wire.settings_operator import Briefing
 from tests import strategies
 
 words = st.text(st.characters(categories=["L", "N", "P"], max_codepoint=0x24F), min_size=1, max_size=8)

@@ -28,12 +28,12 @@ from deltaswarm_agent.controllers.paper.timers import timers
 from deltaswarm_agent.core.agent_core import AgentCore
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Act, Event, Frame, Heard, Pose
 from deltaswarm_wire.operator_messages import Report
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.truth import StepRecord
 from tests import strategies
 
 Place = tuple[float, float]

@@ -8,9 +8,9 @@ import orjson
 
 from deltaswarm_orchestrator.live.observer import Paced
 from deltaswarm_orchestrator.live.view import picture
+from deltaswarm_scenario.truth import Body, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Status, Workload
-from deltaswarm_wire.truth import Body, EventState, Truth
 from tests.truths import truth
 
 WORKLOAD = Workload(7, 7.0, 3, 2, 3.0, 0.5, 12.0, 0, 0, 0)

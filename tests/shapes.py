@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 import tests.strategies  # noqa: F401 (hypothesis's profile)
 from deltaswarm_wire.checked import check
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
+from deltaswarm_wire.obstacles import ObstacleSettings
 
 Place = tuple[float, float]
 

@@ -9,7 +9,8 @@ import msgpack
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper import frames as paper
-from deltaswarm_wire import envelope, messages, truth
+from deltaswarm_scenario import truth
+from deltaswarm_wire import envelope, messages
 from deltaswarm_wire import operator_messages as om
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID, MAX_STEP, WireError
 

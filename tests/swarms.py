@@ -14,8 +14,8 @@ from typing import Any
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.keys import WORLD
-from deltaswarm_wire.settings import Scenario
 
 COMMAND = [sys.executable, "-m", "deltaswarm_orchestrator"]
 POLL_S = 0.02

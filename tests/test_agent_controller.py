@@ -19,9 +19,10 @@ from deltaswarm_agent.controller import (
 from deltaswarm_agent.controllers.central.controller import CentralController
 from deltaswarm_agent.controllers.paper.controller import PaperController
 from deltaswarm_agent.controllers.potential import PotentialController
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, key, load
 from deltaswarm_wire.plugins import CONTROLLER_GROUP, CONTROLLERS, MAX_DESCRIBED, described
-from deltaswarm_wire.settings import AgentSettings, Scenario
+from deltaswarm_wire.settings import AgentSettings
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ from deltaswarm_agent.controllers.paper.walk import Walk
 from deltaswarm_agent.controllers.paper.whereabouts import Whereabouts
 from deltaswarm_agent.core.obstacles import Obstacles
 from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
 from deltaswarm_world.core.obstacles import Obstacles as WorldObstacles
 from tests.shapes import SIDE_M, Place, deepest_m, depth_m, places, polygons
 

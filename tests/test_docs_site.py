@@ -54,7 +54,7 @@ def test_every_command_and_its_options_are_in_the_reference(site: Path) -> None:
         ("controller", ["deltaswarm_agent.controller.Percept", "deltaswarm_agent.controller.Decision"]),
         ("body", ["deltaswarm_agent.body.Body.sense"]),
         ("messages", ["deltaswarm_wire.messages.decode_frame"]),
-        ("settings", ["deltaswarm_wire.settings.Scenario", "deltaswarm_wire.settings_radio.RadioSettings"]),
+        ("settings", ["deltaswarm_scenario.scenario.Scenario", "deltaswarm_scenario.radio.RadioSettings"]),
         ("stats", ["deltaswarm_orchestrator.stats.contrast"]),
         ("studies", ["deltaswarm_orchestrator.studies.load.load_study"]),
     ],

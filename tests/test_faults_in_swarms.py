@@ -11,10 +11,10 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.truth import DROP_REASONS, StepRecord
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.truth import DROP_REASONS, StepRecord
 from tests.cores import paper, swarm
 
 BUSY = ("events.rate_hz=0.3", "run.duration_s=120")

@@ -12,8 +12,8 @@ from deltaswarm_orchestrator.live.datagrams import ResearcherFeed, answer
 from deltaswarm_orchestrator.live.observer import Paced, Tap
 from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, LiveSocket, connected
 from deltaswarm_orchestrator.live.view import hello, picture
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from tests.looking import BODIES, EVENTS, STATUS, WORKLOAD, Seen, a_truth, always, pair, received, shown
 
 SCENARIO = load(Scenario, {"name": "here", "uplink": {"base_m": [50.0, 40.0], "range_m": 20.0}})

@@ -9,8 +9,8 @@ import pytest
 from deltaswarm_orchestrator.live.rate_limit import MAX_WAITING, Thinned, ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.schemas import TOPICS
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from tests.truths import messages, steps
 
 SCENARIO = load(Scenario, {"agents": {"count": 12}})

@@ -11,6 +11,7 @@ from deltaswarm_operator.core import picture
 from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.core.commander import Commander
 from deltaswarm_operator.core.console import Console
+from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.commands import (
     ALL,
     MAX_SIGNATURE_BYTES,
@@ -28,7 +29,6 @@ from deltaswarm_wire.commands import (
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import DONE, HEARD, Answer, Report
-from deltaswarm_wire.settings_operator import Briefing
 
 FORMS = (CommandForm("hold", (ALL,)),)
 SIGNATURE = bytes(MAX_SIGNATURE_BYTES)

@@ -18,9 +18,9 @@ from deltaswarm_operator.io.open_air import OpenAirConfig, OpenAirOperator
 from deltaswarm_operator.io.process import End
 from deltaswarm_operator.io.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SAMPLE_BYTES, Arrival, Inbox
 from deltaswarm_orchestrator.boards import certificates
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
-from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.airborne import operating
 from tests.boards import tls_arguments
 from tests.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port

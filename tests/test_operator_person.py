@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
 from deltaswarm_operator.core.person import Act, Person, Read, SetDelta
 from deltaswarm_operator.core.picture import Item
+from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
-from deltaswarm_wire.settings_operator import NONE, THRESHOLD, PersonSettings
 
 CALM = PersonSettings(policy=NONE, sigma=0.0)
 THRESHOLD_HZ = 5.0

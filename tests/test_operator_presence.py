@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.presence import INSISTS, MAX_AGENTS, MAX_STEP_BYTES, OpenAirMeter
 from deltaswarm_operator.core.process_tracker import RESTART_S, RETURNS
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Health, Report, encode_health, encode_report
-from deltaswarm_wire.settings_operator import OperatorSettings
 
 
 def report(agent: int, sequence: int, step: int = 0) -> bytes:

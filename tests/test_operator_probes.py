@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_operator.core.probes import SCALES, Probes
-from deltaswarm_wire.settings_operator import ProbeSettings
+from deltaswarm_scenario.operator_settings import ProbeSettings
 
 
 def probes(**settings: Any) -> Probes:

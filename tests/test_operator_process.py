@@ -11,13 +11,13 @@ import pytest
 
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.process import End
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
 from deltaswarm_wire.session import (
     use_one_worker_thread,
 )
-from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.operating import AGENTS, KEYS, World, report, wait_until_heard
 from tests.swarms import PATIENCE_S
 

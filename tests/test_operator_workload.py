@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator.core.workload import SlidingRate, WorkloadMeter
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire import digest
 from deltaswarm_wire.digest import Digest
 from deltaswarm_wire.messages import Event
@@ -22,7 +23,6 @@ from deltaswarm_wire.operator_messages import (
     encode_report,
     encode_workload,
 )
-from deltaswarm_wire.settings_operator import OperatorSettings
 from tests.strategies import REPORT, strange
 
 STEP_S = 1.0

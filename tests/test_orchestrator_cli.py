@@ -19,9 +19,9 @@ from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.results.folder_lock import OWNER
 from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from tests.swarms import COMMAND
 
 Printed = pytest.CaptureFixture[str]

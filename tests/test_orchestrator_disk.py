@@ -9,7 +9,7 @@ import pytest
 from deltaswarm_orchestrator.base import disk
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import RECORDS, Scenario
+from deltaswarm_scenario.scenario import RECORDS, Scenario
 
 
 @pytest.fixture

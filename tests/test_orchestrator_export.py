@@ -18,10 +18,10 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, Truth
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.messages import NOBODY
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, Truth
 from tests.truths import recorded, steps, truth
 
 STEPS = 12

@@ -15,9 +15,9 @@ from deltaswarm_orchestrator.results.metrics import arrival_digests, followed, m
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, EventState
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, EventState
 from tests.swarms import run
 from tests.test_orchestrator_results import STEP_S, whole, workload
 

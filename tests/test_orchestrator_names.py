@@ -7,8 +7,8 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 
 Printed = pytest.CaptureFixture[str]
 

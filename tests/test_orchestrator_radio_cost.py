@@ -7,7 +7,7 @@ import pytest
 from deltaswarm_orchestrator.bench import radio_cost
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings_radio import RadioSettings
+from deltaswarm_scenario.radio import RadioSettings
 
 
 @pytest.mark.parametrize("table", [radio_cost.ALL_ON, radio_cost.ALWAYS_ON], ids=["on", "always on"])

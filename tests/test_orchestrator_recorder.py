@@ -14,10 +14,10 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState
 from tests.truths import messages, on, recorded, shown, steps, truth
 
 

@@ -17,12 +17,12 @@ from mcap.writer import Writer
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.records import RecordingError
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState, StepRecord, Truth
 from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event
 from deltaswarm_wire.operator_messages import HEARD, REFUSED, Answer, Report, ReportedMember, Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, StepRecord, Truth
 from tests.strategies import deltas, step_records
 from tests.swarms import PATIENCE_S
 from tests.truths import recorded, steps
@@ -211,7 +211,7 @@ import sys
 from pathlib import Path
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from tests.truths import steps
 
 now_s = 0.0

@@ -9,8 +9,8 @@ from rerun.chunk import McapReader
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS, TOPICS
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load, plain
-from deltaswarm_wire.settings import Scenario
 from tests.truths import recorded, steps
 
 STEPS = 20

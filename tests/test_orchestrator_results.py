@@ -25,11 +25,11 @@ from deltaswarm_orchestrator.results.run_tables import (
 from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, EventState, StepRecord
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.digest import combine
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, EventState, StepRecord
 from tests.strategies import event_states, step_records, workloads
 
 STEP_S = 0.5

@@ -14,8 +14,9 @@ from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, load_scenario, to_toml
+from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire.checked import SettingsError, load, plain
-from deltaswarm_wire.settings import RECORDS, AgentSettings, Scenario
+from deltaswarm_wire.settings import AgentSettings
 from tests.complaints import names
 from tests.swarms import COMMAND
 

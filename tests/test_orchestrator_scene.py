@@ -7,9 +7,9 @@ from typing import Any
 
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS, colour, role_colour
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, EventState
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, EventState
 from tests.truths import ROLES, messages, on, recorded, shown, truth
 
 SCENARIO = load(Scenario, {"agents": {"count": 12}})

@@ -1,9 +1,9 @@
 """The messages of a recording: complete, and under the names by which viewers know them."""
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, NET_FIELDS, OURS, STATE_FIELDS, TOPICS
+from deltaswarm_scenario.truth import Body, EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.truth import Body, EventState, StepRecord
 
 
 def names(message: str) -> set[str]:

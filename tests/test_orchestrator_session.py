@@ -14,8 +14,8 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.participants.session import load_session, order_of, plan, square
 from deltaswarm_orchestrator.studies.load import load_study
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
 from deltaswarm_wire.checked import SettingsError
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, ProbeSettings
 
 FILE = """
 schema = 1

@@ -23,10 +23,10 @@ from deltaswarm_orchestrator.run import watch
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Report
-from deltaswarm_wire.truth import Truth
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS
 from tests.swarms import started, wait_until
 

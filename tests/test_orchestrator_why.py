@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.inspect.link_report import Answer, ask
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from tests.airs import EVERYTHING
 
 STEPS = 120

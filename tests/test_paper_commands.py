@@ -9,8 +9,8 @@ import pytest
 
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Clock
-from deltaswarm_wire.truth import StepRecord
 from tests.commanding import script
 from tests.cores import controllers_of, swarm
 

@@ -15,8 +15,8 @@ from deltaswarm_agent.controller import STAND, Velocity
 from deltaswarm_agent.controllers.paper.walk import Walk, towards
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import MAX_POSES
+from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
 from tests.shapes import SIDE_M, Place, places, polygons
 
 ENDLESS_S = 1e9

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from deltaswarm_orchestrator.report.plots.density import level_holding, phi
-from deltaswarm_wire.settings import ArenaSettings, Scenario
-from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
+from deltaswarm_scenario.density import ComponentSettings, DensitySettings
+from deltaswarm_scenario.scenario import ArenaSettings, Scenario
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.obstacles import Obstacles
 

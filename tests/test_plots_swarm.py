@@ -15,9 +15,9 @@ from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_orchestrator.studies.snapshot import Snapshot, snapshot
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, EventState
 from deltaswarm_wire.messages import NOBODY
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, EventState
 from tests.truths import ROLES
 
 BODIES = (

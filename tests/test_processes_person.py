@@ -13,10 +13,10 @@ from deltaswarm_operator.io.console_server import ConsoleServer
 from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, PersonSettings
 from deltaswarm_wire.checked import SettingsError
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.operator_messages import Clock, Workload
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, PersonSettings
 from tests.swarms import run, running, wait_until
 
 READER = ("operator.person.policy=none",)

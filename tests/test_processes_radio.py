@@ -10,8 +10,8 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, StepRecord
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, StepRecord
 from tests.airs import EVERYTHING, OBSTACLES
 from tests.swarms import run
 

@@ -8,8 +8,8 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import UPLINK_REASONS, StepRecord
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import UPLINK_REASONS, StepRecord
 from tests.swarms import run
 
 OWN = ("agents.count=8", "run.duration_s=200", "events.rate_hz=0.3", "control.delta=2")

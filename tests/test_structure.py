@@ -14,15 +14,11 @@ import pytest
 from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.central import controller as central_settings
 from deltaswarm_agent.controllers.paper import settings as paper_settings
-from deltaswarm_wire import settings as wire_settings
+from deltaswarm_scenario import density, downlink, fault, operator_settings, radio, scenario, uplink
 from deltaswarm_wire import (
-    settings_downlink,
-    settings_fault,
-    settings_obstacles,
-    settings_operator,
-    settings_radio,
-    settings_uplink,
+    obstacles,
 )
+from deltaswarm_wire import settings as agent_settings
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("agent", "world", "operator", "orchestrator")
@@ -94,13 +90,12 @@ def test_files_are_short(folder: str) -> None:
 SETTINGS: list[Any] = [
     found
     for module in (
-        *(wire_settings, settings_downlink, settings_fault, settings_obstacles),
-        *(settings_operator, settings_radio, settings_uplink),
+        *(agent_settings, obstacles, scenario, density, downlink, fault, operator_settings, radio, uplink),
         *(paper_settings, central_settings, potential),
     )
     for found in vars(module).values()
     if dataclasses.is_dataclass(found) and getattr(found, "__module__", "") == module.__name__
-    if found is not settings_fault.FaultKind  # a row of a table, and no settings
+    if found is not fault.FaultKind  # a row of a table, and no settings
 ]
 
 

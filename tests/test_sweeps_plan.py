@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.sweeps.plan import SEED_BITS, Job, Variant, replicate_seed
-from deltaswarm_wire.settings import CLOCKS, RECORDS, Scenario
-from deltaswarm_wire.settings_density import DENSITIES, ComponentSettings
+from deltaswarm_scenario.density import DENSITIES, ComponentSettings
+from deltaswarm_scenario.scenario import CLOCKS, RECORDS, Scenario
 from tests.sweeping import made
 
 SEEDS = st.integers(0, 2**63 - 1)

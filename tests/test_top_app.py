@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, LiveSocket, short_p
 from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.top.app import BANNER, NO_TRUTH, Top
 from deltaswarm_orchestrator.top.link import Link, NoRunError, linked
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from tests.looking import STATUS, Seen, a_truth, always
 
 SCENARIO = Scenario(name="here")

@@ -14,8 +14,8 @@ from deltaswarm_orchestrator.top.drawing import (
     glyph,
     summary,
 )
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from tests.looking import STATUS, Seen, shown
 
 HELLO = {

@@ -7,6 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import commands as wire
 from deltaswarm_wire.checked import check
 from deltaswarm_wire.codec import WireError, pack
@@ -27,8 +29,6 @@ from deltaswarm_wire.commands import (
     make_target,
 )
 from deltaswarm_wire.operator_messages import MAX_ANSWERS, MAX_MEMBERS, Answer, Report, ReportedMember, encode_report
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_downlink import CommandSettings
 from tests import commanding
 from tests.commanding import FORM, RIGHT, a_command, sign
 from tests.strategies import Codec, complaint, repacked, strange

@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.results.metrics import arrival_digests
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.arrivals import Arrival, Arrivals
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.environment import Environment

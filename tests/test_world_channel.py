@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from deltaswarm_wire.settings_radio import (
+from deltaswarm_scenario.radio import (
     AsymmetrySettings,
     BlackoutSettings,
     BurstSettings,

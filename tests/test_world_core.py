@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from deltaswarm_wire.codec import MAX_ID, MAX_SAMPLE_BYTES
 from deltaswarm_wire.messages import MAX_SENSED, NOBODY, Act, Event, TreeStatus, encode_act, encode_frame
-from deltaswarm_wire.truth import DROP_REASONS, Truth, decode_truth, encode_truth
 from tests.airs import EVERYTHING
 from tests.cores import play, swarm
 from tests.strategies import ACT, RADIO, complaint, strange

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.coverage import COVERAGE_EVERY_S, Coverage
 
 DISC_M2 = math.pi * 25

@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
+from deltaswarm_scenario.density import DensitySettings
+from deltaswarm_scenario.scenario import ArenaSettings, Scenario
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.settings import ArenaSettings, Scenario
-from deltaswarm_wire.settings_density import DensitySettings
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
+from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.density import DENSEST_EVERY_S, Places, load_grid
 from deltaswarm_world.core.environment import Environment

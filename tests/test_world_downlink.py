@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.commands import MAX_IN_TURN, Pace, Turn, decode_command, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, decode_sample
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_downlink import FIRST_STEP
 from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.step_gate import StepGate
 from deltaswarm_world.core.turns import AWAITED, LIVE, MAX_WAITING, OFF, Turns

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.fault import FAULTS, TO_PROCESSES
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import FAULTS, TO_PROCESSES
 from deltaswarm_world.core.event_ids import EventIds
 from deltaswarm_world.core.faults.kinds import KINDS
 from deltaswarm_world.core.faults.timeline import Faults

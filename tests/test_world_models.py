@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.air.channel.models import MODELS, models_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc

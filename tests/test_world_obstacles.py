@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.inspect.link_report import ask
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
+from deltaswarm_wire.obstacles import ObstacleSettings
 from deltaswarm_world.core.environment import Environment, EventRecord
 from deltaswarm_world.core.obstacles import Obstacles
 from tests.airs import OBSTACLES, Stage

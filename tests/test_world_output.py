@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.world import WorldCore
 from deltaswarm_world.io.files import EVENTS_SO_FAR, WorldOutput
 

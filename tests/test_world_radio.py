@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_wire.truth import DROP_REASONS
+from deltaswarm_scenario.truth import DROP_REASONS
 from deltaswarm_world.core.air.radio import Reception
 from deltaswarm_world.core.arrays import Floats
 from tests.airs import Stage, radios

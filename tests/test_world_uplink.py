@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import UPLINK_REASONS
+from deltaswarm_scenario.uplink import LEAST_REPORT_BYTES
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import Act, TreeStatus, encode_act
 from deltaswarm_wire.operator_messages import Report, encode_report
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES
-from deltaswarm_wire.truth import UPLINK_REASONS
 from deltaswarm_world.core.air.radio import Air
 from deltaswarm_world.core.uplink.relay import TIME_TO_LIVE_S
 from deltaswarm_world.core.uplink.trace import TracedUplink

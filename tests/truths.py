@@ -10,11 +10,11 @@ from mcap_protobuf.decoder import DecoderFactory
 
 from deltaswarm_orchestrator.recording.names import RECORDING
 from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DEAD, Body, EventState, StepRecord, Truth
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, EventState, StepRecord, Truth
 
 ROLES = ("free", "attending", "root", "member", "orphan", "relocating", "leaving", DEAD)
 IN_TREE = frozenset({"root", "member", "orphan", "relocating"})

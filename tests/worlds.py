@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Act, Frame, TreeStatus, encode_act
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import StepRecord
 from deltaswarm_world.core.environment import EventRecord
 from deltaswarm_world.core.world import WorldCore
 

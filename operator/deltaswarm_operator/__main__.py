@@ -15,6 +15,8 @@ from deltaswarm_operator.core.commanding import add_arguments, commanding_of
 from deltaswarm_operator.io.files import TABLE
 from deltaswarm_operator.io.open_air import OpenAirConfig, run_open_air
 from deltaswarm_operator.io.process import OperatorConfig, run_operator
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
+from deltaswarm_scenario.scenario import RunSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules
 from deltaswarm_wire.arguments import (
@@ -34,8 +36,6 @@ from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import RouterLink, air_pairs, tls_pairs
-from deltaswarm_wire.settings import RunSettings
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
 
 NO_WORLD = "--no-world"
 MODES = ("peer", "router")

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import tomli_w
 
+from deltaswarm_scenario.fault import TO_PROCESSES
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.arguments import (
@@ -26,8 +28,6 @@ from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.session import CERTIFIED, RouterLink
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import TO_PROCESSES
 from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.run import run_world
 from deltaswarm_world.io.saving import load

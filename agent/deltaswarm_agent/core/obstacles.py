@@ -3,8 +3,8 @@
 import math
 from typing import NamedTuple
 
+from deltaswarm_wire.obstacles import signed_area_m2
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.settings_obstacles import signed_area_m2
 
 EDGE_M = 1e-5
 """A position this close to an edge counts as on it. The world stops bodies closer to the edge, so a path that is free

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings, begun_with
+from deltaswarm_scenario.radio import Place
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ABS_M
 from deltaswarm_wire.commands import CommandForm, forms_of, named
 from deltaswarm_wire.plugins import controller_settings, find_controller
 from deltaswarm_wire.settings import AgentSettings
-from deltaswarm_wire.settings_downlink import CommandSettings
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings, ProbeSettings, begun_with
-from deltaswarm_wire.settings_radio import Place
 from deltaswarm_wire.signing import Sign, signer
 
 LOOPBACK = "127.0.0.1:0"

@@ -13,11 +13,11 @@ from deltaswarm_operator.core.commander import Commander
 from deltaswarm_operator.core.person import Person, Read
 from deltaswarm_operator.core.picture import Item, Picture, item_row
 from deltaswarm_operator.core.probes import ISA, Probes
+from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import Pace, Target, Turn, make_target, named
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
-from deltaswarm_wire.settings_downlink import FIRST_STEP
-from deltaswarm_wire.settings_operator import DELTA, SET_DELTA, Briefing
 
 LIVE = "live"
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)

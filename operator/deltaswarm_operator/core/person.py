@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from deltaswarm_operator.core.measures import Measures
 from deltaswarm_operator.core.picture import Item, item_of
-from deltaswarm_wire.settings_operator import PersonSettings
+from deltaswarm_scenario.operator_settings import PersonSettings
 
 
 class Read(NamedTuple):

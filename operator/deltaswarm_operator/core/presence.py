@@ -10,9 +10,9 @@ from typing import Any
 
 from deltaswarm_operator.core.process_tracker import RESTART_S, ProcessTracker
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import WireError, number, unpack
 from deltaswarm_wire.operator_messages import Clock, Report, Workload, decode_health, decode_report
-from deltaswarm_wire.settings_operator import OperatorSettings
 
 MAX_SENT_S = 1e11
 """Largest sending time [Unix s], well beyond this millennium."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from random import Random
 from typing import Any, NamedTuple
 
-from deltaswarm_wire.settings_operator import ProbeSettings
+from deltaswarm_scenario.operator_settings import ProbeSettings
 
 ISA, TLX, SHEET = "isa", "tlx", "sheet"
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
-from deltaswarm_wire.settings_operator import Briefing
 
 KEPT_EVERY_STEPS = 200
 """Interval at which a copy of the console is kept: a jump back repeats at most this many steps."""

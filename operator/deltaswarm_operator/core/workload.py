@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from operator import itemgetter
 from typing import Any
 
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import REPORT, Digest
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, decode_forwarded, decode_report
-from deltaswarm_wire.settings_operator import OperatorSettings
 
 SHORT_WINDOW_S, LONG_WINDOW_S = 1.0, 60.0
 

@@ -11,9 +11,9 @@ from typing import Any
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.channel import Channel
+from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
-from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 SHOW_EVERY_S = 0.1
 """Shortest interval between pictures for the station [wall s]."""

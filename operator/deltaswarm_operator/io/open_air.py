@@ -20,11 +20,11 @@ from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.page import Page
 from deltaswarm_operator.io.process import stop_on_signals
 from deltaswarm_operator.io.waiting import Arrival, Inbox, sender_of, whose_key
+from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.keys import AGENT, RADIO, Keys, parse_token
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
-from deltaswarm_wire.settings_operator import OperatorSettings
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

@@ -16,6 +16,7 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_operator.io.files import Output
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import encode_pace, encode_turn
@@ -24,7 +25,6 @@ from deltaswarm_wire.keys import OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Workload, decode_clock, encode_workload
 from deltaswarm_wire.orders import encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
-from deltaswarm_wire.settings_operator import Briefing, OperatorSettings
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

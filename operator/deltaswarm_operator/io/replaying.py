@@ -17,10 +17,10 @@ import msgpack
 from deltaswarm_operator.core.replay import RecordedStep, Replay
 from deltaswarm_operator.io.channel import Channel
 from deltaswarm_operator.station import __main__ as station
+from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
-from deltaswarm_wire.settings_operator import Briefing
 
 SHOW_EVERY_S = 0.1
 HELLO_EVERY_S = 1.0

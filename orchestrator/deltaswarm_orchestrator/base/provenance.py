@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 DISTRIBUTIONS = ("deltaswarm", "eclipse-zenoh", "msgpack", "numpy", "scipy", "pandas", "mcap")
-PACKAGES = ("deltaswarm_wire", "deltaswarm_agent", "deltaswarm_world", "deltaswarm_operator", "deltaswarm_orchestrator")
+PACKAGES = tuple(f"deltaswarm_{name}" for name in ("wire", "scenario", "agent", "world", "operator", "orchestrator"))
 
 GIT_WITHIN_S = 5.0
 """Maximum wait for git [s], which may hang, for example on a lost network drive."""

@@ -8,9 +8,9 @@ import numpy as np
 
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_downlink import CommandSettings
 
 RANGES_M = (20.0, 50.0, None)
 """Ranges of the base, which is in the middle of the arena; None: the base is heard everywhere."""

@@ -5,7 +5,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.bench.scale import WARM_UP_STEPS, in_turns, median_of, scale_scenario
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 
 ALL_ON = (
     "radio.loss=0.1",

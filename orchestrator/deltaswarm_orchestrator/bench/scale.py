@@ -16,9 +16,9 @@ import numpy as np
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.density import ComponentSettings, DensitySettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_density import ComponentSettings, DensitySettings
 
 SIZES = (25, 50, 100, 200, 400)
 

@@ -13,8 +13,8 @@ from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.keys import AGENT, WORLD
-from deltaswarm_wire.settings import Scenario
 
 ROUNDS = 3
 AGENTS_PER_M2 = 0.0025

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import tomli_w
 
+from deltaswarm_scenario.fault import TO_PROCESSES
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, WORLD
 from deltaswarm_wire.session import Tls
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import TO_PROCESSES
 
 CERTIFICATE_DAYS = 365
 

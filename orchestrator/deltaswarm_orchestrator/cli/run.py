@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, TypeVar
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
 from deltaswarm_orchestrator.cli.arguments import number, whole
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
+from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
-from deltaswarm_wire.settings import RECORDS, Scenario
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.boards.files import Boards

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from deltaswarm_orchestrator.recording.reader import Recording, read_recording
 from deltaswarm_orchestrator.recording.records import Messages, RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
-from deltaswarm_wire.truth import Body, EventState
+from deltaswarm_scenario.truth import Body, EventState
 
 _TOPICS = frozenset({"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"})
 

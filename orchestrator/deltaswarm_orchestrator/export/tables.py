@@ -4,9 +4,9 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.export.snapshots import Film
 from deltaswarm_orchestrator.results.run_tables import write_csv
+from deltaswarm_scenario.truth import Body, EventState
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.truth import Body, EventState
 
 
 def write(film: Film, out: Path) -> None:

@@ -13,8 +13,8 @@ from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_orchestrator.results.folder_lock import is_held
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import newest
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.settings import Scenario
 
 T = TypeVar("T")
 

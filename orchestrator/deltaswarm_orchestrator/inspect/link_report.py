@@ -11,11 +11,11 @@ from typing import Any
 from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_orchestrator.inspect.info import read_run
 from deltaswarm_orchestrator.run.in_process import InProcess, explain, watch
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import StepRecord
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ import orjson
 
 from deltaswarm_orchestrator.live.observer import Paced, Seen
 from deltaswarm_orchestrator.live.view import hello, picture
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 
 MAX_INTENT_BYTES = 16_384
 HISTORY_ROWS = 600

@@ -5,8 +5,8 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.operator_messages import Report, Status, Workload
-from deltaswarm_wire.truth import Truth
 
 LOOK_EVERY_S = 0.1
 """Wall time between two looks [s]."""

@@ -9,9 +9,9 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 
 from deltaswarm_orchestrator.recording.transcriber import TopicMessage, Transcriber, log_message, workload_message
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Truth
 
 SHOW_EVERY_S = 0.1
 """Wall time between updates [s]."""

@@ -14,7 +14,7 @@ from typing import Self
 from deltaswarm_orchestrator.live.datagrams import Pictures
 from deltaswarm_orchestrator.live.observer import Paced, Seen
 from deltaswarm_orchestrator.live.view import hello, picture
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 
 LIVE_SOCKET = "live.sock"
 

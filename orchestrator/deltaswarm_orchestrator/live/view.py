@@ -8,9 +8,9 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.live.observer import Seen
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, EventState, Truth
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import Body, EventState, Truth
 
 PLACE_DIGITS = 3
 """Positions are rounded to a millimetre."""

@@ -22,14 +22,14 @@ from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.results.run_tables import write_json
+from deltaswarm_scenario.fault import FREEZE
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 from deltaswarm_wire.orders import KILL, START, STOP, ProcessOrder
 from deltaswarm_wire.plugins import CONTROLLERS
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import FREEZE
 
 MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
 MODULES[STATION] = "deltaswarm_operator.station.__main__"

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import tomli_w
 
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.plugins import find_controller
-from deltaswarm_wire.settings import Scenario
 
 STATION = "station"
 """The role of the station's process."""

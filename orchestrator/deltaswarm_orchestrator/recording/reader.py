@@ -12,9 +12,9 @@ from mcap.records import Attachment, McapRecord, Metadata
 from deltaswarm_orchestrator.recording.names import PART, RECORDING
 from deltaswarm_orchestrator.recording.recorder import MANIFEST, SCENARIO_ATTACHMENT
 from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
+from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
-from deltaswarm_wire.truth import EventState, StepRecord
 
 
 @dataclass

@@ -32,9 +32,9 @@ from deltaswarm_orchestrator.recording.transcriber import (
     steps_between_views,
     workload_message,
 )
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState, Truth
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, Truth
 
 SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 

@@ -12,12 +12,12 @@ import msgpack
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.records import RecordingError
+from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.operator_messages import Clock, encode_report
 from deltaswarm_wire.plugins import find_controller
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_downlink import FIRST_STEP
 
 
 def write_steps(run: Path, file: Path) -> None:

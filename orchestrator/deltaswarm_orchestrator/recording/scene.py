@@ -24,9 +24,9 @@ from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS, ARENA_FRAME, OURS, ROOT_FRAME
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DEAD, Body, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, EventState, Truth
 
 EPOCH_S = 946_684_800
 """Simulated time 0 is 2000-01-01T00:00:00Z in every recording, so that runs align."""

@@ -16,9 +16,9 @@ from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorP
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 
+from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, Body, EventState, StepRecord
 
 ROOT_FRAME = "world"
 """The root frame. Its origin is the arena's centre, where a viewer's camera looks first."""

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from typing import Protocol
 
+from deltaswarm_scenario.truth import Truth
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.truth import Truth
 
 
 class Sink(Protocol):

@@ -11,9 +11,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 
 from deltaswarm_orchestrator.recording.scene import Scene, stamp
 from deltaswarm_orchestrator.recording.schemas import NET_FIELDS, OURS, STATE_FIELDS, TOPICS
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState, Truth
 from deltaswarm_wire.operator_messages import Report, Workload
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, Truth
 
 VIEW_RATE_HZ = 10.0
 """Most view messages per topic and second of playback."""

@@ -14,8 +14,8 @@ from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.results.folder_lock import LOCK, LOCK_FILES, FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.files import sync_folder, write_whole
-from deltaswarm_wire.settings import Scenario
 
 RUN_FILES = {"manifest.json", "scenario.toml"}
 """Files that every run folder has; a sweep's folder does not have both."""

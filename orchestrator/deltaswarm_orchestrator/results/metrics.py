@@ -6,8 +6,8 @@ from statistics import fmean, median
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.results.outcome import Outcome
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, EventState
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, EventState
 
 
 def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:

@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire import digest
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.truth import EventState, StepRecord
 
 
 @dataclass

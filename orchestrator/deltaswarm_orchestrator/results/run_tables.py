@@ -14,12 +14,12 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.results.metrics import metrics
 from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.plugins import source_digest
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState, StepRecord
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""

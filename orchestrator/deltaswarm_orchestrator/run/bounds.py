@@ -15,8 +15,9 @@ from deltaswarm_agent.controllers.central.maps import Cells, KnownMap
 from deltaswarm_agent.controllers.central.planner import HELP_WITHIN_M, Planner
 from deltaswarm_agent.controllers.central.way import ATTENDING, way
 from deltaswarm_agent.recurring import Recurring
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import FREE, Event, Pose
-from deltaswarm_wire.settings import AgentSettings, Scenario
+from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core.chance import generator
 from deltaswarm_world.core.world import WorldCore
 

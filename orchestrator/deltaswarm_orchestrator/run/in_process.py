@@ -17,13 +17,14 @@ from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import StepRecord
 from deltaswarm_wire.commands import forms_of
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Clock, Status, Workload
 from deltaswarm_wire.orders import START
 from deltaswarm_wire.plugins import find_controller
-from deltaswarm_wire.settings import AgentSettings, Scenario
-from deltaswarm_wire.truth import StepRecord
+from deltaswarm_wire.settings import AgentSettings
 from deltaswarm_world.core import tracing
 from deltaswarm_world.core.world import WorldCore
 

@@ -31,10 +31,10 @@ from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.watch import Watch
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import sync_folder
-from deltaswarm_wire.settings import Scenario
 
 AT_ONCE = "a second signal ended the run at once"
 

@@ -11,6 +11,7 @@ from types import TracebackType
 from typing import Self
 
 from deltaswarm_orchestrator.recording.sink import Sink
+from deltaswarm_scenario.truth import Truth, decode_truth, decode_wire
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.digest import RADIO
 from deltaswarm_wire.keys import RECORDER, WORLD, Keys
@@ -26,7 +27,6 @@ from deltaswarm_wire.operator_messages import (
 )
 from deltaswarm_wire.orders import NOTE, ProcessOrder, decode_order, encode_done, encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread, without_sources
-from deltaswarm_wire.truth import Truth, decode_truth, decode_wire
 
 use_one_worker_thread()
 import zenoh  # noqa: E402 (reads its thread settings at import)

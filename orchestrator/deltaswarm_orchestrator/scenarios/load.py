@@ -12,14 +12,15 @@ from typing import Any
 
 import tomli_w
 
+from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
+from deltaswarm_scenario.operator_settings import SET_DELTA
+from deltaswarm_scenario.radio import RadioSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, did_you_mean
 from deltaswarm_wire.commands import forms_of, named
 from deltaswarm_wire.plugins import CONTROLLERS, controller_settings, find_controller
-from deltaswarm_wire.settings import AgentSettings, ControlSettings, Scenario
-from deltaswarm_wire.settings_density import SAMPLES, is_free, share_problems, spread
-from deltaswarm_wire.settings_operator import SET_DELTA
-from deltaswarm_wire.settings_radio import RadioSettings
+from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
 
 def files_in(*folders: str) -> dict[str, Traversable]:

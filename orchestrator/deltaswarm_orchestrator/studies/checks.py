@@ -11,8 +11,8 @@ from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT,
 from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, ContrastSettings, listed
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.sweeps.table import flattened
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, did_you_mean
-from deltaswarm_wire.settings import Scenario
 
 PER_STEP = ("frames_sent", "frames_received", "senders")
 """Metrics that count what an agent does at most once a step."""

@@ -16,8 +16,8 @@ from deltaswarm_orchestrator.studies.settings import ContrastSettings
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import samples_of
 from deltaswarm_orchestrator.sweeps.table import read_table
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
-from deltaswarm_wire.settings import Scenario
 
 MEASURED_VARIANTS = 24
 MEASURED_S = 0.4

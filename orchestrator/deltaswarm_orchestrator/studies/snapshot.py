@@ -3,7 +3,7 @@
 from deltaswarm_orchestrator.report.plots.density import phi
 from deltaswarm_orchestrator.report.plots.swarm import Snapshot
 from deltaswarm_orchestrator.run.in_process import InProcess
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 
 
 def snapshot(scenario: Scenario, time_s: float) -> Snapshot:

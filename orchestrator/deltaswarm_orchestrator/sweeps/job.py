@@ -28,8 +28,8 @@ from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.sweeps.plan import Job
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import StepRecord
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import StepRecord
 
 IN_PROCESS, PROCESSES = "in-process", "processes"
 

@@ -13,9 +13,9 @@ import orjson
 
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.settings import Scenario
 
 STUDY_FOLDERS = ("studies/paper", "studies/beyond", "studies/limits", "studies/operator")
 

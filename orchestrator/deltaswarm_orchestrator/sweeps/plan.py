@@ -8,10 +8,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from deltaswarm_scenario.scenario import NAME, Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.plugins import source_digest
-from deltaswarm_wire.settings import NAME, Scenario
 
 MAX_RUNS = 100_000
 SEED_BITS = 53

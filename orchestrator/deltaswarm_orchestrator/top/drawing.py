@@ -10,8 +10,8 @@ from typing import Any
 from rich.text import Text
 
 from deltaswarm_orchestrator.recording.scene import role_colour
+from deltaswarm_scenario.truth import DEAD
 from deltaswarm_wire.messages import FREE, NOBODY
-from deltaswarm_wire.truth import DEAD
 
 ROOT = "root"
 ATTENDING = "attending"

@@ -9,7 +9,7 @@ fault.
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.chance import generator
 from deltaswarm_world.core.density import Places
 from deltaswarm_world.core.event_ids import EventIds

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.arrays import Floats
 
 COVERAGE_EVERY_S = 10.0

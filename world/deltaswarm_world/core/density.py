@@ -6,9 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
+from deltaswarm_scenario.density import Component, DensitySettings
+from deltaswarm_scenario.scenario import ArenaSettings
 from deltaswarm_wire.checked import Problem, SettingsError
-from deltaswarm_wire.settings import ArenaSettings
-from deltaswarm_wire.settings_density import Component, DensitySettings
 from deltaswarm_world.core.arrays import Floats, Mask
 from deltaswarm_world.core.obstacles import Obstacles
 

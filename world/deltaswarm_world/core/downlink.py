@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.commands import BASE, Relayed, Signed, decode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator

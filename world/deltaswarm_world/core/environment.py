@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import EventState
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import EventState
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.arrivals import Arrivals
 from deltaswarm_world.core.chance import generator

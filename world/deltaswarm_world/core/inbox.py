@@ -9,6 +9,7 @@ from collections import Counter, deque
 from collections.abc import Iterable
 from typing import Any
 
+from deltaswarm_scenario.truth import Said
 from deltaswarm_wire import keys
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
@@ -16,7 +17,6 @@ from deltaswarm_wire.envelope import decode_sample
 from deltaswarm_wire.messages import Act, decode_act
 from deltaswarm_wire.operator_messages import Report, decode_report
 from deltaswarm_wire.orders import decode_taken
-from deltaswarm_wire.truth import Said
 from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.sequence import SequenceNumbers, by_agent
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from deltaswarm_wire.settings_obstacles import ObstacleSettings, signed_area_m2
+from deltaswarm_wire.obstacles import ObstacleSettings, signed_area_m2
 from deltaswarm_world.core.arrays import Floats, Mask
 
 EDGE_M = 1e-6

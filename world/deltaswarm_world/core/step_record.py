@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from deltaswarm_wire.truth import DROP_REASONS, UPLINK_REASONS, StepRecord
+from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, StepRecord
 
 _NOTHING_DROPPED = {f"dropped_{reason}": 0 for reason in DROP_REASONS} | {
     f"reports_dropped_{reason}": 0 for reason in UPLINK_REASONS

@@ -10,13 +10,13 @@ from dataclasses import asdict
 from itertools import accumulate
 from typing import Any
 
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DEAD, Body, Said, StepRecord, Truth
 from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
 from deltaswarm_wire.orders import KILL, START, ProcessOrder
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.truth import DEAD, Body, Said, StepRecord, Truth
 from deltaswarm_world.core.air.radio import Air, Reception
 from deltaswarm_world.core.coverage import Coverage
 from deltaswarm_world.core.downlink import Downlink

@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.keys import OPERATOR
 from deltaswarm_wire.session import RouterLink
-from deltaswarm_wire.settings import Scenario
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from deltaswarm_wire.truth import EventState, StepRecord
+from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_world.core.environment import EventRecord
 from deltaswarm_world.core.world import WorldCore
 

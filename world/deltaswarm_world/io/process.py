@@ -3,11 +3,11 @@
 import logging
 import time
 
+from deltaswarm_scenario.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.operator_messages import Clock, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import KILL, NOTE, START, ProcessOrder
-from deltaswarm_wire.truth import StepRecord, encode_truth, encode_wire
 from deltaswarm_world.core.backoff import TimeoutBackoff
 from deltaswarm_world.core.pace import RealTimePace
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy import stats
 
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_density import Component
+from deltaswarm_scenario.density import Component
+from deltaswarm_scenario.scenario import Scenario
 
 Floats = npt.NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from matplotlib.patches import Circle, Patch
 
 from deltaswarm_orchestrator.report.plots import style
 from deltaswarm_orchestrator.report.plots.density import Floats, level_holding
-from deltaswarm_wire.truth import Body, EventState
+from deltaswarm_scenario.truth import Body, EventState
 
 HELD = 0.95
 """The dotted line is drawn around this share of the events."""

@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from deltaswarm_scenario.radio import RadioSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Heard
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_radio import RadioSettings
 from deltaswarm_world.core.air.channel.links import Ends, Links, Mask
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.air.channel.models import models_of

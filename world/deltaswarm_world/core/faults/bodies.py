@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
-from deltaswarm_wire import settings_fault
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.fault import RADIO_DEAD, SLOW, STUCK
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
 
@@ -14,7 +14,7 @@ STANDING = (0.0, 0.0)
 class Slow(Kind):
     """The body moves at a share of the commanded speed; shares multiply."""
 
-    name = settings_fault.SLOW
+    name = SLOW
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)
@@ -34,7 +34,7 @@ class Slow(Kind):
 class Stuck(Kind):
     """The body keeps its velocity from the start of the fault and ignores commands."""
 
-    name = settings_fault.STUCK
+    name = STUCK
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)
@@ -59,7 +59,7 @@ class Stuck(Kind):
 class RadioDead(Kind):
     """The radio neither sends nor receives."""
 
-    name = settings_fault.RADIO_DEAD
+    name = RADIO_DEAD
 
     @property
     def deaf(self) -> frozenset[int]:

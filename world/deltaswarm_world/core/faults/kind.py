@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from deltaswarm_scenario.fault import FaultSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import NOTE, ProcessOrder
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import FaultSettings
 from deltaswarm_world.core.arrays import Floats
 
 
@@ -55,7 +55,7 @@ class Kind:
     """
 
     name: ClassVar[str]
-    """The name in `[[fault]]`, from `deltaswarm_wire.settings_fault`."""
+    """The name in `[[fault]]`, from `deltaswarm_scenario.fault`."""
     hits_dead: ClassVar[bool] = True
     """Whether it affects named agents without a process: a body can fail without one."""
 

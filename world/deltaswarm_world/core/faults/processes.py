@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Sequence
 
-from deltaswarm_wire import settings_fault
+from deltaswarm_scenario import fault as kinds
 from deltaswarm_wire.orders import GO_ON, KILL, NOTE, START, STOP
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind
 
@@ -10,7 +10,7 @@ from deltaswarm_world.core.faults.kind import ActiveFault, Kind
 class Kill(Kind):
     """The process ends for good; the body stops where it is."""
 
-    name = settings_fault.KILL
+    name = kinds.KILL
     hits_dead = False
     kills = True
 
@@ -25,7 +25,7 @@ class Kill(Kind):
 class Restart(Kind):
     """The process ends, and a new one begins: at once, or after the duration."""
 
-    name = settings_fault.RESTART
+    name = kinds.RESTART
     kills = True
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
@@ -48,7 +48,7 @@ class Restart(Kind):
 class Freeze(Kind):
     """The process stops and continues; overlapping freezes merge."""
 
-    name = settings_fault.FREEZE
+    name = kinds.FREEZE
     hits_dead = False
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:

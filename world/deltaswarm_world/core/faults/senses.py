@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from deltaswarm_wire import settings_fault
+from deltaswarm_scenario.fault import BLIND, LYING, NOISY
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.codec import MAX_ID
 from deltaswarm_wire.messages import Event
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.event_ids import EventIds
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders
@@ -20,7 +20,7 @@ FIRST_PHANTOM = MAX_ID
 class Blind(Kind):
     """The agent senses nothing."""
 
-    name = settings_fault.BLIND
+    name = BLIND
 
     @property
     def blind(self) -> frozenset[int]:
@@ -31,7 +31,7 @@ class Blind(Kind):
 class Noisy(Kind):
     """Each event is sensed with a position error, or missed in some steps."""
 
-    name = settings_fault.NOISY
+    name = NOISY
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)
@@ -74,7 +74,7 @@ class Noisy(Kind):
 class Lying(Kind):
     """The sensor shows nonexistent events. Of two lies the later one in the scenario applies."""
 
-    name = settings_fault.LYING
+    name = LYING
 
     def __init__(self, scenario: Scenario, orders: Orders) -> None:
         super().__init__(scenario, orders)

@@ -7,10 +7,10 @@ has its own generators, so adding a fault does not change others.
 from collections.abc import Collection, Sequence
 from typing import Any
 
+from deltaswarm_scenario.fault import FREEZE, FaultSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.orders import ProcessOrder
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import FREEZE, FaultSettings
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
 from deltaswarm_world.core.faults.kind import ActiveFault, Kind, Orders

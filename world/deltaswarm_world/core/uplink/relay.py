@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import Ends
 from deltaswarm_world.core.air.channel.queues import Arrival
 from deltaswarm_world.core.arrays import Floats

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.chance import Bursts, Loss
 from deltaswarm_world.core.air.channel.links import Ends, LinkModel, Links
 from deltaswarm_world.core.air.channel.queues import Arrival, DelayLine, Packet, RateLimitedQueue

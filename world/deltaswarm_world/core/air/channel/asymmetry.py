@@ -4,7 +4,7 @@ from typing import Self
 
 import numpy as np
 
-from deltaswarm_wire.settings_radio import AsymmetrySettings
+from deltaswarm_scenario.radio import AsymmetrySettings
 from deltaswarm_world.core.air.channel.links import Diagnosis, LinkDraws, Links, Mask
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.air.channel.reach import Reach

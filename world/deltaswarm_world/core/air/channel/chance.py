@@ -4,7 +4,7 @@ from typing import Self
 
 import numpy as np
 
-from deltaswarm_wire.settings_radio import BurstSettings
+from deltaswarm_scenario.radio import BurstSettings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Links, Mask
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.arrays import Floats

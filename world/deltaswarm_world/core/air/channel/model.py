@@ -5,7 +5,7 @@ from typing import Protocol, Self
 
 import numpy as np
 
-from deltaswarm_wire.settings import Scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_world.core.air.channel.links import LinkModel
 from deltaswarm_world.core.air.channel.reach import Reach
 from deltaswarm_world.core.chance import generator

@@ -5,7 +5,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from deltaswarm_wire.settings_radio import LOG_DISTANCE, PathLossSettings, RadioSettings
+from deltaswarm_scenario.radio import LOG_DISTANCE, PathLossSettings, RadioSettings
 from deltaswarm_world.core.air.channel.links import Diagnosis, Ends, Hashes, LinkDraws, Links
 from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.near import Indices, near, near_with_squares

@@ -4,11 +4,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.radio import Place
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.commands import CommandForm
-from deltaswarm_wire.settings_downlink import CommandSettings
-from deltaswarm_wire.settings_obstacles import ObstacleSettings
-from deltaswarm_wire.settings_radio import Place
+from deltaswarm_wire.obstacles import ObstacleSettings
 
 OURS = "our reading"
 

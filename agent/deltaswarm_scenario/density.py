@@ -8,7 +8,7 @@ from functools import lru_cache
 from itertools import pairwise
 
 from deltaswarm_wire.checked import PAPER, Problem, key, plain_value
-from deltaswarm_wire.settings_obstacles import ObstacleSettings, is_inside
+from deltaswarm_wire.obstacles import ObstacleSettings, is_inside
 
 DENSITIES = ("gaussian", "mixture", "uniform", "grid")
 

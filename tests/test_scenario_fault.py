@@ -11,9 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_scenario.fault import FAULTS, FaultSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, check, load
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_fault import FAULTS, FaultSettings
 from tests.swarms import COMMAND
 
 KILL = {"kind": "kill", "at_s": 5.0}

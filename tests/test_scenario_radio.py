@@ -8,10 +8,10 @@ from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, reference, to_toml
+from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, load, plain
 from deltaswarm_wire.envelope import Sample, encode_sample
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_radio import LEAST_FRAME_BYTES, RadioSettings
 from tests.airs import EVERYTHING, radios
 
 

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.scenarios.load import commented_toml, load_scenario, to_toml
-from deltaswarm_wire import settings_density
+from deltaswarm_scenario import density as density_settings
+from deltaswarm_scenario.density import COARSE_SAMPLES, SAMPLES, ComponentSettings, share_inside
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_density import COARSE_SAMPLES, SAMPLES, ComponentSettings, share_inside
 from tests.pages import ROOT, files
 
 WAY: dict[str, Any] = {"path_m": [[10, 50], [90, 50]], "path_s": [0, 100]}
@@ -159,14 +159,14 @@ def evaluated(density: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> int:
         return share_inside(normals, size_m, obstacles, samples)
 
     with monkeypatch.context() as patch:
-        patch.setattr(settings_density, "share_inside", counting)
+        patch.setattr(density_settings, "share_inside", counting)
         load_with(density)
     return sum(counts)
 
 
 def test_the_check_is_cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     """A standing density is evaluated once; a path of 100 waypoints costs at most 8 times as much."""
-    settings_density._mass_problems.cache_clear()
+    density_settings._mass_problems.cache_clear()
     circle = [[50 + 30 * math.cos(i / 16), 50 + 30 * math.sin(i / 16)] for i in range(100)]
     assert evaluated({"mean_m": [31, 41]}, monkeypatch) == SAMPLES
     assert evaluated({"path_m": circle, "path_s": list(range(100))}, monkeypatch) <= 8 * SAMPLES

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.settings import Scenario
 
 TRIANGLE = {"corners_m": [[1, 1], [9, 1], [5, 9]]}
 

@@ -8,10 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_wire import truth
-from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
-from deltaswarm_wire.digest import RADIO, REPORT
-from deltaswarm_wire.truth import (
+from deltaswarm_scenario import truth
+from deltaswarm_scenario.truth import (
     Body,
     EventState,
     Said,
@@ -22,6 +20,8 @@ from deltaswarm_wire.truth import (
     encode_truth,
     encode_wire,
 )
+from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
+from deltaswarm_wire.digest import RADIO, REPORT
 from tests.strategies import (
     NASTY,
     TRUTH,

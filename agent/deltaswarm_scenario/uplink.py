@@ -6,8 +6,8 @@ which order the effects apply.
 
 from dataclasses import dataclass
 
+from deltaswarm_scenario.radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place
 from deltaswarm_wire.checked import Problem, key, plain_value
-from deltaswarm_wire.settings_radio import BandwidthSettings, BlackoutSettings, BurstSettings, Place
 
 LEAST_REPORT_BYTES = 82
 """Size of the smallest report: of a root without events, with the smallest numbers."""

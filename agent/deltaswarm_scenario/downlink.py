@@ -7,10 +7,10 @@ default; without any of them every agent hears the base.
 from dataclasses import dataclass
 from typing import Any
 
+from deltaswarm_scenario.radio import BlackoutSettings, Place
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import MAX_LIFE_S, TARGET_NUMBERS, Command, Target, encode_command, make_target
-from deltaswarm_wire.settings_radio import BlackoutSettings, Place
 
 FIRST_STEP = 2
 """The first step in which a command can leave the base: the world begins this step once it has the turn of step 0."""

@@ -10,10 +10,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.settings import PaperSettings
+from deltaswarm_scenario.operator_settings import OperatorSettings
+from deltaswarm_scenario.scenario import RunSettings, Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, check, load, plain
 from deltaswarm_wire.keys import Keys
-from deltaswarm_wire.settings import AgentSettings, RunSettings, Scenario
-from deltaswarm_wire.settings_operator import OperatorSettings
+from deltaswarm_wire.settings import AgentSettings
 from tests.strategies import tables_of
 
 Path = tuple[str, ...]

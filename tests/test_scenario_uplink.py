@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.uplink import LEAST_REPORT_BYTES, UplinkSettings
 from deltaswarm_wire.access import world_rules
 from deltaswarm_wire.checked import Problem, SettingsError, load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.operator_messages import Report, encode_report
-from deltaswarm_wire.settings import Scenario
-from deltaswarm_wire.settings_uplink import LEAST_REPORT_BYTES, UplinkSettings
 
 
 def problems(**uplink: Any) -> list[Problem]:

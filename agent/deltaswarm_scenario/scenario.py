@@ -1,0 +1,189 @@
+"""The settings of a run, with the paper's values as defaults.
+
+`source` says where a default comes from: "paper", or "our reading" where the paper is silent.
+"""
+
+import re
+from copy import deepcopy
+from dataclasses import dataclass
+
+from deltaswarm_scenario.density import DensitySettings, density_problems, room_problems
+from deltaswarm_scenario.downlink import CommandSettings, DownlinkSettings, downlink_problems
+from deltaswarm_scenario.fault import FaultSettings, fault_problems
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
+from deltaswarm_scenario.radio import RadioSettings, radio_problems
+from deltaswarm_scenario.uplink import UplinkSettings, uplink_problems
+from deltaswarm_wire.checked import OURS, PAPER, Problem, key
+from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.commands import BASE, CommandForm
+from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
+from deltaswarm_wire.settings import AgentSettings, ControlSettings
+
+CLOCKS = ("lockstep", "realtime")
+RECORDS = ("off", "views", "wire")
+
+NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,47}")
+"""Shorter than a run's name (64), to leave room for what distinguishes runs of one scenario."""
+
+
+BOUNDS = ("none", "density", "everything")
+"""Everything: the density, and every event from its arrival. A bound is computed in one process only."""
+
+
+@dataclass(frozen=True)
+class RunSettings:
+    """Duration and pace."""
+
+    duration_s: float = key(9000.0, "simulated time of a run [s]", source=PAPER, above=0, high=1e8)
+    step_s: float = key(1.0, "length of a step [s]", source="paper (implied)", low=0.01, high=60)
+    clock: str = key("lockstep", "as fast as possible, or paced by the wall clock", choices=CLOCKS)
+    real_time_factor: float = key(1.0, "simulated seconds per wall second, with clock realtime", above=0, high=1e4)
+    bound: str = key(
+        "none", "instead of the controller, a planner with perfect communication that knows this too", choices=BOUNDS
+    )
+    ask_every_step: bool = key(False, "ask every agent in every step, even if its last act still holds")
+    step_timeout_s: float = key(
+        5.0, "wall time after which the world continues without an agent [s]", low=0.05, high=3600
+    )
+    start_timeout_s: float = key(60.0, "wall time within which all processes must be up [s]", low=1, high=3600)
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return round(self.duration_s / self.step_s)
+
+    def problems(self) -> list[Problem]:
+        """Check that a run has a whole number of steps."""
+        if self.steps >= 1 and abs(self.steps * self.step_s - self.duration_s) <= 1e-9 * self.duration_s:
+            return []
+        allowed = f"must be a whole number of steps of {self.step_s:g} s"
+        return [Problem("duration_s", f"{self.duration_s:g}", allowed)]
+
+
+@dataclass(frozen=True)
+class ArenaSettings:
+    """The bounded environment Q (Experimental Setup), a rectangle from (0, 0)."""
+
+    width_m: float = key(100.0, "along x [m]", source=PAPER, low=1, high=1e5)
+    height_m: float = key(100.0, "along y [m]", source=PAPER, low=1, high=1e5)
+    obstacles: tuple[ObstacleSettings, ...] = key(
+        (), "obstacles to motion and sensing, as tables of corners_m, attenuation_db"
+    )
+
+
+@dataclass(frozen=True)
+class EventSettings:
+    """Events that arrive, wait, and are observed until complete."""
+
+    rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
+    work_agent_s: float = key(200.0, "agent-seconds of observation to complete one", source=PAPER, above=0)
+    density: DensitySettings = key(DensitySettings, "their spatial density")
+
+
+@dataclass(frozen=True)
+class MetricsSettings:
+    """How a run is measured."""
+
+    horizon_s: float = key(
+        600.0,
+        "each event is followed for this long: longer times count as this, later arrivals do not count [s]",
+        source=OURS,
+        above=0,
+    )
+
+
+@dataclass(frozen=True)
+class SwarmSettings:
+    """The agents' number and bodies."""
+
+    count: int = key(25, "number of agents", source=PAPER, low=1, high=10_000)
+    speed_mps: float = key(1.0, "maximum speed [m/s]", source=PAPER, above=0, high=100)
+    sensing_range_m: float = key(5.0, "sensing range for events [m]", source="paper (scalability)", above=0)
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A whole experiment. Every key can be given in TOML and by `--set key=value`."""
+
+    schema: int = key(1, "version of this table", low=1, high=1)
+    name: str = key("unnamed", "part of the run folder's name")
+    seed: int = key(1, "seed for all randomness", low=0, high=2**63 - 1)
+    record: str = key("views", "recording: none, for viewers, or with every raw frame", choices=RECORDS)
+    run: RunSettings = key(RunSettings, "duration and pace")
+    arena: ArenaSettings = key(ArenaSettings, "the bounded environment")
+    events: EventSettings = key(EventSettings, "events in the arena")
+    agents: SwarmSettings = key(SwarmSettings, "the swarm")
+    radio: RadioSettings = key(RadioSettings, "radio between agents")
+    control: ControlSettings = key(ControlSettings, "the agents' controller")
+    operator: OperatorSettings = key(OperatorSettings, "the operator and its workload")
+    metrics: MetricsSettings = key(MetricsSettings, "how the run is measured")
+    uplink: UplinkSettings = key(UplinkSettings, "radio from agents to the operator")
+    downlink: DownlinkSettings = key(DownlinkSettings, "radio from the operator to agents")
+    command: tuple[CommandSettings, ...] = key((), "commands of a scripted operator: a timeline")
+    fault: tuple[FaultSettings, ...] = key((), "faults: a timeline")
+
+    @property
+    def has_commander(self) -> bool:
+        """Whether a scripted or simulated operator may give commands, so that its turns are waited for."""
+        return bool(self.command) or self.operator.person.commands
+
+    @property
+    def has_console(self) -> bool:
+        """Whether somebody who is no human sits at the operator's console."""
+        return self.has_commander or self.operator.person.is_on
+
+    def problems(self) -> list[Problem]:
+        """Check what involves several keys."""
+        found = []
+        if not NAME.fullmatch(self.name):
+            found.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
+        if self.run.steps > MAX_STEP:
+            found.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
+        if self.run.bound != "none" and (self.arena.obstacles or self.fault):
+            found.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
+        found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
+        size_m = (self.arena.width_m, self.arena.height_m)
+        found += obstacle_problems(self.arena.obstacles, size_m)
+        found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
+        found += uplink_problems(self.uplink, size_m, self.run.step_s)
+        found += downlink_problems(self.downlink, self.uplink.base_m)
+        places = size_m, self.arena.obstacles
+        return found + (room_problems(*places) or density_problems(self.events.density, *places))
+
+    def for_agent(self, agent: int) -> AgentSettings:
+        """Make the configuration of one agent: without the run's seed, events, or other agents."""
+        from deltaswarm_wire.seeds import agent_seed  # hashing costs a board 4 MB, and no agent needs it
+
+        return AgentSettings(
+            seed=agent_seed(self.seed, agent),
+            step_s=self.run.step_s,
+            width_m=self.arena.width_m,
+            height_m=self.arena.height_m,
+            obstacles=self.arena.obstacles,
+            speed_mps=self.agents.speed_mps,
+            sensing_range_m=self.agents.sensing_range_m,
+            range_m=self.radio.range_m,
+            latency_s=self.radio.latency_s + self.radio.jitter_s,
+            control=ControlSettings(self.control.mode, deepcopy(self.control.options)),  # a controller may change them
+        )
+
+    def for_operator(self, forms: tuple[CommandForm, ...], speed: float) -> Briefing:
+        """What the operator of this scenario is told, with the commands that the controller accepts."""
+        from deltaswarm_wire.seeds import agent_seed
+
+        return Briefing(
+            title=f"{self.name}, {self.control.mode}",
+            seed=agent_seed(self.seed, BASE),
+            duration_s=self.run.duration_s,
+            step_s=self.run.step_s,
+            width_m=self.arena.width_m,
+            height_m=self.arena.height_m,
+            obstacles=self.arena.obstacles,
+            base_m=self.uplink.base_m,
+            range_m=self.uplink.range_m,
+            agents=self.agents.count,
+            operator=self.operator,
+            forms=begun_with(forms, self.control.options),
+            command=self.command,
+            speed=speed,
+        )
