@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.processes import launch
+from deltaswarm_orchestrator.processes import fork_server, launch
 from deltaswarm_orchestrator.processes.fork_server import kill_fork_server
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.recording.reader import read_recording
@@ -298,3 +298,15 @@ def test_a_world_that_cannot_listen_says_so(tmp_path: Path) -> None:
     assert code == 1
     assert "world" in errors
     assert endpoint in errors
+
+
+def test_a_python_whose_fork_server_cannot_be_controlled_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The private names by which no process outlives a run are there, and no run starts without one of them."""
+    scenario = load_scenario("smoke")
+    with Swarm(scenario, "run", tmp_path / "well"):
+        pass
+    monkeypatch.setattr(fork_server, "PRIVATE_NAMES", (*fork_server.PRIVATE_NAMES, "_renamed"))
+    with pytest.raises(launch.LaunchError, match="_renamed"), Swarm(scenario, "run", tmp_path / "ill"):
+        pass

@@ -14,12 +14,16 @@ from collections.abc import Mapping, Sequence
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_wire.exits import exit_code_of
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
+
+FORK_SERVER: Any = forkserver._forkserver
+"""Python's fork server. That nothing outlives a run depends on private names of it, which `fork_server.py` checks."""
 
 GRACE_S = 3.0
 """Time that a part has to write its results after its orchestrator died [s]."""
@@ -65,10 +69,9 @@ def _wake_at_the_end() -> None:
 
     The fork server ends with the last process that holds its alive descriptor. That must be the orchestrator.
     """
-    server = forkserver._forkserver
-    if (descriptor := getattr(server, "_forkserver_alive_fd", None)) is not None:
+    if (descriptor := FORK_SERVER._forkserver_alive_fd) is not None:
         os.close(descriptor)
-        server._forkserver_alive_fd = None  # type: ignore[attr-defined]
+        FORK_SERVER._forkserver_alive_fd = None
     signal_at_parents_death(signal.SIGCONT, os.getppid())
 
 
@@ -94,5 +97,5 @@ def _follow(lifeline: Connection) -> None:
 
 def remove_socket_folder() -> None:
     """Remove the folder of the fork server's socket; an orchestrator that is killed does not do so itself."""
-    if address := getattr(forkserver._forkserver, "_forkserver_address", None):
+    if address := FORK_SERVER._forkserver_address:
         shutil.rmtree(os.path.dirname(address), ignore_errors=True)

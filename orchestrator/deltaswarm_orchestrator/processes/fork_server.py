@@ -7,25 +7,36 @@ import sys
 import types
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from multiprocessing import forkserver
+
+from deltaswarm_orchestrator.processes.child import FORK_SERVER
 
 DEAD_WITHIN_MS = 5000
 
+PRIVATE_NAMES = ("_forkserver_pid", "_forkserver_alive_fd", "_forkserver_address")
+"""Attributes of Python's fork server by which no process outlives a run."""
 
-def _pid() -> int | None:
-    return getattr(forkserver._forkserver, "_forkserver_pid", None)
+
+def fork_server_problem() -> str:
+    """Say which private name this Python's fork server lacks, as that of a later Python may; empty if none."""
+    missing = [name for name in PRIVATE_NAMES if not hasattr(FORK_SERVER, name)]
+    if not missing:
+        return ""
+    return (
+        f"multiprocessing.forkserver must have {', '.join(missing)}, by which all processes end with their run "
+        f"(Python {sys.version.split()[0]} has not); use Python 3.11, 3.12 or 3.13, or --in-process"
+    )
 
 
 def wake_fork_server() -> None:
     """Continue the fork server, if somebody has stopped it."""
-    if pid := _pid():
+    if pid := FORK_SERVER._forkserver_pid:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGCONT)
 
 
 def kill_fork_server() -> None:
     """Kill the fork server in whatever state it is, and wait for its end; the next start creates a new one."""
-    if pid := _pid():
+    if pid := FORK_SERVER._forkserver_pid:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
             poll = select.poll()

@@ -16,7 +16,12 @@ from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.base.kernel import adopt_orphans
 from deltaswarm_orchestrator.processes import child
-from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
+from deltaswarm_orchestrator.processes.fork_server import (
+    bare_main_module,
+    fork_server_problem,
+    kill_fork_server,
+    safe_path,
+)
 from deltaswarm_orchestrator.processes.passwords import Passwords
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION, Station, write_briefing
@@ -89,6 +94,8 @@ class Swarm:
         self._passwords = Passwords(folder)
 
     def __enter__(self) -> Self:
+        if problem := fork_server_problem():
+            raise LaunchError(problem)
         adopt_orphans(do_so=True)  # without it, the exit codes of all parts would be lost with the fork server
         return self
 
