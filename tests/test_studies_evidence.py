@@ -221,6 +221,85 @@ def test_recovery_is_when_windows_are_again_like_those_without_the_fault(after_s
     }
 
 
+@pytest.mark.parametrize(
+    ("loads", "back_s"),
+    [
+        ([4, 4, 4, 4, 4, 4], 100.0),
+        ([9, 9, 4, 4, 4, 4], 300.0),
+        ([1, 1, 1, 4, 4, 4], 400.0),
+        ([1, 4, 1, 4, 9, 4], math.inf),
+        ([4.9, 3.3, 5.1, 4, 4, 4], 100.0),
+        ([5.1, 3.1, 4.9, 3.3, 4, 4], 300.0),
+    ],
+)
+def test_a_swarm_that_says_too_little_is_not_back(loads: list[float], back_s: float) -> None:
+    """Neither more nor less than 1.25 times as much, in as many windows in a row as asked for, is like the other."""
+    study = made(
+        OWN + '[[recovery]]\nmetric = "messages"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
+        "after_s = 400.0\nwindows = 2\n"
+    )
+    told = series(lambda *_: 20.0)
+    is_late = (told["variant"].str.startswith("loss=0.5")) & (told["time_s"] >= 400)
+    by_time = dict(zip(range(400, 1000, 100), loads, strict=True))
+    told.loc[is_late, "operator_messages"] = told.loc[is_late, "time_s"].astype(int).map(by_time)
+    found = recovery_of(study, windows_with_levels(study, told))
+    assert found["back_s"].tolist() == [back_s] * 2
+    assert found["n"].tolist() == [10] * 2
+    assert (found["low_s"] == found["back_s"]).all()
+    assert (found["high_s"] == found["back_s"]).all()
+
+
+def test_less_waiting_is_no_fault() -> None:
+    """What should be little may be as little as it likes; a single run has no interval, too few windows no answer."""
+    own = '[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = {}\n'
+    study = made(OWN + own.format(400.0) + own.format(900.0))
+    told = series(lambda level, *_: 20.0 if level == "loss=0.0" else 1.0)
+    found = recovery_of(study, windows_with_levels(study, told))
+    assert found["back_s"].fillna(-1.0).tolist() == [100.0, 100.0, -1.0, -1.0]
+    alone = recovery_of(study, windows_with_levels(study, told[told["replicate"] == 0]))
+    assert alone["n"].tolist() == [1] * 4
+    assert alone["back_s"].fillna(-1.0).tolist() == [100.0, 100.0, -1.0, -1.0]
+    assert alone[["low_s", "high_s"]].isna().all(axis=None)
+
+
+def test_the_interval_of_a_recovery_is_that_of_the_replicates() -> None:
+    """One replicate is slow for longer than the others: some resamples lack it, and are back earlier."""
+    study = made(OWN + '[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = 200.0\n')
+
+    def waiting(level: str, mode: str, replicate: int, time_s: float) -> float:
+        return 20.0 * (4 if level == "loss=0.5" and time_s < 300 + 100 * (replicate // 3) else 1)
+
+    found = recovery_of(study, windows_with_levels(study, series(waiting)))
+    assert found[["low_s", "back_s", "high_s"]].to_numpy().tolist() == [[400.0, 500.0, 500.0]] * 2
+
+
+@pytest.mark.parametrize(
+    ("window_s", "end_s", "known_s", "last_s"),
+    [
+        (100.0, 1000.0, 1000.0, 900.0),
+        (300.0, 1000.0, 1000.0, 600.0),
+        (100.0, 950.0, 1000.0, 800.0),
+        (300.0, 850.0, 900.0, 300.0),
+        (300.0, 1000.0, 800.0, 300.0),
+    ],
+)
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_an_incomplete_last_window_is_left_out(
+    window_s: float, end_s: float, known_s: float, last_s: float, step_s: float
+) -> None:
+    """Whether the series ends in it, or the run in the last one of the series; every other one has its means."""
+    sweep = SWEEP.replace("run.duration_s = 1000.0", f"run.duration_s = {end_s}\nrun.step_s = {step_s}")
+    study = made(OWN.replace("window_s = 100.0", f"window_s = {window_s}"), sweep)
+    told = series(lambda level, mode, replicate, time_s: time_s, known_s)
+    windows = windows_with_levels(study, told)
+    one = windows[(windows["variant"] == SAME) & (windows["replicate"] == 3)]
+    starts_s = [window_s * index for index in range(round(last_s / window_s) + 1)]
+    assert one["time_s"].tolist() == starts_s
+    assert one["waiting_all"].tolist() == pytest.approx([start_s + (window_s - 100) / 2 for start_s in starts_s])
+    assert one["events"].tolist() == [5 * window_s / 100] * len(starts_s)
+    assert one["messages"].tolist() == [4 / step_s] * len(starts_s)
+
+
 def test_courses_are_means_over_the_replicates() -> None:
     """With an interval that holds them, a row per window, for what is drawn over time."""
     study = made(OWN + '[[figure]]\nname = "f"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\n')

@@ -140,6 +140,8 @@ class Timing:
 
     step_s: Mapping[str, float]
     """Length of a step by variant [s]."""
+    end_s: Mapping[str, float]
+    """End of the runs by variant [s]."""
     every_s: float
     """Length of a window of the time series [s]."""
 
@@ -154,6 +156,10 @@ class Timing:
     def per_second(self, name: str, values: pd.Series, variants: pd.Series) -> pd.Series:
         """Turn a metric's numbers per step into numbers per second."""
         return values / variants.map(self.step_s) if name in PER_STEP else values
+
+    def is_within(self, ends_s: pd.Series, variants: pd.Series) -> pd.Series:
+        """Return whether each of these moments lies within its run, or at its end."""
+        return ends_s <= variants.map(self.end_s) + 1e-9 * self.every_s
 
 
 def windows_of(series: pd.DataFrame, window_s: float, timing: Timing) -> pd.DataFrame:
@@ -177,7 +183,8 @@ def windows_of(series: pd.DataFrame, window_s: float, timing: Timing) -> pd.Data
     found[events] = found[events].div(found["events"].where(found["events"] > 0), axis=0)
     whole = found[groups.size() == width].reset_index()
     whole.insert(len(ID), "time_s", whole.pop("window") * window_s)
-    return whole
+    # The last window of the series may itself be shorter than the others.
+    return whole[timing.is_within(whole["time_s"] + window_s, whole["variant"])].reset_index(drop=True)
 
 
 def values_of(metric: Metric, table: pd.DataFrame, series: pd.DataFrame, timing: Timing) -> pd.Series:

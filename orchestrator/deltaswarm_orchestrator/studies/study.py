@@ -49,8 +49,10 @@ class Study:
     @cached_property
     def timing(self) -> Timing:
         """Lengths of time in the runs."""
-        steps_s = {variant.label: variant.scenario.run.step_s for variant in self.sweep.variants}
-        return Timing(steps_s, self.sweep.file.sweep.series_every_s)
+        runs = {variant.label: variant.scenario.run for variant in self.sweep.variants}
+        steps_s = {label: run.step_s for label, run in runs.items()}
+        ends_s = {label: run.duration_s for label, run in runs.items()}
+        return Timing(steps_s, ends_s, self.sweep.file.sweep.series_every_s)
 
     @property
     def repeats(self) -> int:
