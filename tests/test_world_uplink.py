@@ -135,6 +135,38 @@ def test_a_relay_takes_a_hop_a_step() -> None:
     assert stage.uplink.under_way == 0
 
 
+def explained(
+    uplink: dict[str, Any], sender: int, trees: Mapping[int, int] | None = None
+) -> tuple[bool, dict[str, Any]]:
+    """Whether the range cuts an agent of the line off in a step in which it reports, and the numbers to it."""
+    stage = Stage(LINE_M, uplink)
+    stage.uplink = traced = TracedUplink(stage.uplink, sender)
+    stage.carry([sender], trees)
+    (found,) = (one for one in traced.explain() if one.reason == "range")
+    return found.cuts, found.numbers
+
+
+def test_the_way_through_a_tree_is_told() -> None:
+    """The next hop and the number of hops to a member in range; without a relay or a tree there is none."""
+    relayed = {**BASE, "relay": True}
+    for sender in range(1, 5):
+        cuts, numbers = explained(relayed, sender)
+        assert (cuts, numbers["to"], numbers["hops"]) == (False, sender - 1, sender)
+    for uplink, sender, trees in ((relayed, 0, None), (BASE, 2, None), (relayed, 2, {}), (relayed, 4, {3: 3, 4: 4})):
+        cuts, numbers = explained(uplink, sender, trees)
+        assert (cuts, "hops" in numbers) == (sender > 0, False)
+
+
+def test_the_relay_remembers_only_reports_on_their_way() -> None:
+    """Whatever became of the others: arrived, lost, outdated, or dropped with who carried them."""
+    stage = Stage(LINE_M, {**BASE, "relay": True, "loss": 0.3})
+    relay = stage.uplink._relay
+    assert relay is not None
+    for step in range(200):
+        stage.carry([1, 3, 4], {0: 4, 1: 4, 2: 4, 3: 4, 4: 4} if step % 7 else {4: 4}, [2] if step % 11 == 0 else [])
+        assert len(relay._relayed) == relay.under_way == stage.uplink.under_way
+
+
 @pytest.mark.parametrize("step_s", STEPS_S)
 def test_a_wall_and_another_tree_are_in_the_way(step_s: float) -> None:
     """Links are those of the air; a tree carries for its own members only. Who finds no way waits, but for 60 s."""
