@@ -193,6 +193,23 @@ def test_a_rate_is_that_of_the_window(counts: list[int], step_s: float, window_s
         assert rate.add(count) == pytest.approx(sum(seen) / (len(seen) * step_s))
 
 
+@pytest.mark.parametrize("step_s", [0.5, 1.0, 2.0])
+def test_a_burst_is_in_the_long_rate_for_a_minute(step_s: float) -> None:
+    """And in the short one for a second, or a step if that is longer; then no rate has any of it."""
+    meter = a_meter(threshold_hz=0.0, step_s=step_s)
+    rates = []
+    for step in range(round(130 / step_s)):
+        feed(meter, *(report(agent, 0, 0) for agent in range(30 if step == round(10 / step_s) else 0)))
+        rates.append(meter.close(Clock(step, step * step_s, False), 0))
+    long_s, short_s = (
+        [one.time_s for one in rates if getattr(one, name) > 0] for name in ("rate_60s_hz", "rate_1s_hz")
+    )
+    assert (long_s[0], long_s[-1]) == (10.0, 70.0 - step_s)
+    assert (short_s[0], short_s[-1]) == (10.0, 10.0 + max(0.0, 1.0 - step_s))
+    assert rates[round(65 / step_s)].rate_60s_hz == 0.5
+    assert rates[-1].time_above_s == 60.0
+
+
 def test_time_above_the_threshold_is_that_of_the_long_rate() -> None:
     """Strictly above, over simulated time, from the start of the run."""
     meter = a_meter(threshold_hz=2.0)

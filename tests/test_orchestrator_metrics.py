@@ -99,6 +99,22 @@ def test_drops_are_told_by_reason() -> None:
     assert found["transport_lost"] == 0
 
 
+def test_what_is_still_under_way_at_the_end_is_told() -> None:
+    """Sums over the run, but the newest number in flight, of frames and of reports; nothing without steps."""
+    sums = {"frames_sent": 5, "frames_received": 2, "frames_duplicated": 1, "reports_sent": 4, "reports_arrived": 3}
+    outcome = whole(
+        frames_in_flight=[1, 5, 2, 3, 4, 7],
+        reports_in_flight=[0, 1, 2, 3, 4, 2],
+        **{name: [number] * 6 for name, number in sums.items()},
+    )
+    found = metrics(outcome, a_scenario())
+    assert found["frames"] == {"sent": 30, "received": 12, "duplicated": 6, "in_flight": 7}
+    assert found["reports"] == {"sent": 24, "arrived": 18, "in_flight": 2}
+    nothing = metrics(Outcome(), a_scenario())
+    assert nothing["frames"] == {"sent": 0, "received": 0, "duplicated": 0, "in_flight": 0}
+    assert nothing["reports"] == {"sent": 0, "arrived": 0, "in_flight": 0}
+
+
 def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
     """Area and distance over the steps in which they were measured, and the area over those of them with trees."""
     areas, distances = [0.0, None, 60.0, None, 120.0, None], [None, None, 4.0, 6.0, 8.0, None]
