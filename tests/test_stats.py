@@ -37,6 +37,15 @@ def test_without_ties_p_is_scipys(sizes: list[int], signs: int) -> None:
     assert found.p() == pytest.approx(min(1.0, scipy_stats.wilcoxon(array, method="exact").pvalue))
 
 
+@pytest.mark.parametrize("pairs", [301, 400])
+def test_with_very_many_pairs_p_is_scipys_normal_approximation(pairs: int) -> None:
+    """Continuous data, with a shift that is just found; seed 5."""
+    values = np.random.default_rng(5).normal(0.2, 1, pairs)
+    expected = scipy_stats.wilcoxon(values, method="asymptotic", correction=True).pvalue
+    assert 0.001 < expected < 0.2
+    assert contrast(values - 200, np.zeros(pairs) - 200).p() == pytest.approx(expected, rel=1e-6)
+
+
 @given(GRID, ALPHAS, st.sampled_from([0.5, 1.0, 1.25]))
 def test_interval_and_p_never_contradict_each_other(pairs: list[tuple[int, int]], alpha: float, null: float) -> None:
     """The interval excludes a value exactly where its p is at most alpha, ties or not; of differences and of ratios."""
@@ -189,3 +198,10 @@ def test_the_smallest_effect_is_shown_as_often_as_it_says(pairs: int, family: in
         shown += contrast(generator.normal(shift, 2.0, pairs), np.zeros(pairs), "difference").p() <= ALPHA / family
     assert 0.72 < shown / 400 < 0.9
     assert smallest_effect(2.0, 6, 7) == math.inf
+
+
+@pytest.mark.parametrize(("pairs", "family", "quantile"), [(6, 1, 2.5706), (20, 1, 2.0930), (20, 5, 2.8609)])
+def test_the_smallest_effect_has_the_quantile_of_its_pairs(pairs: int, family: int, quantile: float) -> None:
+    """With a power of a half it is Student's, of a table, with as many degrees of freedom as pairs but one."""
+    found = smallest_effect(2.0, pairs, family, power=0.5)
+    assert found * math.sqrt(3 / math.pi * pairs) / 2.0 == pytest.approx(quantile, abs=1e-4)
