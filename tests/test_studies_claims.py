@@ -182,6 +182,19 @@ def test_a_claim_that_nothing_could_contradict_is_named(text: str, is_vacuous: b
     assert bool(vacuous_claims(study, runs_of(study, table(worse_at_90), NONE))) == is_vacuous
 
 
+def test_a_claim_without_values_or_of_predictors_is_not_called_vacuous() -> None:
+    """Nothing is known of it; ratios of values below 1 are ratios as well."""
+    text = f'kind = "alike"\na = "{FAST}"\nb = "{SAME}"\nmargin = 5.0'
+    study = made(OWN + f'[[claim]]\nid = "c"\ntext = "c"\nmetric = "waiting_all"\n{text}')
+    runs = runs_of(study, table(worse_at_90), NONE)
+    assert vacuous_claims(study, runs.assign(waiting_all=math.nan)) == []
+    assert vacuous_claims(study, runs.assign(waiting_all=runs["waiting_all"] / 1000)) != []
+    assert vacuous_claims(study, runs.assign(waiting_all=runs["waiting_all"] - runs["waiting_all"].min())) == []
+    predicts = '[[claim]]\nid = "c"\ntext = "c"\nkind = "predicts"\nmetric = "waiting_all"\n'
+    study = made(OWN + predicts + 'less = "messages"\nmore = "waiting"\nat_least = 0.001\n')
+    assert vacuous_claims(study, runs_of(study, table(worse_at_90), NONE)) == []
+
+
 def test_holms_correction_is_over_the_claims_of_one_source() -> None:
     """Claims of another source are another question."""
     one = '[[claim]]\nid = "{}"\ntext = "t"\nsource = "{}"\nmetric = "waiting_all"\n'

@@ -7,6 +7,7 @@ import pytest
 
 from deltaswarm_orchestrator.studies.claims import claims_of, findings_of
 from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
+from deltaswarm_orchestrator.studies.evidence import too_few
 from deltaswarm_orchestrator.studies.fits import fits_of, grids_of
 from deltaswarm_orchestrator.studies.recovery import recovery_of
 from deltaswarm_orchestrator.studies.tables import (
@@ -47,6 +48,16 @@ def test_a_contrast_compares_levels_within_each_cell() -> None:
     assert waiting.loc[("loss=0.9", "hybrid 3"), "estimate"] == pytest.approx(2)
     assert (waiting["family"] == 4).all()
     assert waiting.loc[("loss=0.9", "hybrid 3"), "p_holm"] == pytest.approx(4 * 2 / 2**10)
+
+
+@pytest.mark.parametrize(("replicates", "is_told"), [(0, False), (1, True), (7, True), (8, False)])
+def test_too_few_replicates_are_told(replicates: int, is_told: bool) -> None:
+    """From one on, up to those that could show something of four comparisons; none at all are told elsewhere."""
+    study = made(OWN + LIMIT)
+    runs = runs_of(study, table(worse_at_90), NONE)
+    found = contrasts_of(study, runs[runs["replicate"] < replicates])
+    assert bool(too_few(found)) == is_told
+    assert too_few(pd.DataFrame()) == []
 
 
 def test_an_interaction_compares_changes() -> None:

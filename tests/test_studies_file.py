@@ -214,6 +214,17 @@ def test_a_sweep_that_cannot_answer_is_told_too(sweep: str, path: str) -> None:
     assert path in [problem.path for problem in caught.value.problems]
 
 
+@pytest.mark.parametrize("horizons", ["[100.0, 1000.0]", "[1000.0, 100.0]"])
+def test_the_longest_horizon_of_all_variants_counts(horizons: str) -> None:
+    """In some variant no event could be followed for so long."""
+    sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
+        "[sweep.axes]\nradio.loss = [0.0, 0.5, 0.9]", f"[sweep.axes]\nmetrics.horizon_s = {horizons}"
+    )
+    with pytest.raises(SettingsError) as caught:
+        made(OWN.replace("loss =", "horizon_s ="), sweep)
+    assert "metrics.horizon_s" in [problem.path for problem in caught.value.problems]
+
+
 @pytest.mark.parametrize("window_s", [0.1, 0.3, 0.7, 1.1])
 def test_windows_are_counted_in_whole_numbers(window_s: float) -> None:
     """Multiples that floating-point numbers do not have exactly are multiples all the same."""
