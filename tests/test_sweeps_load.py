@@ -135,6 +135,17 @@ def test_files_are_looked_for_beside_the_file_that_names_them(tmp_path: Path, mo
     assert Path(variant.scenario.events.density.file) == tmp_path / "3.csv"
 
 
+@pytest.mark.parametrize("named", ["", 3, None, ["a.csv"]])
+def test_what_names_no_grid_is_left_as_it_is(named: Any) -> None:
+    """No file is no folder, and what is no name is a mistake like any other."""
+    axes = {"axes": {"control.delta": [2]}}
+    table = {"schema": 1, "base": "smoke", "sweep": axes, "scenario": {"events": {"density": {"file": named}}}}
+    if named == "":
+        assert make_sweep(table, Path("/somewhere")).variants[0].scenario.events.density.file == ""
+    else:
+        assert any("events.density.file" in one for one in mistakes(table))
+
+
 # Mistakes
 
 AXES: dict[str, Any] = {"axes": {"control.delta": [2, 3]}}

@@ -2,17 +2,21 @@
 
 import json
 import shutil
+import time
 import tomllib
 from pathlib import Path
+from statistics import fmean
 from typing import Any
 
 import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, work
+from deltaswarm_orchestrator.sweeps.job import series_of as windows_of_run
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import replicate_seed
 from deltaswarm_orchestrator.sweeps.table import (
@@ -21,8 +25,10 @@ from deltaswarm_orchestrator.sweeps.table import (
     digest_of,
     finished_runs,
     flattened,
+    read_table,
     series_of,
     table_of,
+    write_table,
 )
 from tests.sweeping import LOSSES, made, sweep, tasks_of, written
 
@@ -252,6 +258,56 @@ def test_a_sweeps_digest_depends_on_each_run(tmp_path: Path) -> None:
     kept, planned = finished(tmp_path, {"axes": {"radio.loss": [0.0, 0.5]}, "repeats": 1})
     runs = finished_runs(planned, kept)
     assert len({digest_of(runs), digest_of(runs[:1]), digest_of(runs[::-1])}) == 3
+
+
+def test_labels_are_read_as_the_text_that_they_are(tmp_path: Path) -> None:
+    """Numbers, truth and words for nothing; in other columns an empty cell is unknown, and a word stays one."""
+    labels = ["10", "true", "None", "NA", "nan", ""]
+    written = pd.DataFrame({"variant": labels, "replicate": range(6), "delta": [1.5, None] * 3, "why": ["NA"] * 6})
+    write_table(tmp_path / "table", written)
+    found = read_table(tmp_path / "table.csv", needs=["replicate"])
+    assert found["variant"].tolist() == labels
+    assert found["delta"].isna().tolist() == [False, True] * 3
+    assert found["why"].tolist() == ["NA"] * 6
+    with pytest.raises(ValueError, match="seed"):
+        read_table(tmp_path / "table.csv", needs=["replicate", "seed"])
+
+
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_windows_of_a_run_are_in_seconds(step_s: float) -> None:
+    """Means of their steps, and counts of their events, in the last one too, which is shorter."""
+    sets = [f"run.step_s={step_s}", "run.duration_s=90", "metrics.horizon_s=20", "events.rate_hz=0.3"]
+    scenario = load_scenario("smoke", [*sets, "events.work_agent_s=20", "record=off"], 2)
+    outcome = run_in_process(scenario)
+    found = windows_of_run(outcome, scenario, 20.0)
+    starts_s = [0.0, 20.0, 40.0, 60.0, 80.0]
+    assert found["time_s"] == starts_s
+    assert windows_of_run(outcome, scenario, 0.0) == {}
+    for index, start_s in enumerate(starts_s):
+
+        def is_in(time_s: float | None, start_s: float = start_s) -> bool:
+            return time_s is not None and start_s <= time_s < start_s + 20
+
+        for column, name, rows in (
+            ("events_open", "events_open", outcome.step_records),
+            ("operator_messages", "messages", outcome.workloads),
+        ):
+            own = [getattr(row, name) for row in rows if is_in(row.time_s)]
+            assert len(own) == round((10 if index == 4 else 20) / step_s)
+            assert found[column][index] == pytest.approx(fmean(own))
+        arrived = [event for event in outcome.events if is_in(event.arrived_s)]
+        assert found["completed"][index] == sum(is_in(event.completed_s) for event in outcome.events)
+        assert found["never_sensed"][index] == sum(event.sensed_s is None for event in arrived)
+        assert found["events_followed"][index] == sum(event.arrived_s <= 70 for event in arrived)
+    assert sum(one or 0 for one in found["completed"]) > 3
+
+
+def test_a_runs_cost_is_the_time_that_it_took() -> None:
+    """No more than passed, and no less than its steps took."""
+    began = time.monotonic()
+    [task] = tasks_of(made({"axes": {"radio.loss": [0.5]}, "repeats": 1}))
+    cost = work(task)["cost"]
+    assert 60 / cost["steps_per_s"] <= cost["wall_s"] <= time.monotonic() - began
 
 
 def test_windows_have_the_times_of_the_events_that_arrived_in_them(tmp_path: Path) -> None:
