@@ -42,6 +42,7 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
         [*BUSY, "control.mode=hybrid", FAULTS],
         [*BUSY, "control.mode=hybrid", *EVERYTHING],
         [*BUSY, "control.mode=hybrid", UPLINK],
+        [*BUSY, "control.mode=hybrid", FAULTS, UPLINK, "run.step_s=0.5"],
         ["control.mode=potential"],
     ],
     ids=lambda sets: " ".join(sets)[:60],

@@ -19,6 +19,8 @@ from tests.cores import paper, swarm
 
 BUSY = ("events.rate_hz=0.3", "run.duration_s=120")
 STEPS = 120
+STEPS_S = (0.5, 1.0)
+"""Lengths of a step: a fault begins and ends at its times with either."""
 
 
 def timeline(*faults: str) -> str:
@@ -90,37 +92,44 @@ def test_roots_are_hit_as_the_world_hears_of_them() -> None:
     assert crew.world.totals(True)["faults"][0]["agents"] == roots[59]
 
 
-def test_a_frozen_agent_gets_no_frame_and_goes_on_as_it_was() -> None:
+@pytest.mark.parametrize("step_s", STEPS_S)
+def test_a_frozen_agent_gets_no_frame_and_goes_on_as_it_was(step_s: float) -> None:
     """It misses what was sent meanwhile, keeps its last command, and nobody waits for it."""
-    watched = Watched('kind="freeze", at_s=30, duration_s=20, agents=[2]')
+    watched = Watched('kind="freeze", at_s=30, duration_s=20, agents=[2]', sets=(*BUSY, f"run.step_s={step_s}"))
     velocities = set()
 
     def note(step: int, record: StepRecord) -> None:
-        assert (2 in watched.frames) == (not 30 <= step < 50)
+        assert record.time_s == step * step_s
+        assert (2 in watched.frames) == (not 30 <= record.time_s < 50)
         assert record.agents_alive == 6
         assert record.agents_late == 0
-        if 30 <= step < 50:
+        if 30 <= record.time_s < 50:
             velocities.add(watched.crew.world.environment.velocities_mps[2])
 
     core = watched.crew.agents[2]
-    assert watched.play(60, note).agents[2] is core
+    assert watched.play(round(60 / step_s), note).agents[2] is core
     assert len(velocities) == 1
 
 
-def test_a_restarted_agent_believes_nothing() -> None:
+@pytest.mark.parametrize("step_s", STEPS_S)
+def test_a_restarted_agent_believes_nothing(step_s: float) -> None:
     """It is a new agent with a generator of its own, in the old one's place; its counter begins anew unpunished."""
-    watched = Watched('kind="restart", at_s=60, fraction=1.0', 'kind="restart", at_s=90, agents=[0], duration_s=10')
+    watched = Watched(
+        'kind="restart", at_s=60, fraction=1.0',
+        'kind="restart", at_s=90, agents=[0], duration_s=10',
+        sets=(*BUSY, f"run.step_s={step_s}"),
+    )
     before = list(watched.crew.agents)
     states = []
 
     def note(step: int, record: StepRecord) -> None:
         assert record.transport_lost == 0
-        assert record.agents_alive == (5 if 90 <= step < 100 else 6)
+        assert record.agents_alive == (5 if 90 <= record.time_s < 100 else 6)
         states.append([paper(core).state for core in watched.crew.agents])
 
-    crew = watched.play(STEPS, note)
+    crew = watched.play(round(STEPS / step_s), note)
     assert not set(map(id, before)) & set(map(id, crew.agents))
-    assert any(state is not WALKING for state in states[59])
+    assert any(state is not WALKING for state in states[round(60 / step_s) - 1])
     assert [core.rejected_frames + paper(core).counts["rejected_frames"] for core in crew.agents] == [0] * 6
     assert not crew.world.inbox.rejected
 

@@ -23,8 +23,8 @@ SEEDS = (0, 1, 2, 3, 4711, 2**32, 2**63 - 1)
 """A few: the first generator of each takes a tenth of a second, so that no agent can guess the world's."""
 
 
-def faults(*tables: dict[str, Any], seed: int = 1) -> Faults:
-    head = {"seed": seed, "run": {"duration_s": STEPS}, "agents": {"count": COUNT}}
+def faults(*tables: dict[str, Any], seed: int = 1, step_s: float = 1.0) -> Faults:
+    head = {"seed": seed, "run": {"duration_s": STEPS * step_s, "step_s": step_s}, "agents": {"count": COUNT}}
     return Faults(load(Scenario, {**head, "fault": list(tables)}))
 
 
@@ -40,11 +40,12 @@ def orders(made: Faults, step: int, alive: Collection[int] = ALL, roots: Collect
 # Whom it hits
 
 
-def test_named_agents_are_hit_at_their_step_and_at_no_other() -> None:
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_named_agents_are_hit_at_their_step_and_at_no_other(step_s: float) -> None:
     """Once, whatever step comes after."""
-    made = faults(fault("kill", 5, agents=[3, 1]))
-    assert [orders(made, step) for step in range(8)] == [[]] * 5 + [[(KILL, (1, 3))]] + [[]] * 2
-    assert made.log == [{"fault": 0, "kind": "kill", "step": 5, "at_s": 5.0, "until_s": None, "agents": [1, 3]}]
+    made, due = faults(fault("kill", 5, agents=[3, 1]), step_s=step_s), round(5 / step_s)
+    assert [orders(made, step) for step in range(due + 3)] == [[]] * due + [[(KILL, (1, 3))]] + [[]] * 2
+    assert made.log == [{"fault": 0, "kind": "kill", "step": due, "at_s": 5.0, "until_s": None, "agents": [1, 3]}]
 
 
 def test_the_dead_are_not_killed_again() -> None:
@@ -85,14 +86,17 @@ def test_chance_is_each_faults_own() -> None:
 # What follows for processes
 
 
-def test_a_freeze_ends() -> None:
-    """It stops at its step and goes on after its duration."""
-    made = faults(fault("freeze", 2, agents=[4], duration_s=3))
-    assert orders(made, 2) == [(STOP, (4,))]
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_a_freeze_ends(step_s: float) -> None:
+    """It stops at its time and goes on after its duration; the log has both in seconds."""
+    made = faults(fault("freeze", 2, agents=[4], duration_s=3), step_s=step_s)
+    begins, ends = round(2 / step_s), round(5 / step_s)
+    assert orders(made, begins) == [(STOP, (4,))]
     assert made.frozen == {4}
-    assert [orders(made, step) for step in (3, 4)] == [[], []]
-    assert orders(made, 5) == [(GO_ON, (4,))]
+    assert [orders(made, step) for step in range(begins + 1, ends)] == [[]] * (ends - begins - 1)
+    assert orders(made, ends) == [(GO_ON, (4,))]
     assert not made.frozen
+    assert [(one["step"], one["at_s"], one["until_s"]) for one in made.log] == [(begins, 2.0, 5.0)]
 
 
 def test_freezes_that_overlap_are_one() -> None:
