@@ -51,7 +51,8 @@ class Stage:
         agents = range(len(self.positions_m))
         said = {sender: f"{self.step}:{sender}".encode() for sender in (agents if senders is None else senders)}
         there = [True] * len(agents) if listening is None else list(listening)
-        return self.air.carry(self.step, float(self.step), said if data is None else data, self.positions_m, there)
+        time_s = self.step * self.scenario.run.step_s
+        return self.air.carry(self.step, time_s, said if data is None else data, self.positions_m, there)
 
 
 shares = st.floats(0, 1)

@@ -106,6 +106,21 @@ def test_ratios_where_all_is_positive_else_differences() -> None:
     assert contrast([2, 4, 6], [1, 2, 3], "difference").estimate == pytest.approx(2)
 
 
+def test_ratios_that_differ_only_by_rounding_are_ties() -> None:
+    """Values that are all 1.1 times as large are no evidence for more, or for less, than 1.1 times."""
+    values = np.arange(1, 41) / 7
+    found = contrast(values * 1.1, values)
+    assert found.p(1.1) == found.p_within(1.1) == found.p_beyond(1.1) == 1.0
+    assert found.p(1.09) < 1e-9
+    assert found.p(1.11) < 1e-9
+
+
+def test_quartiles_are_those_of_the_known_values() -> None:
+    """What is missing is counted and left out."""
+    found = describe([*range(41), None, math.nan])
+    assert (found.n, found.missing, found.q1, found.median, found.q3) == (41, 2, 10.0, 20.0, 30.0)
+
+
 def test_pairs_with_a_missing_value_are_left_out_and_counted() -> None:
     """And nothing at all gives no estimate, no evidence and no interval."""
     found = contrast([1, None, 3, math.nan], [1, 2, None, 4])

@@ -195,6 +195,15 @@ def test_a_claim_without_values_or_of_predictors_is_not_called_vacuous() -> None
     assert vacuous_claims(study, runs_of(study, table(worse_at_90), NONE)) == []
 
 
+def test_an_interval_has_the_confidence_at_which_its_claim_is_tested() -> None:
+    """95 % alone; in a family the first of Holm's tests has more."""
+    text = f'less = "{FAST}"\nmore = "{SLOW}"\n'
+    assert claim(text)["confidence"] == pytest.approx(0.95)
+    study = made(OWN + "".join(f'[[claim]]\nid = "{name}"\ntext = "t"\n{text}' for name in "abcde"))
+    found = claims_of(study, runs_of(study, table(spread), NONE))
+    assert found["confidence"].tolist() == pytest.approx([0.99] * 5)
+
+
 def test_holms_correction_is_over_the_claims_of_one_source() -> None:
     """Claims of another source are another question."""
     one = '[[claim]]\nid = "{}"\ntext = "t"\nsource = "{}"\nmetric = "waiting_all"\n'

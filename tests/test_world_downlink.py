@@ -25,9 +25,10 @@ PLACES = np.array([[0.0, 0.0], [3.0, 4.0], [30.0, 40.0]])
 class Base:
     """A downlink, and what three agents hear of it."""
 
-    def __init__(self, **downlink: Any) -> None:
-        table = {"agents": {"count": 3}, "downlink": {"base_m": [0, 0], **downlink}}
+    def __init__(self, step_s: float = 1.0, **downlink: Any) -> None:
+        table = {"run": {"step_s": step_s}, "agents": {"count": 3}, "downlink": {"base_m": [0, 0], **downlink}}
         self.downlink = Downlink(load(Scenario, table))
+        self.step_s = step_s
         self.heard: dict[int, list[int]] = {0: [], 1: [], 2: []}
         """The steps in which each agent heard something."""
         self.numbers: dict[int, set[int]] = {0: set(), 1: set(), 2: set()}
@@ -37,7 +38,7 @@ class Base:
     def play(self, steps: range, listening: Sequence[bool] = (True,) * 3) -> None:
         """Some steps."""
         for step in steps:
-            heard = self.downlink.carry(step, float(step), PLACES, listening)
+            heard = self.downlink.carry(step, step * self.step_s, PLACES, listening)
             assert heard == sorted(heard, key=lambda one: one[0])
             assert len({agent for agent, _ in heard}) == len(heard)
             for agent, data in heard:
@@ -56,14 +57,15 @@ class Base:
         )
 
 
-def test_the_base_repeats_a_command_until_its_life_is_over() -> None:
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_the_base_repeats_a_command_until_its_life_is_over(step_s: float) -> None:
     """At once, and then every `repeat_s`; in between and before it is silent."""
-    base = Base(repeat_s=4)
+    base = Base(step_s, repeat_s=4)
     base.play(range(5))
     base.downlink.send(5, [sign(a_command(life_s=10))])
     base.play(range(5, 40))
-    assert base.heard == {agent: [5, 9, 13] for agent in range(3)}
-    assert base.ends == {15}
+    assert base.heard == {agent: [5 + round(after_s / step_s) for after_s in (0, 4, 8)] for agent in range(3)}
+    assert base.ends == {5 + round(10 / step_s)}
     base.assert_books_close()
 
 
@@ -77,12 +79,14 @@ def test_only_agents_in_range_hear_it() -> None:
     base.assert_books_close()
 
 
-def test_outages_and_deaf_agents_are_told_apart() -> None:
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+def test_outages_and_deaf_agents_are_told_apart(step_s: float) -> None:
     """A frame in an outage reaches nobody; one at an agent that does not listen is dropped there."""
-    base = Base(repeat_s=1, outages=[{"from_s": 2, "until_s": 4}])
+    base = Base(step_s, repeat_s=1, outages=[{"from_s": 2, "until_s": 4}])
     base.downlink.send(0, [sign(a_command())])
-    base.play(range(6), (True, False, True))
-    assert base.heard == {0: [0, 1, 4, 5], 1: [], 2: [0, 1, 4, 5]}
+    base.play(range(round(6 / step_s)), (True, False, True))
+    heard = [round(at_s / step_s) for at_s in (0, 1, 4, 5)]
+    assert base.heard == {0: heard, 1: [], 2: heard}
     assert base.downlink.totals["dropped"] == {"outage": 6, "dead": 4}
     base.assert_books_close()
 

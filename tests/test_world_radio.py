@@ -230,18 +230,18 @@ SOME: dict[str, dict[str, Any]] = {
 # Late frames
 
 
-@given(st.floats(0, 5), st.floats(0, 5), st.integers(0, 99))
-def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int) -> None:
+@given(st.floats(0, 5), st.floats(0, 5), st.integers(0, 99), st.sampled_from([0.5, 1.0]))
+def test_no_frame_is_early(latency_s: float, jitter_s: float, seed: int, step_s: float) -> None:
     """Each arrives at least the latency, and at most latency and jitter, after its time, rounded to whole steps."""
-    stage = Stage([[0, 0], [1, 0]], seed, latency_s=latency_s, jitter_s=jitter_s)
+    stage = Stage([[0, 0], [1, 0]], seed, latency_s=latency_s, jitter_s=jitter_s, step_s=step_s)
     arrived = []
-    for step in range(30):
+    for step in range(41):
         carried = stage.carry([0] if step < 20 else [])
         arrived += [(int(data.split(b":")[0]), step) for _, data in carried.heard[1]]
     assert sorted(sent for sent, _ in arrived) == list(range(20))
     assert stage.air.under_way == 0
     for sent, step in arrived:
-        assert math.floor(latency_s) <= step - sent <= math.ceil(latency_s + jitter_s + 1e-9)
+        assert math.floor(latency_s / step_s) <= step - sent <= math.ceil((latency_s + jitter_s) / step_s + 1e-9)
 
 
 def test_jitter_reorders() -> None:
@@ -279,13 +279,16 @@ def test_what_waits_in_a_queue_dies_with_its_agent(gone: int) -> None:
     assert stage.air.under_way == 0
 
 
-def test_a_narrow_sender_is_late_and_a_full_queue_drops() -> None:
-    """5 bytes a second for a frame of 10 each second: every other one comes, once the queue is full."""
-    stage = Stage([[0, 0], [1, 0]], bandwidth={"sender_bytes_per_s": 5.0, "queue_bytes": 30})
+@pytest.mark.parametrize("step_s", [0.5, 1.0])
+@pytest.mark.parametrize("end", ["sender", "receiver"])
+def test_a_narrow_end_is_late_and_a_full_queue_drops(end: str, step_s: float) -> None:
+    """5 bytes a step for a frame of 10 in each: every other one comes, once the queue is full."""
+    bandwidth = {f"{end}_bytes_per_s": 5.0 / step_s, "queue_bytes": 30}
+    stage = Stage([[0, 0], [1, 0]], bandwidth=bandwidth, step_s=step_s)
     heard = dropped = 0
     for _ in range(100):
         carried = stage.carry(data={0: bytes(10)})
         heard += len(carried.links)
-        dropped += carried.dropped.get("bandwidth", 0)
+        dropped += sum(carried.dropped.values())
     assert (heard, heard + dropped + stage.air.under_way) == (50, 100)
     assert stage.air.under_way == 3
