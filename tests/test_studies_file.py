@@ -214,6 +214,19 @@ def test_a_sweep_that_cannot_answer_is_told_too(sweep: str, path: str) -> None:
     assert path in [problem.path for problem in caught.value.problems]
 
 
+def test_only_times_of_events_need_a_horizon_within_the_run() -> None:
+    """Messages need none; waiting and completion do, over the part of the run that they are taken of."""
+    longer = SWEEP.replace("metrics.horizon_s = 100.0", "metrics.horizon_s = 700.0")
+    late = OWN.replace("window_s", "from_s = 300.0\nwindow_s")
+    assert made(OWN, longer)
+    assert made(late.replace('"waiting_all", "messages"', '"messages", "trees"'), longer)
+    assert made(OWN.replace('"waiting_all", "messages"', '"messages"'), longer.replace("700.0", "1000.0"))
+    for metric in ("waiting_all", "completion_s"):
+        with pytest.raises(SettingsError) as caught:
+            made(late.replace('"waiting_all", "messages"', f'"{metric}"'), longer)
+        assert [problem.path for problem in caught.value.problems] == ["metrics.horizon_s"]
+
+
 @pytest.mark.parametrize("horizons", ["[100.0, 1000.0]", "[1000.0, 100.0]"])
 def test_the_longest_horizon_of_all_variants_counts(horizons: str) -> None:
     """In some variant no event could be followed for so long."""

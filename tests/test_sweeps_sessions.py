@@ -45,6 +45,16 @@ def test_a_manifest_of_a_sweep_under_way_claims_nothing(tmp_path: Path) -> None:
     assert seen == [(0, 0, 0, None, 1), (3, 0, 0, None, 2), (0, 0, 0, None, 3)]
 
 
+def test_a_series_that_was_asked_for_once_keeps_up_with_the_table(tmp_path: Path) -> None:
+    """A later session that does not ask for it writes it all the same; a sweep that never asks has none."""
+    conducted(planned(repeats=1), tmp_path / "never", Here())
+    assert not (tmp_path / "never" / "series.csv").exists()
+    first = conducted(planned(repeats=1), tmp_path / "out", Here(), with_series=True).series
+    later = conducted(planned(repeats=2), tmp_path / "out", Here()).series
+    assert (set(first["replicate"]), set(later["replicate"])) == ({0}, {0, 1})
+    assert len(pd.read_csv(tmp_path / "out" / "series.csv")) == len(later) == 2 * len(first) > 0
+
+
 @pytest.mark.parametrize(("cores", "by_one", "by_many"), [(1, 1, 1), (2, 2, 1), (9, 9, 4)])
 def test_runs_side_by_side_fill_the_cores(
     cores: int, by_one: int, by_many: int, monkeypatch: pytest.MonkeyPatch
