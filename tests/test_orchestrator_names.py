@@ -13,6 +13,14 @@ from deltaswarm_wire.checked import load
 Printed = pytest.CaptureFixture[str]
 
 
+def code_of(command: str) -> int:
+    """The exit code of a command line, which its parser may refuse."""
+    try:
+        return main(command.split())
+    except SystemExit as ended:
+        return int(ended.code or 0)
+
+
 def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
     """Every scenario, sweep and study can be loaded by its name, every controller found."""
     assert main(["list", "--json"]) == 0
@@ -32,12 +40,39 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
 
 @pytest.mark.parametrize(
     ("command", "meant"),
-    [("rnu smoke", "run"), ("run somke", "smoke"), ("sweep mode", "modes"), ("study limts", "limits")],
+    [
+        ("rnu smoke", "run"),
+        ("run somke", "smoke"),
+        ("sweep mode", "modes"),
+        ("study limts", "limits"),
+        ("run smoke --sed 3", "--seed"),
+        ("run --dry-rn=yes", "--dry-run"),
+        ("why runs/a --jsn", "--json"),
+        ("world --expekt operator", "--expect"),
+        ("agent board --chek", "--check"),
+    ],
 )
 def test_a_slip_of_the_pen_is_understood(command: str, meant: str, capsys: Printed) -> None:
-    """Commands, scenarios, sweeps and studies: the name that was probably meant is offered, with exit code 2."""
-    assert main(command.split()) == 2
+    """Commands, options, scenarios and the rest: the name that was probably meant is offered, with exit code 2."""
+    assert code_of(command) == 2
     assert f"did you mean {meant!r}?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["run smoke --dry", "run --re runs/a", "study paper --pl", "bench --step 3", "operator --thresh 1", "agent --i 3"],
+)
+def test_options_are_not_abbreviated(command: str, capsys: Printed) -> None:
+    """An option to come may begin alike; what was given is named."""
+    assert code_of(command) == 2
+    assert repr(next(word for word in command.split() if word.startswith("--"))) in capsys.readouterr().err
+
+
+def test_what_looks_like_an_option_may_be_a_value_or_follow_help(capsys: Printed) -> None:
+    """After `--` there are no options, and help is shown whatever else is wrong."""
+    assert code_of("run --dry-run -- --no-such-scenario") == 2
+    assert "scenario" in capsys.readouterr().err
+    assert code_of("run --help --no-such") == 0
 
 
 def test_a_dry_run_explains_every_key_in_toml(capsys: Printed) -> None:

@@ -11,6 +11,7 @@ from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import add_link_arguments, link_of, program
+from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.commands import BASE
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
@@ -24,7 +25,7 @@ BOARD = "board"
 def parser() -> argparse.ArgumentParser:
     """The command line of one agent."""
     name = program(AGENT)
-    made = argparse.ArgumentParser(
+    made = Parser(
         prog=name,
         description="Run one agent in a world.",
         epilog=f"On a board with its own body: {name} board FILE; see its --help.",

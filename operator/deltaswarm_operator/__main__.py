@@ -31,6 +31,7 @@ from deltaswarm_wire.arguments import (
     run_name,
     tls_of,
 )
+from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import OPERATOR, Keys
@@ -43,7 +44,7 @@ MODES = ("peer", "router")
 
 def parser() -> argparse.ArgumentParser:
     """Make the operator's argument parser."""
-    made = argparse.ArgumentParser(
+    made = Parser(
         prog="deltaswarm operator",
         description="Run the operator.",
         epilog="For boards without a world: deltaswarm operator --no-world ...; see deltaswarm operator --no-world -h.",
@@ -75,7 +76,7 @@ def _add_measuring(made: argparse.ArgumentParser, step: str) -> None:
 
 def open_air_parser() -> argparse.ArgumentParser:
     """Make the argument parser of the operator without a world."""
-    made = argparse.ArgumentParser(
+    made = Parser(
         prog="deltaswarm operator --no-world",
         description="Monitor boards in open air: which are alive, and how much they report. With a key that the boards "
         "know, command them. Interrupt it to stop.",

@@ -23,6 +23,7 @@ from deltaswarm_wire.arguments import (
     run_name,
     tls_of,
 )
+from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
@@ -42,7 +43,7 @@ AGENT_SETTINGS = "agents"
 
 def parser() -> argparse.ArgumentParser:
     """The command line of the world."""
-    made = argparse.ArgumentParser(prog="deltaswarm world", description="Run the world and its router.")
+    made = Parser(prog="deltaswarm world", description="Run the world and its router.")
     made.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
     made.add_argument("--run", required=True, type=run_name, help="name of the run")
     made.add_argument(

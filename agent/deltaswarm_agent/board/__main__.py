@@ -21,6 +21,7 @@ from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire.arguments import program
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.codec import MAX_STEP
+from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 
@@ -29,7 +30,7 @@ MAX_ACCELERATE = 10_000.0
 
 def parser() -> argparse.ArgumentParser:
     """Make a board's argument parser."""
-    made = argparse.ArgumentParser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
+    made = Parser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
     made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
     made.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
     made.add_argument(

@@ -20,6 +20,7 @@ from deltaswarm_operator.station import __main__ as station
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire import checked
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES
+from deltaswarm_wire.command_line import Parser
 from deltaswarm_wire.operator_messages import Clock, Workload, decode_report
 
 SHOW_EVERY_S = 0.1
@@ -28,7 +29,7 @@ HELLO_EVERY_S = 1.0
 
 def parser() -> argparse.ArgumentParser:
     """Make the argument parser of a replay."""
-    made = argparse.ArgumentParser(prog="deltaswarm replay", description="Show a finished run on the station's page.")
+    made = Parser(prog="deltaswarm replay", description="Show a finished run on the station's page.")
     made.add_argument("steps", type=Path, metavar="FILE", help="the run's steps, as `deltaswarm replay` makes them")
     made.add_argument("--run", default="run", help="the run's name on the page")
     made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="where the page is served")

@@ -26,6 +26,7 @@ TOKEN_BYTES = 24
 def parser() -> argparse.ArgumentParser:
     """Make the station's argument parser."""
     made = argparse.ArgumentParser(
+        allow_abbrev=False,
         prog="python -m deltaswarm_operator.station",
         description="Serve the operator's page. Prints its URL; whoever knows the URL can watch and give orders.",
         epilog=f"{PASSWORD_VARIABLE} in the environment is the secret part of the URL, else it is random.",

@@ -1,7 +1,6 @@
 """The command `deltaswarm`: one module per command, imported only when it is asked for."""
 
 import argparse
-import difflib
 import importlib
 import os
 import select
@@ -12,6 +11,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, USAGE, CommandError, comp
 from deltaswarm_orchestrator.base.signals import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.command_line import Parser
 
 COMMANDS = {
     "run": "run a scenario with real processes",
@@ -39,7 +39,7 @@ PARTS = ("agent", "world", "operator")
 
 def parser(command: str = "") -> argparse.ArgumentParser:
     """Return the parser of the command line: all commands, and the arguments of `command`."""
-    made = argparse.ArgumentParser(
+    made = Parser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
         epilog="Exit codes: 0 success, 1 a run failed, 2 usage or scenario, 3 a claim missed its tolerance.",
@@ -62,10 +62,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     if command in PARTS:
         raise_on_signals()
         return int(importlib.import_module(f"deltaswarm_{command}.__main__").main(argv[1:]))
-    is_word = not command.startswith("-") and command not in COMMANDS
-    if is_word and (close := difflib.get_close_matches(command, [*COMMANDS, *PARTS], n=1)):
-        complain(f"there is no command {command!r}; did you mean {close[0]!r}?")
-        return USAGE
     arguments = parser(command).parse_args(argv)
     if command not in ("run", "session"):  # these two handle signals themselves
         raise_on_signals()

@@ -10,6 +10,7 @@ from deltaswarm_orchestrator.base.signals import begin_anew
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import whole
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_wire.command_line import Parser
 
 RECORD = "session.json"
 
@@ -57,7 +58,7 @@ def session(arguments: argparse.Namespace) -> int:
 def _do(one: PlannedRun, folder: Path) -> int:
     """Do one run as `deltaswarm run --station` does; return the exit code."""
     name = free_folder(one.folder, [path.name for path in folder.iterdir()])
-    parser = argparse.ArgumentParser()
+    parser = Parser()
     cli_run.add(parser)
     return cli_run.run(parser.parse_args([*one.arguments, "--out", str(folder / name)]))
 
