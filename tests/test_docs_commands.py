@@ -46,8 +46,15 @@ def known_options(command: str) -> set[str]:
     """What a command of deltaswarm takes."""
     if command == "agent board":
         return set(board_parser()._option_string_actions)
-    found = next(a for a in parser(command)._actions if isinstance(a, argparse._SubParsersAction))
-    return set(found.choices[command]._option_string_actions)
+    found = parser(command.split()[0])
+    for word in command.split():
+        found = subparsers(found)[word]
+    return set(found._option_string_actions)
+
+
+def subparsers(found: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    actions = (a.choices for a in found._actions if isinstance(a, argparse._SubParsersAction))
+    return next(actions, {})
 
 
 def test_every_block_of_commands_runs_in_a_test() -> None:
@@ -63,8 +70,8 @@ def test_every_command_in_the_text_exists(name: str) -> None:
     """With its options; values are placeholders as often as not."""
     for span in re.findall(r"`(deltaswarm [^`]+)`", page(name)):
         words = shlex.split(span)[1:]
-        command = "agent board" if words[:2] == ["agent", "board"] else words[0]
-        if command in COMMANDS or command == "agent board":
+        command = " ".join(words[:2]) if words[0] == "bench" or words[:2] == ["agent", "board"] else words[0]
+        if words[0] in COMMANDS or command == "agent board":
             options = {word.partition("=")[0] for word in words if word.startswith("-")} - {"--help"}
             assert options <= known_options(command), span
         else:

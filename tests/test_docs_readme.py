@@ -18,10 +18,10 @@ SHORTER = {
     "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
     "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
     "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=5110 --set run.step_s=10",
-    "bench": "--agents 3 --steps 30",
-    "bench --scale": "--sizes 2,4 --steps 5 --rounds 1",
-    "bench --radio": "--agents 3 --steps 30 --rounds 1",
-    "bench --station": "--agents 3 --steps 40 --rounds 1",
+    "bench run": "--agents 3 --steps 30",
+    "bench scale": "--sizes 2,4 --steps 5 --rounds 1",
+    "bench radio": "--agents 3 --steps 30 --rounds 1",
+    "bench station": "--agents 3 --steps 40 --rounds 1",
 }
 
 

@@ -49,6 +49,7 @@ def test_the_list_names_what_the_commands_take(capsys: Printed) -> None:
         ("run --dry-rn=yes", "--dry-run"),
         ("why runs/a --jsn", "--json"),
         ("world --expekt operator", "--expect"),
+        ("bench scal", "scale"),
         ("agent board --chek", "--check"),
     ],
 )
@@ -60,7 +61,7 @@ def test_a_slip_of_the_pen_is_understood(command: str, meant: str, capsys: Print
 
 @pytest.mark.parametrize(
     "command",
-    ["run smoke --dry", "run --re runs/a", "study paper --pl", "bench --step 3", "operator --thresh 1", "agent --i 3"],
+    ["run smoke --dry", "run --re runs/a", "bench run --step 3", "operator --thresh 1", "agent --i 3"],
 )
 def test_options_are_not_abbreviated(command: str, capsys: Printed) -> None:
     """An option to come may begin alike; what was given is named."""

@@ -44,4 +44,4 @@ def test_two_agents_are_too_few() -> None:
     """Before anything is run; the command ends with 2."""
     with pytest.raises(ValueError, match="at least 3"):
         radio_cost.measure_radio(2, 10, 1)
-    assert main(["bench", "--radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2
+    assert main(["bench", "radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2

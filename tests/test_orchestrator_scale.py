@@ -46,13 +46,22 @@ def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
         scale.measure_scale(sizes)
 
 
-@pytest.mark.parametrize("option", ["--agents=0", "--steps=-1", "--rounds=x", "--sizes=25,0"])
+@pytest.mark.parametrize("option", ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0"])
 def test_what_cannot_be_measured_is_refused(option: str, capsys: pytest.CaptureFixture[str]) -> None:
     """With exit code 2, the option and what was given."""
     with pytest.raises(SystemExit) as ended:
-        main(["bench", option])
-    name, _, value = option.partition("=")
+        main(["bench", *option.split()])
+    name, _, value = option.split()[1].partition("=")
     error = capsys.readouterr().err
     assert ended.value.code == 2
     assert name in error
     assert repr(value.rpartition(",")[2]) in error
+
+
+@pytest.mark.parametrize("command", ["coverage --agents=3", "run --rounds=2", "radio --plot=x", "station --sizes=2,4"])
+def test_a_measurement_takes_only_options_that_it_uses(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Others are refused by name before anything is measured."""
+    with pytest.raises(SystemExit) as ended:
+        main(["bench", *command.split()])
+    assert ended.value.code == 2
+    assert command.split()[1].partition("=")[0] in capsys.readouterr().err

@@ -58,7 +58,7 @@ def test_a_run_leaves_no_shared_memory(tmp_path: Path, is_interrupted: bool) -> 
 
 
 @pytest.mark.skipif(not is_allowed(*OWN_NETWORK, "true"), reason="no network of one's own here")
-@pytest.mark.parametrize("command", ["run smoke --out {}/run", "bench"])
+@pytest.mark.parametrize("command", ["run smoke --out {}/run", "bench run"])
 def test_without_loopback_one_line_says_what_to_do(tmp_path: Path, command: str) -> None:
     """The doctor finds it too, and nothing was begun."""
     arguments = command.format(tmp_path).split()

@@ -1,6 +1,6 @@
 """The directive `command-line`: what a parser of the command line takes, from the parser itself.
 
-Its argument is where the parser comes from, as `module:function` or `module:function:COMMAND`.
+Its argument is where the parser comes from, as `module:function` or `module:function:COMMAND:...`.
 """
 
 import argparse
@@ -22,7 +22,7 @@ class CommandLine(Directive):
     def run(self) -> list[nodes.Node]:
         """Write the command as MyST and parse that."""
         module, function, *commands = self.arguments[0].split(":")
-        parser = getattr(importlib.import_module(module), function)(*commands)
+        parser = getattr(importlib.import_module(module), function)(*commands[:1])
         for command in commands:
             parser = subparsers(parser)[command]
         parser.formatter_class = wide

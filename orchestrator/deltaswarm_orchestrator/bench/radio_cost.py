@@ -58,7 +58,7 @@ def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, 
         ValueError: fewer than 3 agents.
     """
     if agents < LEAST_AGENTS:
-        raise ValueError(f"--agents must be at least {LEAST_AGENTS} with --radio (got {agents})")
+        raise ValueError(f"--agents must be at least {LEAST_AGENTS} (got {agents})")
     last = WARM_UP_STEPS + steps
     measured = []
     for seed in range(1, rounds + 1):

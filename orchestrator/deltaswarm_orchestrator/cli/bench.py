@@ -10,32 +10,28 @@ from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import whole
 
 
+def _sizes(text: str) -> list[int]:
+    return [whole(1)(part) for part in text.split(",")]
+
+
+OPTIONS: dict[str, dict[str, Any]] = {
+    "--agents": {"type": whole(1), "default": 25, "metavar": "N", "help": "size of the swarm (default: 25)"},
+    "--sizes": {"type": _sizes, "metavar": "N,N,...", "help": "sizes of the swarm (default: 25,50,100,200,400)"},
+    "--steps": {"type": whole(1), "default": 1000, "metavar": "N", "help": "steps per measurement (default: 1000)"},
+    "--rounds": {"type": whole(1), "default": 3, "metavar": "N", "help": "measure this often (default: 3)"},
+    "--plot": {"type": Path, "metavar": "NAME", "help": "draw NAME.png, NAME.svg and NAME.pdf"},
+    "--json": {"action": "store_true", "help": "print the result as JSON"},
+}
+
+
 def add(command: argparse.ArgumentParser) -> None:
-    """Add the arguments of `deltaswarm bench`."""
-    count = whole(1)
-    command.add_argument("--agents", type=count, default=25, metavar="N", help="size of the swarm (default: 25)")
-    command.add_argument("--steps", type=count, default=1000, metavar="N", help="steps per measurement (default: 1000)")
-    command.add_argument(
-        "--scale", action="store_true", help="measure how the cost of a step grows with the swarm, in one process"
-    )
-    command.add_argument("--radio", action="store_true", help="measure what the radio models cost, in one process")
-    command.add_argument(
-        "--sizes",
-        type=lambda text: [count(part) for part in text.split(",")],
-        metavar="N,N,...",
-        help="with --scale (default: 25,50,100,200,400)",
-    )
-    command.add_argument(
-        "--coverage", action="store_true", help="measure how fast a command of the operator spreads, in one process"
-    )
-    command.add_argument(
-        "--station", action="store_true", help="measure what the operator's station and its pages cost a run"
-    )
-    command.add_argument("--rounds", type=count, default=3, metavar="N", help="with one of the four above (default: 3)")
-    command.add_argument(
-        "--plot", type=Path, metavar="NAME", help="with --scale or --coverage: draw NAME.png, NAME.svg and NAME.pdf"
-    )
-    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    """Add the measurements, each with the options that it takes."""
+    measurements = command.add_subparsers(dest="measurement", required=True, metavar="MEASUREMENT")
+    for name, (measured, options) in MEASUREMENTS.items():
+        summary = (measured.__doc__ or "").removesuffix(".")
+        own = measurements.add_parser(name, help=summary[0].lower() + summary[1:], description=measured.__doc__)
+        for option in (*options, "--json"):
+            own.add_argument(option, **OPTIONS[option])
     command.set_defaults(func=bench)
 
 
@@ -43,29 +39,28 @@ def bench(arguments: argparse.Namespace) -> int:
     """Do the measurements and print the results."""
     from deltaswarm_orchestrator.bench.doctor import can_start_parts
 
-    if not (arguments.scale or arguments.radio or arguments.coverage or can_start_parts()):
+    if arguments.measurement in WITH_PROCESSES and not can_start_parts():
         return FAILED
+    measured, _ = MEASUREMENTS[arguments.measurement]
     try:
-        found = _measured(arguments)
+        found = measured(arguments)
     except ValueError as error:
         raise CommandError(str(error)) from None
     print(json.dumps(found) if arguments.json else named(found))
     return OK
 
 
-def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
-    from deltaswarm_orchestrator.bench import radio_cost, scale, speed
+def _run(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure a run with real processes, beside the bare exchange of the same messages."""
+    from deltaswarm_orchestrator.bench import speed
 
-    if arguments.coverage:
-        return _coverage(arguments)
-    if arguments.station:
-        from deltaswarm_orchestrator.bench.station_cost import measure_station
+    return speed.measure(arguments.agents, arguments.steps)
 
-        return measure_station(arguments.agents, arguments.steps, arguments.rounds)
-    if arguments.radio:
-        return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
-    if not arguments.scale:
-        return speed.measure(arguments.agents, arguments.steps)
+
+def _scale(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure how the cost of a step grows with the swarm, in one process."""
+    from deltaswarm_orchestrator.bench import scale
+
     found = scale.measure_scale(arguments.sizes or scale.SIZES, arguments.steps, arguments.rounds)
     if arguments.plot:
         from deltaswarm_orchestrator.report.plots.scale import scale as drawn
@@ -75,8 +70,15 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
     return found
 
 
+def _radio(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure what the radio models cost, in one process."""
+    from deltaswarm_orchestrator.bench import radio_cost
+
+    return radio_cost.measure_radio(arguments.agents, arguments.steps, arguments.rounds)
+
+
 def _coverage(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Measure how a command spreads; as text, the time until half and nine tenths of the agents know it."""
+    """Measure how fast a command of the operator spreads, in one process."""
     from deltaswarm_orchestrator.bench.coverage import measure_coverage
 
     found = measure_coverage(arguments.rounds)
@@ -87,10 +89,29 @@ def _coverage(arguments: argparse.Namespace) -> dict[str, Any]:
         save(coverage(found), arguments.plot)
     if arguments.json:
         return found
-    for row in found["rows"]:
+    for row in found["rows"]:  # as text, the time until half and nine tenths of the agents know it
         shares = row.pop("share_known")
         for share in (0.5, 0.9):
             reached = (step * found["step_s"] for step, known in enumerate(shares) if known >= share)
             row[f"{share:.0%}_know_after_s"] = next(reached, None)
         row["known_at_end"] = shares[-1]
     return found
+
+
+def _station(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Measure what the operator's station and its pages cost a run."""
+    from deltaswarm_orchestrator.bench.station_cost import measure_station
+
+    return measure_station(arguments.agents, arguments.steps, arguments.rounds)
+
+
+MEASUREMENTS = {
+    "run": (_run, ("--agents", "--steps")),
+    "scale": (_scale, ("--sizes", "--steps", "--rounds", "--plot")),
+    "radio": (_radio, ("--agents", "--steps", "--rounds")),
+    "coverage": (_coverage, ("--rounds", "--plot")),
+    "station": (_station, ("--agents", "--steps", "--rounds")),
+}
+"""Each measurement, described by its docstring, and its options besides `--json`."""
+
+WITH_PROCESSES = ("run", "station")
