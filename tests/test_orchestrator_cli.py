@@ -13,6 +13,7 @@ from typing import Any
 import pytest
 from packaging.requirements import Requirement
 
+from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, MISSED, OK, USAGE
 from deltaswarm_orchestrator.bench import doctor
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.results.folder import RunFolder
@@ -73,13 +74,13 @@ def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch)
 
 
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
-    """In a line, also where the command itself has nothing to say of it; exit code 1."""
+    """In a line, also where the command itself has nothing to say of it; exit code 130."""
 
     def interrupted(arguments: object) -> int:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", interrupted)
-    assert main(["run", "paper-25"]) == 1
+    assert main(["run", "paper-25"]) == 130
     assert capsys.readouterr().err == "deltaswarm: interrupted\n"
 
 
@@ -120,6 +121,14 @@ def test_every_command_explains_itself(command: str, capsys: Printed) -> None:
     """With --help, and exit code 0."""
     assert refused(*command.split(), "--help") == 0
     assert capsys.readouterr().out.startswith("usage: ")
+
+
+def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
+    """A line each, from the table that the commands use."""
+    assert refused("--help") == 0
+    lines = [line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines()]
+    assert all([str(code), meaning] in lines for code, meaning in EXIT_CODES.items())
+    assert {OK, FAILED, USAGE, MISSED, INTERRUPTED} == set(EXIT_CODES)
 
 
 def test_a_wrong_scenario_ends_with_2(capsys: Printed) -> None:

@@ -76,12 +76,12 @@ EARLY: dict[str, Callable[[RunningSwarm], Callable[[], object]]] = {
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 @pytest.mark.parametrize("moment", EARLY)
 def test_a_signal_while_it_starts_ends_it_with_a_line(moment: str, number: signal.Signals, tmp_path: Path) -> None:
-    """Wherever it has come to: exit code 1, a line and no traceback, no process, no table of zeros."""
+    """Wherever it has come to: exit code 130, a line and no traceback, no process, no table of zeros."""
     with running(tmp_path / "run", *IMPATIENT) as swarm:
         wait_until(EARLY[moment](swarm), moment)
         os.kill(swarm.process.pid, number)
         code, printed, errors = swarm.finish()
-    assert code == 1
+    assert code == 130
     assert "Traceback" not in errors
     assert number.name in errors
     steps = 0 if not (swarm.out / "summary.json").exists() else swarm.summary()["steps"]
@@ -163,7 +163,7 @@ def test_a_second_signal_waits_for_nothing(tmp_path: Path) -> None:
         began = time.monotonic()
         code, _, errors = swarm.finish()
         assert time.monotonic() - began < BOUND_S
-    assert code == 1
+    assert code == 130
     assert "Traceback" not in errors
     wait_until(lambda: not any(map(is_running, pids.values())), "the end of all")
 
@@ -219,7 +219,7 @@ def test_signals_during_the_conclusion_come_too_late(stopped: bool, tmp_path: Pa
                 os.kill(swarm.process.pid, number)
         code, errors = ends_by_itself(swarm)
     manifest, summary = swarm.manifest(), swarm.summary()
-    assert code == int(stopped), errors
+    assert code == (130 if stopped else 0), errors
     assert manifest["exit_reason"] == summary["exit_reason"] == ("stopped by SIGINT" if stopped else "finished")
     assert manifest["complete"] == summary["complete"] == summary["valid"] == (not stopped)
 
@@ -280,7 +280,7 @@ def test_a_signal_too_late_for_one_thing_is_in_time_for_the_next() -> None:
         "begin_anew()\n"
     )
     ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
-    assert ended.returncode == 1
+    assert ended.returncode == 130
     assert "SIGINT" in ended.stderr
 
 
@@ -293,7 +293,7 @@ def test_a_signal_ends_a_slow_tick(tmp_path: Path) -> None:
         swarm.process.stderr.readline()  # how the run goes, in its first step
         swarm.interrupt()
         code, _ = ends_by_itself(swarm)
-    assert code == 1
+    assert code == 130
     assert swarm.summary()["steps"] >= 1
     assert (swarm.out / "events.csv").read_text().count("\n") > 1
 

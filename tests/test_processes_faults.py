@@ -109,7 +109,7 @@ def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
         pids = swarm.pids
         os.killpg(swarm.process.pid, signal.SIGINT)
         code, _, errors = swarm.finish(BOUND_S)
-        assert code == 1
+        assert code == 130
         assert "agent" not in errors.partition("not valid")[0].rpartition("messages/s")[2]
         assert not any(map(is_running, pids.values()))
 

@@ -22,7 +22,7 @@ def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_pat
         swarm.wait_for_steps(1)
         swarm.interrupt()
         code, _ = ends_by_itself(swarm)
-    assert code == 1
+    assert code == 130
     assert swarm.manifest()["exit_reason"] == "stopped by SIGINT"
     wait_until(lambda: not any(map(is_running, (*pids.values(), fork_server))), "the end of all")
 

@@ -53,7 +53,7 @@ def test_a_run_leaves_no_shared_memory(tmp_path: Path, is_interrupted: bool) -> 
             swarm.wait_for_steps(5)
             swarm.interrupt(signal.SIGINT)
         code, _, errors = swarm.finish()
-        assert code == (1 if is_interrupted else 0), errors
+        assert code == (130 if is_interrupted else 0), errors
         assert list(shared.iterdir()) == []
 
 

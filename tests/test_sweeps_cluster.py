@@ -141,7 +141,7 @@ def test_a_cluster_without_workers_is_waited_for(cluster: Cluster, tmp_path: Pat
         assert re.match(f"deltaswarm: .*{cluster.address} .*no workers", said)
         running.process.send_signal(signal.SIGINT)
         code, _, errors = running.finish(BOUND_S)
-        assert code == 1
+        assert code == 130
         assert "0 of 6 runs" in errors
         assert "Traceback" not in errors
 
@@ -233,7 +233,7 @@ def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signa
         wait_until(lambda: len(marked(running.mark)) >= 3, "the workers")
         running.process.send_signal(number)
         code, _, errors = running.finish(BOUND_S)
-        assert code == (1 if number == signal.SIGINT else -9)
+        assert code == (130 if number == signal.SIGINT else -9)
         if number == signal.SIGINT:  # workers whose sweep was killed may complain of it
             assert "Traceback" not in errors
         all_gone(running.mark)

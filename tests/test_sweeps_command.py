@@ -28,13 +28,13 @@ def table(out: Path) -> bytes:
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_ends_a_sweep_in_order(tmp_path: Path, number: signal.Signals) -> None:
-    """Soon, with exit code 1: what is finished is in the table, the rest is said to be missing, no process is left."""
+    """Soon, with exit code 130: the table has what is finished, the rest is said to be missing, no process is left."""
     file = written(tmp_path, duration_s=200.0, repeats=1000)
     with sweeping(file, tmp_path / "out", "-j", "2") as running:
         running.wait_for_runs(2)
         running.process.send_signal(number)
         code, printed, errors = running.finish()
-        assert code == 1
+        assert code == 130
         assert "Traceback" not in errors
         assert " of 3000 runs; " in errors.splitlines()[-1]
         assert " of 3000 runs in " in printed
@@ -50,7 +50,7 @@ def test_a_signal_ends_the_swarms_of_a_sweep_too(tmp_path: Path) -> None:
         wait_until(lambda: len(marked(running.mark)) >= 21, "all processes")
         running.process.send_signal(signal.SIGINT)
         code, _, errors = running.finish()
-        assert code == 1
+        assert code == 130
         assert "0 of 6 runs" in errors
         assert "Traceback" not in errors
         all_gone(running.mark)

@@ -2,8 +2,16 @@
 
 import sys
 
-OK, FAILED, USAGE, MISSED = 0, 1, 2, 3
-"""Success; a run failed; wrong usage or scenario; a claim missed its tolerance."""
+OK, FAILED, USAGE, MISSED, INTERRUPTED = 0, 1, 2, 3, 130
+
+EXIT_CODES = {
+    OK: "success",
+    FAILED: "a run failed or is not valid, or a result is incomplete",
+    USAGE: "wrong usage, a name that does not exist, or an invalid scenario or file",
+    MISSED: "a claim, finding or published number did not hold",
+    INTERRUPTED: "interrupted by Ctrl-C, SIGTERM or a closed terminal",
+}
+"""What the exit codes of all commands mean."""
 
 
 class CommandError(Exception):

@@ -8,11 +8,13 @@ from collections.abc import Container, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from deltaswarm_orchestrator.base.exits import INTERRUPTED
+
 STOP_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 class _EndAtOnce:
-    """A signal handler for when there is nothing to shut down: it prints one line and exits with code 1.
+    """A signal handler for when there is nothing to shut down: it prints one line and exits with code 130.
 
     Once the exit code is decided, the first signal is too late and only noted. The second one ends the process with
     that code, since the reader of its output may have stopped reading.
@@ -25,7 +27,7 @@ class _EndAtOnce:
     def __call__(self, number: int, frame: FrameType | None) -> None:
         if self.code is None:
             os.write(2, f"deltaswarm: stopped by {signal.Signals(number).name}\n".encode())
-            os._exit(1)
+            os._exit(INTERRUPTED)
         if self.late is not None:
             os._exit(self.code)
         self.late = number
@@ -77,7 +79,7 @@ def stoppable() -> Iterator[Stop]:
 
 
 def end_at_once_on_signals() -> None:
-    """Let stop signals end the process with one line and exit code 1, while there is nothing to shut down."""
+    """Let stop signals end the process with one line and exit code 130, while there is nothing to shut down."""
     for number in _heeded():
         signal.signal(number, _end_at_once)
     atexit.register(_ignore_signals)

@@ -7,7 +7,7 @@ import select
 import sys
 from collections.abc import Sequence
 
-from deltaswarm_orchestrator.base.exits import FAILED, USAGE, CommandError, complain
+from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, USAGE, CommandError, complain
 from deltaswarm_orchestrator.base.signals import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
@@ -41,8 +41,9 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     """Return the parser of the command line: all commands, and the arguments of `command`."""
     made = Parser(
         prog="deltaswarm",
-        description="A human-swarm testbed: agents as processes, coordination by messages, workload measured.",
-        epilog="Exit codes: 0 success, 1 a run failed, 2 usage or scenario, 3 a claim missed its tolerance.",
+        description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
+        epilog="\n".join(["exit codes:", *(f"  {code:<3}  {meaning}" for code, meaning in EXIT_CODES.items())]),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
@@ -89,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
-        return FAILED
+        return INTERRUPTED
 
 
 def _reader_is_gone() -> bool:

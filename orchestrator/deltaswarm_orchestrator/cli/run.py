@@ -181,7 +181,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     elif not result.summary["steps"]:
         complain(f"{result.exit_reason}: no step is on file; see {result.folder}")
-        return FAILED
+        return result.code
     else:
         Console().print(result_table(result.summary))
         print(result.folder)
@@ -192,7 +192,7 @@ def run(arguments: argparse.Namespace) -> int:
         complain(f"{overruns} steps took longer than real time")
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
-    return OK if result.summary["valid"] else FAILED
+    return result.code
 
 
 def _or(value: Number | None, default: Number) -> Number:

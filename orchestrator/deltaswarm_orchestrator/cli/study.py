@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, MISSED, OK, USAGE, CommandError, complain
-from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain
+from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,7 +100,7 @@ def study(arguments: argparse.Namespace) -> int:
         print(f"{arguments.study}: {index}", file=sys.stderr)
     if arguments.json:
         print(json.dumps(told if is_collection else told[0] if told else None))
-    return max(codes, key=(OK, MISSED, FAILED, USAGE).index, default=FAILED)
+    return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
 
 
 def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
@@ -180,5 +180,6 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
             complain(f"{one.name}: {taken} runs are taken from other studies")
     result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
     if not result.is_well:
-        raise CommandError(f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page", FAILED)
+        told = f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page"
+        raise CommandError(told, exit_code_of(result))
     return Evidence.of_sweep(one, result.table, result.series), provenance_of(one, result.manifest)

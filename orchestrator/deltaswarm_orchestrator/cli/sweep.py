@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.cli.arguments import whole
 
@@ -63,7 +63,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         print(json.dumps({"folder": str(folder), **result.manifest, "well": result.is_well}))
     else:
         print(described(result))
-    return OK if result.is_well else FAILED
+    return exit_code_of(result)
 
 
 def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool) -> "SweepResult":
@@ -98,6 +98,11 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     for line in told:
         complain(line)
     return result
+
+
+def exit_code_of(result: "SweepResult") -> int:
+    """Return the exit code that tells how a sweep ended."""
+    return OK if result.is_well else INTERRUPTED if result.interrupted else FAILED
 
 
 def _is_outdated(report: Path, digest: str | None) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import disk, provenance
 from deltaswarm_orchestrator.base.disk import RoomError
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import Boards, commands
 from deltaswarm_orchestrator.live.datagrams import ResearcherFeed
@@ -36,6 +36,7 @@ from deltaswarm_wire import checked, checkpoint
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import sync_folder
 
+STOPPED_BY = "stopped by"
 AT_ONCE = "a second signal ended the run at once"
 
 
@@ -72,6 +73,13 @@ class RunResult:
     messages: tuple[str, ...]
     """Messages for the user: what went wrong, the last lines of logs, and how to resume."""
 
+    @property
+    def code(self) -> int:
+        """The exit code that tells how the run ended."""
+        if self.summary["valid"]:
+            return OK
+        return INTERRUPTED if self.exit_reason.startswith(STOPPED_BY) else FAILED
+
 
 def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
     """Do one run and write its folder.
@@ -92,7 +100,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
             with disk.room_in(options.out), _viewer(scenario, options, reporter) as viewer:
                 return _run(scenario, options, reporter, stop, viewer)
         except KeyboardInterrupt:
-            raise CommandError(f"stopped by {stop.by}", FAILED) from None
+            raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
 
 def _run(
@@ -186,10 +194,11 @@ class _Run:
         self._folder.write_manifest(self._manifest)  # first: without it nobody knows how the run ended
         run_tables.write_json(folder / "summary.json", summary)
         path = self._folder.finish()
-        decide(OK if summary["valid"] else FAILED)
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
         messages = (*self._why, *self._logs, *hint)
-        return RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
+        result = RunResult(path, summary, str(self._manifest["exit_reason"]), messages)
+        decide(result.code)
+        return result
 
     def _begin(self) -> None:
         """Prepare the folder for the first step."""
@@ -333,7 +342,7 @@ class _Run:
             self._outcome = run_tables.read_outcome(self._folder.path)
         summary = run_tables.summary(self._outcome, self._scenario)
         by = self._stop.by
-        reason = "finished" if summary["complete"] else f"stopped by {by}" if by else "failed"
+        reason = "finished" if summary["complete"] else f"{STOPPED_BY} {by}" if by else "failed"
         if not summary["complete"]:
             summary["invalid_because"][0] += f": {reason}"
         ending = {
