@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -57,6 +58,38 @@ def test_a_slip_of_the_pen_is_understood(command: str, meant: str, capsys: Print
     """Commands, options, scenarios and the rest: the name that was probably meant is offered, with exit code 2."""
     assert code_of(command) == 2
     assert f"did you mean {meant!r}?" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        *("run nosuch", "run --resume nosuch", "run smoke --commands nosuch", "sweep nosuch", "study nosuch"),
+        *("session nosuch --participant 1", "report nosuch", "info nosuch", "why nosuch 1 2 --at 3", "replay nosuch"),
+        *("export nosuch --format csv", "station nosuch", "top nosuch --json"),
+    ],
+)
+def test_a_name_that_does_not_exist_is_said_with_where_it_was_looked_for(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """One line with the full path; exit code 2, and nothing is made."""
+    monkeypatch.chdir(tmp_path)
+    assert main(command.split()) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert str(tmp_path / "nosuch") in line
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("command", ["info", "replay", "export --format csv"])
+def test_the_folder_that_was_probably_meant_is_offered(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """A neighbour with a similar name, or what is left of an interrupted run."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "lossy-1").mkdir()
+    (tmp_path / "clear.part").mkdir()
+    for given, meant in (("losy-1", "lossy-1"), ("clear", "clear.part")):
+        assert main([*command.split(), given]) == 2
+        assert meant in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

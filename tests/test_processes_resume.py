@@ -200,7 +200,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--resume", "nowhere"], "(got nowhere)"),
+        (["--resume", "nowhere"], "nowhere"),
         (["--resume", "nowhere", "--seed", "3"], "without --seed"),
         (["smoke", "--checkpoint", "5", "--in-process"], "--in-process must be given without --checkpoint"),
         (["smoke", "--checkpoint", "0"], "--checkpoint: must be at least 1 (got '0')"),

@@ -276,9 +276,9 @@ def test_a_wrong_key_of_the_sweep_hides_no_other_mistake() -> None:
     ("other", "message"),
     [
         ({"schema": 2}, "schema: 2"),
-        ({"base": "no-such"}, "base: 'no-such', which is not there"),
+        ({"base": "no-such"}, "base: 'no-such'; there is no file"),
         ({"base": "x" * 5000}, "base: 'xxx"),
-        ({"base": "a\0b"}, "base: 'a\\x00b', which is not there"),
+        ({"base": "a\0b"}, "base: 'a\\x00b'; there is no file"),
         ({"base": 3}, "base: 3"),
         ({"name": "a/b"}, "name: 'a/b'"),
         ({"name": ".."}, "name: '..'"),

@@ -2,9 +2,15 @@
 
 import argparse
 from collections.abc import Callable
+from pathlib import Path
 from typing import TypeVar
 
+from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_wire.checked import did_you_mean
+
 N = TypeVar("N", int, float)
+
+A_RUN = "the folder of a run"
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:
@@ -30,3 +36,21 @@ def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str
         return value
 
     return parsed
+
+
+def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> None:
+    """Check that there is something at a path; the message says where it was looked for.
+
+    With `or_part` it may also be at PATH.part, where a run is until it is complete.
+
+    Raises:
+        CommandError: there is nothing.
+    """
+    part = path.with_name(f"{path.name}.part") if path.name else path
+    if path.exists() or (or_part and part.exists()):
+        return
+    hint = f"; {part} has what is left of an interrupted run" if part.exists() else ""
+    if not hint and path.parent.is_dir():
+        near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
+        hint = near and f"; {near.strip()}"
+    raise CommandError(f"{name} must be {what} (got {str(path)!r}; there is nothing at {path.absolute()}{hint})")

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 
 FORMATS = ("csv", "rosbag2", "rrd", "mp4")
 
@@ -22,6 +23,7 @@ def export(arguments: argparse.Namespace) -> int:
     """Export a recording, and print where it is."""
     from deltaswarm_orchestrator.export import formats as exporting
 
+    must_exist(arguments.run, "RUN", f"{A_RUN}, or an MCAP recording")
     out = arguments.out or exporting.default_out(arguments.run, arguments.format)
     try:
         complete = exporting.export(arguments.run, arguments.format, out, force=arguments.force)

@@ -4,7 +4,8 @@ import argparse
 import json
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError
+from deltaswarm_orchestrator.base.exits import OK
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -18,10 +19,7 @@ def info(arguments: argparse.Namespace) -> int:
     """Describe a run from its folder."""
     from deltaswarm_orchestrator.inspect import info
 
-    if not arguments.folder.is_dir():
-        unfinished = arguments.folder.with_name(f"{arguments.folder.name}.part")
-        hint = f"; {unfinished} has what is left of an interrupted run" if unfinished.is_dir() else ""
-        raise CommandError(f"{arguments.folder} must be a run's folder{hint}")
+    must_exist(arguments.folder, "RUN", A_RUN)
     found = info.describe(arguments.folder)
     print(json.dumps(found) if arguments.json else info.text(found))
     return OK

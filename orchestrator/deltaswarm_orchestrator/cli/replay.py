@@ -6,6 +6,7 @@ import tempfile
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -22,6 +23,7 @@ def replay(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.recording.records import RecordingError
     from deltaswarm_orchestrator.recording.replay import write_steps
 
+    must_exist(arguments.run, "RUN", A_RUN)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
         steps = Path(folder) / "steps.msgpack"
         try:

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
+from deltaswarm_orchestrator.cli.arguments import must_exist
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -32,6 +33,7 @@ def report(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.sweeps.table import read_series, read_table
 
     folder: Path = arguments.sweep
+    must_exist(folder, "SWEEP", "the folder of a sweep")
     try:
         manifest = SweepFolder(folder).manifest()
         if manifest is None or "swept" not in manifest:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import number, whole
+from deltaswarm_orchestrator.cli.arguments import must_exist, number, whole
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
@@ -209,8 +209,10 @@ def _problem(arguments: argparse.Namespace) -> str | None:
     for name, (others, why) in EXCLUDES.items():
         if name in given and (refused := [_shown(other) for other in others if other in given]):
             return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
-    if arguments.resume is not None and not (arguments.resume / "scenario.toml").is_file():
-        return f"--resume must be the folder of an interrupted run (got {arguments.resume})"
+    if arguments.resume is not None:
+        must_exist(arguments.resume, "--resume", "the folder of an interrupted run")
+        if not (arguments.resume / "scenario.toml").is_file():
+            return f"--resume must be the folder of an interrupted run (got {arguments.resume})"
     return None
 
 

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 from deltaswarm_orchestrator.processes.station import address, open_browser
 
 
@@ -15,6 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def station(arguments: argparse.Namespace) -> int:
     """Print the address of the station's page of a run in progress, and open it in a browser if there is one."""
+    must_exist(arguments.run, "RUN", A_RUN, or_part=True)
     under_way = arguments.run.with_name(arguments.run.name + ".part")
     url = address(under_way)
     if url is None:

@@ -57,13 +57,8 @@ def study(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
     from deltaswarm_orchestrator.studies.plan import plan
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-    from deltaswarm_orchestrator.sweeps.load import BUILT_IN
     from deltaswarm_orchestrator.sweeps.runner import default_workers
-    from deltaswarm_wire.checked import did_you_mean
 
-    is_known = arguments.study in {*COLLECTIONS, *BUILT_IN} or Path(arguments.study).exists()
-    if not is_known and (hint := did_you_mean(arguments.study, COLLECTIONS)):
-        raise CommandError(f"there is no study {arguments.study!r}; {hint.strip()}")
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}
     studies = [load_study(name, arguments.set, settings) for name in names]

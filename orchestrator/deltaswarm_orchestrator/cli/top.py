@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, USAGE, complain
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 
 INSTALL_TOP = "pip install 'deltaswarm[top]'"
 
@@ -29,6 +30,8 @@ def top(arguments: argparse.Namespace) -> int:
     if not arguments.json and not (sys.stdin.isatty() and sys.stderr.isatty()):
         complain("top needs a terminal; with --json it prints one picture of the run")
         return USAGE
+    if arguments.run is not None:
+        must_exist(arguments.run, "RUN", A_RUN, or_part=True)
     try:
         if not arguments.json:
             from deltaswarm_orchestrator.top.app import Top

@@ -6,6 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
+from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
 from deltaswarm_wire.keys import OPERATOR
 
 
@@ -31,6 +32,7 @@ def why(arguments: argparse.Namespace) -> int:
     """Say whether one agent could hear another, and why not."""
     from deltaswarm_orchestrator.inspect import link_report
 
+    must_exist(arguments.folder, "RUN", A_RUN)
     answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
     print(json.dumps(asdict(answer)) if arguments.json else link_report.text(answer))
     if answer.differs_from_step is not None:

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import tomllib
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
@@ -74,7 +74,8 @@ def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
     try:
         table["command"] = tomllib.loads(file.read_text())["command"]
     except (OSError, ValueError, KeyError) as error:
-        return [Problem("--commands", str(file), f"must be a TOML file with [[command]] tables: {error!r}")]
+        reason = _instead_of_file(file) or ("it has none" if isinstance(error, KeyError) else str(error))
+        return [Problem("--commands", f"{str(file)!r}; {reason}", "must be a TOML file with [[command]] tables")]
     return []
 
 
@@ -148,9 +149,11 @@ def read_table(name: str, beside: Path = Path(), key: str = "scenario") -> dict[
 
 
 def read_toml(
-    key: str, name: str, built_in: Mapping[str, Traversable], beside: Path = Path()
+    key: str, name: str, built_in: Mapping[str, Traversable], beside: Path = Path(), also: Iterable[str] = ()
 ) -> tuple[dict[str, Any], Path | None]:
     """Read the table of a built-in file (path None) or of another file, and return it with the file's path.
+
+    `also` are other names that the user could have meant.
 
     Raises:
         SettingsError: there is no such file, it is not TOML, or it has no schema.
@@ -159,8 +162,9 @@ def read_toml(
         return tomllib.loads(built_in[name].read_text()), None
     path = beside / name
     if found := _instead_of_file(path):
-        allowed = f"{did_you_mean(name, built_in)}must be a TOML file or one of {', '.join(built_in)}"
-        raise SettingsError([Problem(key, f"{name!r}, which {found}", allowed)])
+        names = list(dict.fromkeys([*also, *built_in]))
+        allowed = f"must be a TOML file{' or one of ' if names else ''}{', '.join(names)}"
+        raise SettingsError([Problem(key, f"{name!r}; {did_you_mean(name, names)}{found}", allowed)])
     try:
         table = tomllib.loads(path.read_text())
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
@@ -173,9 +177,12 @@ def read_toml(
 def _instead_of_file(path: Path) -> str:
     """Say what is at a path that must be a file; empty if it is a file."""
     try:
-        return "" if path.is_file() else "is a folder" if path.is_dir() else "is not there"
+        if path.is_file():
+            return ""
+        is_folder = path.is_dir()
     except (OSError, ValueError):  # a name that is too long, or a folder that may not be read
-        return "is not there"
+        is_folder = False
+    return f"{path.absolute()} is a folder" if is_folder else f"there is no file {path.absolute()}"
 
 
 def _resolve_grid(table: dict[str, Any], folder: Path) -> None:

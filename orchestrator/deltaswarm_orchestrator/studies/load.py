@@ -26,7 +26,7 @@ def load_study(
         SettingsError: Every mistake in the sweep and in the study's own tables; if there are none, names of factors,
             levels, variants, metrics or results that do not exist, and times that do not fit.
     """
-    table, _ = read_file(name)
+    table, _ = read_file(name, "study", COLLECTIONS)
     file, problems = checked.check(StudyFile, {key: value for key, value in table.items() if key in STUDY_TABLES})
     try:
         sweep = load_sweep(name, overrides, settings)

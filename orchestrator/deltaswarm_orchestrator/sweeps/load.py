@@ -104,13 +104,15 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     return Sweep(replace(file, base=kept, scenario=shared), variants, factors)
 
 
-def read_file(name: str) -> tuple[dict[str, Any], Path]:
+def read_file(name: str, key: str = "sweep", also: Iterable[str] = ()) -> tuple[dict[str, Any], Path]:
     """Read a sweep or study from a file or by its built-in name; return its table and the folder of its paths.
+
+    `key` and `also` are for the message about a name that does not exist, as for `read_toml`.
 
     Raises:
         SettingsError: the file does not exist or is not TOML.
     """
-    table, path = scenarios.read_toml("sweep", name, BUILT_IN)
+    table, path = scenarios.read_toml(key, name, BUILT_IN, also=also)
     table.pop("session", None)  # for participants; does not change a run
     return (table, Path()) if path is None else ({"name": path.stem, **table}, path.parent)
 
