@@ -291,3 +291,22 @@ def test_what_no_single_key_shows_is_said_too(tmp_path: Path) -> None:
     table["events"] = {"density": {"mean_m": [500.0, 0.0]}}
     found = problems(written(tmp_path, tomli_w.dumps(table)))
     assert [problem.split()[0] for problem in found] == ["name", "events.density.mean_m", "control.d_min_m"]
+
+
+@pytest.mark.parametrize(
+    ("override", "exact"),
+    [
+        ("seed=-1", "9223372036854775807"),
+        ("run.duration_s=1234567.25", "1234567.25"),
+        ("run.duration_s=0.30000000000000004", "0.3"),
+        ("run.duration_s=1e9", "100000000"),
+        ("events.density.path_s=[0,12345678.5,12345677.5]", "12345678.5"),
+    ],
+)
+def test_numbers_in_messages_are_not_rounded(override: str, exact: str) -> None:
+    """Neither a limit nor what was found: a user who types a rounded limit would be refused again."""
+    path = "events.density.path_m=[[1,1],[2,2],[3,3]]"
+    with pytest.raises(SettingsError) as caught:
+        load_scenario("smoke", [override, *([path] if "path_s" in override else [])])
+    words = str(caught.value).replace("(", " ").replace(")", " ").replace(",", " ").split()
+    assert exact in words

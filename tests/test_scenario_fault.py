@@ -28,7 +28,7 @@ KILL = {"kind": "kill", "at_s": 5.0}
         ({"kind": "kill", "roots": True}, ("at_s", "nothing")),
         ({**KILL, "at_s": -1, "roots": True}, ("at_s", "-1")),
         ({**KILL, "at_s": 300, "roots": True}, ("at_s", "300")),
-        ({**KILL, "at_s": 1e9, "roots": True}, ("at_s", "1e+09")),
+        ({**KILL, "at_s": 1e9, "roots": True}, ("at_s", "1000000000")),
         ({**KILL, "agents": [1, 6, 9]}, ("agents", "6, 9")),
         ({**KILL, "agents": [-1]}, ("agents[0]", "-1")),
         ({**KILL, "agents": [1, 1]}, ("agents", "[1, 1]")),

@@ -182,7 +182,7 @@ def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Pat
     inbox = world._core.inbox
     inbox.begin(LAST)
     inbox.await_saved({2})  # an earlier checkpoint, for which it was late
-    world._core.lockstep.step = LAST
+    world._core.participants.step = LAST
     files = checkpoint.files(newest.parent / str(LAST), range(len(AGENTS)))
     newest.parent.mkdir()
 

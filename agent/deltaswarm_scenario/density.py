@@ -60,7 +60,7 @@ class ComponentSettings:
             counts = f"{len(self.path_s)} for {len(self.path_m)} waypoints"
             found.append(Problem("path_s", counts, "must have one time for each waypoint of path_m"))
         found += [
-            Problem(f"path_s[{index}]", f"{later:g}", f"must be at least the time before it, {earlier:g} s")
+            Problem(f"path_s[{index}]", f"{later:.15g}", f"must be at least the time before it, {earlier:.15g} s")
             for index, (earlier, later) in enumerate(pairwise(self.path_s), 1)
             if later < earlier
         ]
@@ -136,7 +136,7 @@ def density_problems(
     density: DensitySettings, size_m: tuple[float, float], obstacles: tuple[ObstacleSettings, ...]
 ) -> list[Problem]:
     """Check that events can occur at any time: means within the arena, and mass in it and outside obstacles."""
-    allowed = f"must be within the arena, {size_m[0]:g} m x {size_m[1]:g} m"
+    allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
     found = [
         Problem(f"events.density.{where}", _shown(mean), allowed)
         for where, mean in _means(density)
@@ -148,13 +148,13 @@ def density_problems(
 def room_problems(size_m: tuple[float, float], obstacles: tuple[ObstacleSettings, ...]) -> list[Problem]:
     """Check that obstacles leave room for agents."""
     free = free_share(size_m, obstacles)
-    allowed = f"must leave at least {100 * MIN_ROOM:g} % of the arena free"
+    allowed = f"must leave at least {100 * MIN_ROOM:.15g} % of the arena free"
     return [] if free >= MIN_ROOM else [Problem("arena.obstacles", f"{100 * free:.2g} %", allowed)]
 
 
 def share_problems(share: float, when: str = "") -> list[Problem]:
     """Check the share of a density's mass that is in the arena and outside obstacles."""
-    allowed = f"must have at least {100 * MIN_SHARE:g} % of its mass in the arena and outside obstacles"
+    allowed = f"must have at least {100 * MIN_SHARE:.15g} % of its mass in the arena and outside obstacles"
     return [] if share >= MIN_SHARE else [Problem("events.density", f"{100 * share:.2g} %{when}", allowed)]
 
 
@@ -179,7 +179,7 @@ def _mass_problems(
         normals = density.normals_at(time_s)
         if density.moves and share_inside(normals, size_m, obstacles, COARSE_SAMPLES) >= CLEAR_SHARE:
             continue
-        when = f" at {time_s:g} s" if density.moves else ""
+        when = f" at {time_s:.15g} s" if density.moves else ""
         if found := share_problems(share_inside(normals, size_m, obstacles), when):
             return found
     return ()

@@ -64,5 +64,5 @@ class CommandSettings:
 def downlink_problems(downlink: DownlinkSettings, uplink_base: Place | None) -> list[Problem]:
     """A range needs a base."""
     if downlink.range_m is not None and (downlink.base_m or uplink_base) is None:
-        return [Problem("downlink.range_m", f"{downlink.range_m:g}", "must have a base beside it: downlink.base_m")]
+        return [Problem("downlink.range_m", f"{downlink.range_m:.15g}", "must have a base beside it: downlink.base_m")]
     return []

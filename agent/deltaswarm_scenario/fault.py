@@ -96,7 +96,7 @@ class FaultSettings:
             found.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
         if kind.lasts == NEVER_ENDS and self.duration_s is not None:
             found.append(
-                Problem("duration_s", f"{self.duration_s:g}", f"must be left out for {self.kind}; restart takes it")
+                Problem("duration_s", f"{self.duration_s:.15g}", f"must be left out for {self.kind}; restart takes it")
             )
         return found
 
@@ -121,5 +121,5 @@ def fault_problems(faults: Sequence[FaultSettings], agents: int, steps: int, ste
             shown = ", ".join(map(str, strangers[:8])) + (", ..." if len(strangers) > 8 else "")
             found.append(Problem(f"{path}.agents", shown, f"must be from 0 to {agents - 1}"))
         if not (fault.at_s or 0.0) / step_s < steps or fault.begins(step_s) >= steps:
-            found.append(Problem(f"{path}.at_s", f"{fault.at_s:g}", f"must be before {steps * step_s:g} s"))
+            found.append(Problem(f"{path}.at_s", f"{fault.at_s:.15g}", f"must be before {steps * step_s:.15g} s"))
     return found

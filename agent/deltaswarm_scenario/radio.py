@@ -49,8 +49,8 @@ class PathLossSettings:
         """A frame must be receivable at 1 m."""
         at_1_m = self.tx_power_dbm - self.reference_loss_db
         if self.sensitivity_dbm > at_1_m:
-            allowed = f"must be at most the power received at 1 m, {at_1_m:g} dBm"
-            return [Problem("sensitivity_dbm", f"{self.sensitivity_dbm:g}", allowed)]
+            allowed = f"must be at most the power received at 1 m, {at_1_m:.15g} dBm"
+            return [Problem("sensitivity_dbm", f"{self.sensitivity_dbm:.15g}", allowed)]
         return []
 
 
@@ -199,7 +199,7 @@ class RadioSettings:
 def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: int, step_s: float) -> list[Problem]:
     """Check `[radio]` against the scenario: unknown agents, positions outside the arena, rates too small."""
     found = _range_problems(radio.ranges, agents)
-    allowed = f"must reach into the arena, {size_m[0]:g} m x {size_m[1]:g} m"
+    allowed = f"must reach into the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
     for index, wall in enumerate(radio.walls):
         if _gap_m(wall.a_m, wall.b_m, size_m) > 0:
             found.append(Problem(f"radio.walls[{index}]", f"{_shown(wall.a_m)} to {_shown(wall.b_m)}", allowed))
@@ -207,7 +207,7 @@ def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: in
         way = (jammer.center_m, *jammer.waypoints_m)
         legs = list(pairwise(way)) or [(way[0], way[0])]
         if min(_gap_m(a, b, size_m) for a, b in legs) > jammer.radius_m:
-            circle = f"{_shown(jammer.center_m)}, {jammer.radius_m:g} m"
+            circle = f"{_shown(jammer.center_m)}, {jammer.radius_m:.15g} m"
             found.append(Problem(f"radio.jammers[{index}]", circle, allowed))
     for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
         rate = getattr(radio.bandwidth, name)
@@ -215,7 +215,7 @@ def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: in
             needed = (
                 f"must be 0 or allow at least {LEAST_FRAME_BYTES} bytes in a step or in the queue, the smallest frame"
             )
-            found.append(Problem(f"radio.bandwidth.{name}", f"{rate:g}", needed))
+            found.append(Problem(f"radio.bandwidth.{name}", f"{rate:.15g}", needed))
     return found
 
 
@@ -239,7 +239,7 @@ def reversed_times(from_s: float, until_s: float | None) -> list[Problem]:
     """The end must be after the start."""
     if until_s is None or until_s > from_s:
         return []
-    return [Problem("until_s", f"{until_s:g}", f"must be above from_s, {from_s:g} s")]
+    return [Problem("until_s", f"{until_s:.15g}", f"must be above from_s, {from_s:.15g} s")]
 
 
 def _gap_m(a_m: Place, b_m: Place, size_m: tuple[float, float]) -> float:

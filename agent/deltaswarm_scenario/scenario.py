@@ -56,8 +56,8 @@ class RunSettings:
         """Check that a run has a whole number of steps."""
         if self.steps >= 1 and abs(self.steps * self.step_s - self.duration_s) <= 1e-9 * self.duration_s:
             return []
-        allowed = f"must be a whole number of steps of {self.step_s:g} s"
-        return [Problem("duration_s", f"{self.duration_s:g}", allowed)]
+        allowed = f"must be a whole number of steps of {self.step_s:.15g} s"
+        return [Problem("duration_s", f"{self.duration_s:.15g}", allowed)]
 
 
 @dataclass(frozen=True)

@@ -227,12 +227,12 @@ def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
     noun = {float: "a number", int: "an integer", str: "a string", bool: "true or false"}[hint]
     low, high = limits.get("low"), limits.get("high")
     if low is not None and high is not None:
-        return _limit(low) if low == high else f"{noun} from {_limit(low)} to {_limit(high)}"
+        return shown_limit(low) if low == high else f"{noun} from {shown_limit(low)} to {shown_limit(high)}"
     words = (("above", "above"), ("low", "of at least"), ("high", "at most"))
-    bounds = [f"{word} {_limit(limits[name])}" for name, word in words if limits.get(name) is not None]
+    bounds = [f"{word} {shown_limit(limits[name])}" for name, word in words if limits.get(name) is not None]
     return " ".join((noun, " and ".join(bounds))).rstrip()
 
 
-def _limit(limit: float) -> str:
+def shown_limit(limit: float) -> str:
     """Show whole numbers in full: a limit that is rounded is none."""
-    return str(limit) if isinstance(limit, int) else f"{limit:g}"
+    return str(limit) if isinstance(limit, int) else f"{limit:.15g}"

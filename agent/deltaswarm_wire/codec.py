@@ -105,7 +105,7 @@ def number(value: Any, low: float, high: float, field: str) -> float:
     if type(value) is not float and type(value) is not int:
         raise WireError(field, "be a number", type(value).__name__)
     if not low <= value <= high:
-        raise WireError(field, f"be from {low:g} to {high:g}", value)
+        raise WireError(field, f"be from {low:.15g} to {high:.15g}", value)
     return float(value)
 
 

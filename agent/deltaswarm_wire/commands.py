@@ -71,7 +71,7 @@ class ArgumentForm:
         kinds = (int,) if self.kind == "integer" else (int, float)
         if type(value) in kinds and self.low <= value <= self.high:
             return None
-        return f"{self.name} must be {_a(self.kind)} from {self.low:g} to {self.high:g} (got {value!r:.40})"
+        return f"{self.name} must be {_a(self.kind)} from {self.low:.15g} to {self.high:.15g} (got {value!r:.40})"
 
 
 @dataclass(frozen=True)

@@ -37,7 +37,7 @@ class ObstacleSettings:
         area_m2 = abs(signed_area_m2(corners))
         if area_m2 < LEAST_AREA_M2:
             allowed = "must enclose an area"
-            return [Problem("corners_m", f"{area_m2:g} m2", allowed)]
+            return [Problem("corners_m", f"{area_m2:.15g} m2", allowed)]
         if crossing := _crossing_edges(corners):
             first, second = crossing
             allowed = "must be in order along the edge"
@@ -66,7 +66,7 @@ def is_inside(place: Sequence[float], corners: Sequence[Place]) -> bool:
 
 def obstacle_problems(obstacles: Sequence[ObstacleSettings], size_m: tuple[float, float]) -> list[Problem]:
     """Check obstacles against the arena: corners must be within it."""
-    allowed = f"must be within the arena, {size_m[0]:g} m x {size_m[1]:g} m"
+    allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
     return [
         Problem(f"arena.obstacles[{index}].corners_m[{number}]", str(plain_value(corner)), allowed)
         for index, obstacle in enumerate(obstacles)

@@ -6,6 +6,8 @@ from typing import Any
 
 from sphinx.application import Sphinx
 
+from deltaswarm_wire.checked import shown_limit
+
 
 def add_fields(app: Sphinx, what: str, name: str, found: Any, options: Any, lines: list[str]) -> None:
     """Append the keys of a class of settings, each with what `key` says of it."""
@@ -17,7 +19,7 @@ def add_fields(app: Sphinx, what: str, name: str, found: Any, options: Any, line
 def meaning(metadata: Mapping[str, Any]) -> str:
     """What a key means, and which values it takes."""
     names = {"above": "above", "low": "at least", "high": "at most", "length": "length"}
-    limits = [f"{text} {metadata[name]:g}" for name, text in names.items() if metadata.get(name) is not None]
+    limits = [f"{text} {shown_limit(metadata[name])}" for name, text in names.items() if metadata.get(name) is not None]
     if metadata.get("choices"):
         limits.append(f"one of {', '.join(metadata['choices'])}")
     return f"{metadata['doc']} ({', '.join(limits)})" if limits else str(metadata["doc"])

@@ -161,7 +161,7 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     if not connect and not listen:
         raise ValueError(f"{NO_WORLD} needs --listen or --connect")
     if not arguments.status_every_s > 0:
-        raise ValueError(f"--status-every-s must be above 0 (got {arguments.status_every_s:g})")
+        raise ValueError(f"--status-every-s must be above 0 (got {arguments.status_every_s:.15g})")
     tls = tls_of([*connect, *listen], arguments.ca, arguments.certificate, arguments.key)
     if tls is not None:
         from deltaswarm_wire.certificate import certificate_problem  # no other operator needs ssl

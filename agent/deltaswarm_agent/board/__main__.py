@@ -50,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = read_settings(arguments.file)
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
         if not 0 < run.accelerate <= MAX_ACCELERATE:
-            found = f"{run.accelerate:g}"
-            raise SettingsError([Problem("--accelerate", found, f"must be above 0 and at most {MAX_ACCELERATE:g}")])
+            found = f"{run.accelerate:.15g}"
+            raise SettingsError([Problem("--accelerate", found, f"must be above 0 and at most {MAX_ACCELERATE:.15g}")])
         if not 1 <= run.steps <= MAX_STEP:
             raise SettingsError([Problem("--steps", str(run.steps), f"must be from 1 to {MAX_STEP}")])
         if settings.body.kind == WORLD_BODY:

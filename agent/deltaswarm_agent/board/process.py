@@ -69,7 +69,7 @@ class BoardRun:
         options_of(body, self.settings.body.options)
         if body.REAL_TIME and self.accelerate != 1.0:
             raise SettingsError(
-                [Problem("--accelerate", f"{self.accelerate:g}", f"must be 1 for {body.__name__}, a real body")]
+                [Problem("--accelerate", f"{self.accelerate:.15g}", f"must be 1 for {body.__name__}, a real body")]
             )
         if self.settings.log.record != "off":
             _recorder_class()

@@ -72,7 +72,7 @@ def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledE
         except ValueError:
             value = math.nan
         if not low <= value <= high:
-            raise ValueError(f"line {line}: {name} must be a number from {low:g} to {high:g} (got {text!r})")
+            raise ValueError(f"line {line}: {name} must be a number from {low:.15g} to {high:.15g} (got {text!r})")
         return value
 
     event = number("event", 0, MAX_ID)
@@ -87,7 +87,7 @@ def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledE
         number("work_s", 0.0, math.inf, math.inf),
     )
     if made.until_s <= made.from_s:
-        raise ValueError(f"line {line}: until_s must be above from_s, {made.from_s:g} s (got {made.until_s:g})")
+        raise ValueError(f"line {line}: until_s must be above from_s, {made.from_s:.15g} s (got {made.until_s:.15g})")
     return made
 
 

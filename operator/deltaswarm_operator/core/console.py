@@ -267,7 +267,7 @@ class Console:
         if "speed" in raw:
             speed = float(raw["speed"])
             if not 0.0 <= speed <= 1000.0:
-                raise ValueError(f"the speed must be from 0 to 1000 (got {speed:g})")
+                raise ValueError(f"the speed must be from 0 to 1000 (got {speed:.15g})")
             self.pace = self.pace._replace(speed=speed)
         elif "steps" in raw:
             steps = int(raw["steps"])

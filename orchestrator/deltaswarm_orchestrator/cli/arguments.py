@@ -24,7 +24,7 @@ def number(least: float, most: float | None = None) -> Callable[[str], float]:
 
 
 def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str], N]:
-    limits = f"at least {least}" if most is None else f"{least} to {most}"
+    limits = f"at least {least}" if most is None else f"from {least} to {most}"
 
     def parsed(text: str) -> N:
         try:

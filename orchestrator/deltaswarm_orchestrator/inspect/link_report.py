@@ -61,7 +61,7 @@ def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) ->
     if sender == receiver:
         found.append(Problem("B", str(receiver), "must be another agent than A"))
     if not 0 <= at_s < end_s:
-        found.append(Problem("--at", f"{at_s:g}", f"must be at least 0 and below {end_s:g} s"))
+        found.append(Problem("--at", f"{at_s:.15g}", f"must be at least 0 and below {end_s:.15g} s"))
     if found:
         raise SettingsError(found)
 

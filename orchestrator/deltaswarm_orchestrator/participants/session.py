@@ -105,7 +105,7 @@ def _planned(
     sets = [*condition.set, *(f"operator.probes.{key}={dumps(value)}" for key, value in own.items())]
     seed = _seed(settings.seed, participant, place)
     scenarios.load_scenario(name, sets, seed)
-    words = [name, "--station", "--speed", f"{settings.speed:g}", "--seed", str(seed)]
+    words = [name, "--station", "--speed", f"{settings.speed:.15g}", "--seed", str(seed)]
     arguments = (*words, *(word for one in sets for word in ("--set", one)))
     return PlannedRun(condition.label, f"{place}-{condition.label.replace(' ', '-')}", arguments)
 

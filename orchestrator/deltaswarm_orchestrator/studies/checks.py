@@ -173,7 +173,7 @@ def _times(study: Study) -> Iterator[Problem]:
         for name in used_metrics(study):
             if study.metrics[name].kind == COLUMN:
                 yield Problem(
-                    "study.from_s", f"{own.from_s:g}", f"cannot be applied to {name!r}, which has no time series"
+                    "study.from_s", f"{own.from_s:.15g}", f"cannot be applied to {name!r}, which has no time series"
                 )
     horizon_s = max(scenario.metrics.horizon_s for scenario in scenarios)
     for name in used_metrics(study):
@@ -181,9 +181,9 @@ def _times(study: Study) -> Iterator[Problem]:
         of = metric.of or name
         if of in PER_EVENT and metric.from_s + horizon_s >= end_s:
             allowed = (
-                f"must be less than {end_s - metric.from_s:g} for {name!r}: no event could be followed for so long"
+                f"must be less than {end_s - metric.from_s:.15g} for {name!r}: no event could be followed for so long"
             )
-            yield Problem("metrics.horizon_s", f"{horizon_s:g}", allowed)
+            yield Problem("metrics.horizon_s", f"{horizon_s:.15g}", allowed)
 
 
 def _stretch(where: str, from_s: float, until_s: float | None, every_s: float, end_s: float) -> Iterator[Problem]:
@@ -194,16 +194,16 @@ def _stretch(where: str, from_s: float, until_s: float | None, every_s: float, e
     if from_s >= end_s:
         yield _past_the_end(f"{where}.from_s", from_s, end_s)
     elif until_s is not None and until_s <= from_s:
-        yield Problem(f"{where}.until_s", f"{until_s:g}", f"must be after {where}.from_s, {from_s:g} s")
+        yield Problem(f"{where}.until_s", f"{until_s:.15g}", f"must be after {where}.from_s, {from_s:.15g} s")
 
 
 def _not_whole(where: str, time_s: float, every_s: float) -> Iterator[Problem]:
     if not math.isclose(time_s / every_s, round(time_s / every_s), rel_tol=1e-9, abs_tol=1e-9):
-        yield Problem(where, f"{time_s:g}", f"must be a multiple of sweep.series_every_s, {every_s:g} s")
+        yield Problem(where, f"{time_s:.15g}", f"must be a multiple of sweep.series_every_s, {every_s:.15g} s")
 
 
 def _past_the_end(where: str, time_s: float, end_s: float) -> Problem:
-    return Problem(where, f"{time_s:g}", f"must be before the end of the runs, {end_s:g} s")
+    return Problem(where, f"{time_s:.15g}", f"must be before the end of the runs, {end_s:.15g} s")
 
 
 # Columns and comparisons

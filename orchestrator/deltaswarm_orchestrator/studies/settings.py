@@ -62,7 +62,7 @@ class ContrastSettings:
         found = [*_problem_of_id(self.id), *_problems_of_pairs("pairs", self.pairs)]
         found += _problems_of_pairs("across_pairs", self.across_pairs)
         if self.margin != 0 and not self.margin > 1:
-            found.append(Problem("margin", f"{self.margin:g}", "must be a ratio above 1, or 0"))
+            found.append(Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0"))
         if bool(self.reference) == bool(self.pairs):
             found.append(Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs"))
         if self.across and not self.across_pairs:
@@ -111,7 +111,7 @@ class ClaimSettings:
             if not value
         ]
         if bool(self.iqr) != bool(self.n):
-            found.append(Problem("iqr", f"iqr {self.iqr:g}, n {self.n}", "must be given together with n"))
+            found.append(Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n"))
         named = self.variants or self.predictors
         if len(set(named)) < len(named):
             found.append(Problem("b" if self.kind == "alike" else "more", named[0], "must be another one"))

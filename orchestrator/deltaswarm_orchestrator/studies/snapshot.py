@@ -14,7 +14,7 @@ def snapshot(scenario: Scenario, time_s: float) -> Snapshot:
     """
     last = round(time_s / scenario.run.step_s)
     if not 0 <= last < scenario.run.steps:
-        raise ValueError(f"a run of {scenario.run.duration_s:g} s has no step at {time_s:g} s")
+        raise ValueError(f"a run of {scenario.run.duration_s:.15g} s has no step at {time_s:.15g} s")
     swarm = InProcess(scenario)
     for step in range(last):
         swarm.step(step, False)

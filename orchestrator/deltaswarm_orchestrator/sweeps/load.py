@@ -90,7 +90,7 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
     variants, found = _variants({**base, "record": "off"}, rows)
     problems += found if rows else scenarios.check_table(base)[1]
     problems += [
-        Problem("sweep.series_every_s", f"{every_s:g}", f"must be a whole number of steps of {step_s:g} s")
+        Problem("sweep.series_every_s", f"{every_s:.15g}", f"must be a whole number of steps of {step_s:.15g} s")
         for every_s in [file.sweep.series_every_s]
         for step_s in dict.fromkeys(variant.scenario.run.step_s for variant in variants)
         if not math.isclose(every_s / step_s, round(every_s / step_s), rel_tol=1e-9)

@@ -44,7 +44,7 @@ class CentralSettings:
         across_m = math.hypot(shared.width_m, shared.height_m)
         if shared.range_m < across_m:
             allowed = f"needs radio.range_m of at least {across_m:.1f} m: every agent must hear agent {PLANNER}"
-            return [Problem("mode", f"'central' with {shared.range_m:g} m", allowed)]
+            return [Problem("mode", f"'central' with {shared.range_m:.15g} m", allowed)]
         if shared.obstacles:
             return [Problem("mode", "'central' with obstacles", "needs an arena without: it plans straight ways")]
         return []

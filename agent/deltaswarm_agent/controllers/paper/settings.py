@@ -70,4 +70,4 @@ class PaperSettings:
         """Members of a tree must be able to hear each other."""
         if self.d_min_m < shared.range_m:
             return []
-        return [Problem("d_min_m", f"{self.d_min_m:g}", f"must be below the radio's range, {shared.range_m:g} m")]
+        return [Problem("d_min_m", f"{self.d_min_m:.15g}", f"must be below the radio's range, {shared.range_m:.15g} m")]
