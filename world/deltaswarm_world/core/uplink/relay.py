@@ -1,9 +1,9 @@
 """The relay: members of a tree forward reports from senders out of the base's range.
 
 It is a model in the world, not a protocol of agents: it takes trees from the agents' last acts and links from their
-positions. A report moves one hop per step over links open at the time (reach, blackouts, walls, jammers, asymmetry; no
-chance), towards the member with the fewest hops to a member within the base's range. Without a path it waits. Each hop
-has the uplink's loss.
+positions. A report moves one hop per step over links open at the time (reach, blackouts, walls, obstacles, jammers,
+asymmetry; no chance), towards the member with the fewest hops to a member within the base's range. Without a path it
+waits. Each hop has the uplink's loss.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
