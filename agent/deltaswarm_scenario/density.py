@@ -86,7 +86,7 @@ class ComponentSettings:
 class DensitySettings:
     """The density of events, truncated to the arena and to what no obstacle covers."""
 
-    kind: str = key("gaussian", "the family", source=PAPER, choices=DENSITIES)
+    kind: str = key("gaussian", "family of the density", source=PAPER, choices=DENSITIES)
     mean_m: tuple[float, ...] = key((50.0, 50.0), "gaussian: mean [m]", source=PAPER, length=2)
     covariance_m2: tuple[tuple[float, ...], ...] = key(
         ((50.0, 0.0), (0.0, 50.0)), "gaussian: covariance [m2]", source=PAPER, length=2

@@ -18,30 +18,32 @@ FIRST_STEP = 2
 
 @dataclass(frozen=True)
 class DownlinkSettings:
-    """The way of commands from the operator's base to the agents, emulated by the world."""
+    """The radio link from the operator's base to the agents, emulated by the world."""
 
-    base_m: Place | None = key(None, "where the base is [m]; default: uplink.base_m", length=2)
-    range_m: float | None = key(None, "the base is heard up to here [m]; default: everywhere", above=0, high=1e6)
-    loss: float = key(0.0, "share of the base's frames that an agent does not hear", low=0, high=1)
-    latency_s: float = key(0.0, "least delay of a frame [s]", low=0, high=3600)
-    jitter_s: float = key(0.0, "more delay, uniform from 0 to this [s]", low=0, high=3600)
-    outages: tuple[BlackoutSettings, ...] = key((), "the base is not heard, as tables of from_s, until_s")
-    repeat_s: float = key(5.0, "the base repeats the commands that are alive this often [s]", above=0, high=3600)
+    base_m: Place | None = key(None, "position of the base [m]; default: uplink.base_m", length=2)
+    range_m: float | None = key(None, "range of the base [m]; default: unlimited", above=0, high=1e6)
+    loss: float = key(0.0, "share of the base's frames that an agent loses", low=0, high=1)
+    latency_s: float = key(0.0, "minimum delay of a frame [s]", low=0, high=3600)
+    jitter_s: float = key(0.0, "maximum of an additional uniform delay [s]", low=0, high=3600)
+    outages: tuple[BlackoutSettings, ...] = key(
+        (), "periods in which no agent hears the base, as tables of from_s, until_s"
+    )
+    repeat_s: float = key(5.0, "interval at which the base repeats unexpired commands [s]", above=0, high=3600)
 
 
 @dataclass(frozen=True)
 class CommandSettings:
     """One command of a scripted operator."""
 
-    at_s: float = key(0.0, "when it leaves the base [s]; not before the third step", low=0, high=1e8)
-    name: str = key("", "one that the controller accepts: `deltaswarm list` shows them")
-    target: str = key("all", "whom it is for", choices=tuple(TARGET_NUMBERS))
+    at_s: float = key(0.0, "time at which it leaves the base [s], not before the third step", low=0, high=1e8)
+    name: str = key("", "a command that the controller accepts; `deltaswarm list` shows them")
+    target: str = key("all", "recipients", choices=tuple(TARGET_NUMBERS))
     numbers: tuple[float, ...] = key(
         (), "circle: x, y and radius [m]; tree: its root; agent: its number; place: x and y [m]"
     )
     arguments: dict[str, Any] = key(dict, "its arguments, by name")
     life_s: float = key(
-        120.0, "time for which agents relay it and may begin to carry it out [s]", above=0, high=MAX_LIFE_S
+        120.0, "time for which agents relay it and may start carrying it out [s]", above=0, high=MAX_LIFE_S
     )
 
     def __hash__(self) -> int:
@@ -64,5 +66,6 @@ class CommandSettings:
 def downlink_problems(downlink: DownlinkSettings, uplink_base: Place | None) -> list[Problem]:
     """A range needs a base."""
     if downlink.range_m is not None and (downlink.base_m or uplink_base) is None:
-        return [Problem("downlink.range_m", f"{downlink.range_m:.15g}", "must have a base beside it: downlink.base_m")]
+        must = "must have a base: downlink.base_m or uplink.base_m"
+        return [Problem("downlink.range_m", f"{downlink.range_m:.15g}", must)]
     return []

@@ -55,7 +55,7 @@ class FaultSettings:
     )
     agents: tuple[int, ...] = key((), "target: these agents", low=0)
     fraction: float | None = key(None, "target: random share of the agents alive at the time", low=0, high=1)
-    roots: bool = key(False, "target: the roots at the time, by the frames they send")
+    roots: bool = key(False, "target: the agents that are roots at the time, according to their acts")
     noise_m: float | None = key(
         None,
         "sensor-noisy: standard deviation of each event's constant position error along x and y [m]",

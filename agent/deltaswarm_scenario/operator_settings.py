@@ -20,13 +20,13 @@ class ProbeSettings:
     isa_every_s: float = key(
         120.0, "simulated time between ISA questions (workload from 1 to 5); 0: none [s]", low=0, high=1e6
     )
-    isa_jitter_s: float = key(0.0, "more time before each, uniform from 0 to this [s]", low=0, high=1e6)
+    isa_jitter_s: float = key(0.0, "maximum of an additional uniform time before each [s]", low=0, high=1e6)
     isa_wait_s: float = key(30.0, "wall time after which an ISA question counts as missing [s]", above=0, high=3600)
     tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
     tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
-    consent: str = key("", "a text that a participant must agree to before the run begins")
-    participant: str = key("", "the participant's code, to begin the session's sheet with")
-    condition: str = key("", "the condition, to begin the session's sheet with")
+    consent: str = key("", "text that a participant must agree to before the run begins")
+    participant: str = key("", "participant's code, filled in on the session's sheet")
+    condition: str = key("", "condition, filled in on the session's sheet")
 
     @property
     def has_sheet(self) -> bool:
@@ -57,13 +57,13 @@ class PersonSettings:
     command_s: float = key(6.0, "median time to give a command, at best load [s]", source=OURS, above=0, high=3600)
     sigma: float = key(0.5, "spread of these times: sigma of a lognormal distribution", source=OURS, low=0, high=3)
     memory_s: float = key(
-        300.0, "the load follows being busy with this time constant [s]", source=OURS, above=0, high=1e6
+        300.0, "time constant of the load, a moving average of being busy [s]", source=OURS, above=0, high=1e6
     )
-    best_load: float = key(0.55, "load, from 0 to 1, at which work goes fastest", source=OURS, low=0, high=0.95)
-    slowing: float = key(0.5, "share by which full load prolongs all work", source=OURS, low=0, high=10)
-    patience_s: float = key(60.0, "an item that is unread for longer is missed [s]", source=OURS, above=0, high=1e6)
+    best_load: float = key(0.55, "load, from 0 to 1, at which work is fastest", source=OURS, low=0, high=0.95)
+    slowing: float = key(0.5, "share by which full load slows all work", source=OURS, low=0, high=10)
+    patience_s: float = key(60.0, "time after which an unread item is missed [s]", source=OURS, above=0, high=1e6)
     command_every_s: float = key(
-        60.0, "least time between two commands: the swarm settles first [s]", source=OURS, low=0, high=1e6
+        60.0, "minimum time between two commands, in which the swarm settles [s]", source=OURS, low=0, high=1e6
     )
     delta_step: int = key(
         -1,
@@ -72,9 +72,9 @@ class PersonSettings:
         low=-100,
         high=100,
     )
-    delta_limit: int = key(2, "delta is changed up to this value", source=OURS, low=1, high=1000)
+    delta_limit: int = key(2, "value beyond which delta is not changed", source=OURS, low=1, high=1000)
     relief: float = key(
-        0.5, "below this share of the threshold delta goes back towards its first value", source=OURS, low=0, high=1
+        0.5, "share of the threshold below which delta returns towards its first value", source=OURS, low=0, high=1
     )
 
     @property
@@ -98,7 +98,7 @@ class PersonSettings:
 class OperatorSettings:
     """How the workload is measured, and who the operator is."""
 
-    threshold_hz: float = key(5.0, "time above this message rate is counted (sliding 60 s)", low=0)
+    threshold_hz: float = key(5.0, "message rate, over the last 60 s, above which time is counted", low=0)
     more_thresholds_hz: tuple[float, ...] = key((), "further thresholds that the station shows", low=0)
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")

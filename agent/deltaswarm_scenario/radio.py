@@ -58,8 +58,8 @@ class PathLossSettings:
 class BurstSettings:
     """Gilbert-Elliott two-state loss per directed link, with at most one state change a step."""
 
-    p_good_to_bad: float = key(0.0, "chance per step that a good link turns bad", low=0, high=1)
-    p_bad_to_good: float = key(0.1, "chance per step that a bad link turns good", low=0, high=1)
+    p_good_to_bad: float = key(0.0, "probability per step that a good link turns bad", low=0, high=1)
+    p_bad_to_good: float = key(0.1, "probability per step that a bad link turns good", low=0, high=1)
     loss_good: float = key(0.0, "share of frames lost while the link is good", low=0, high=1)
     loss_bad: float = key(1.0, "share of frames lost while the link is bad", low=0, high=1)
 
@@ -118,7 +118,7 @@ class BlackoutSettings:
 class WallSettings:
     """A partition: no frame crosses the line between two points."""
 
-    a_m: Place = key((0.0, 0.0), "one end [m]", length=2)
+    a_m: Place = key((0.0, 0.0), "one end of the wall [m]", length=2)
     b_m: Place = key((0.0, 0.0), "the other end [m]", length=2)
     from_s: float = key(0.0, "start time [s]", low=0, high=MAX_TIME_S)
     until_s: float | None = key(None, "end time [s]; default: never", low=0, high=MAX_TIME_S)
@@ -164,7 +164,7 @@ class RadioSettings:
 
     range_m: float = key(9.0, "range of a frame [m]", source=OURS, above=0)
     loss: float = key(0.0, "share of frames in range that are lost", low=0, high=1)
-    reception: str = key(DISC, "meaning of range: a disc, or path_loss", choices=RECEPTIONS)
+    reception: str = key(DISC, "model of reach: by distance, or by received power (path_loss)", choices=RECEPTIONS)
     path_loss: PathLossSettings = key(PathLossSettings, "reception by power, with reception log-distance")
     ranges: tuple[RangeSettings, ...] = key((), "ranges of single agents, as tables of agents and range_m")
     asymmetry: AsymmetrySettings = key(AsymmetrySettings, "links that are worse in one direction")
@@ -181,11 +181,11 @@ class RadioSettings:
     duplication: float = key(0.0, "share of received frames that arrive twice", low=0, high=1)
     bandwidth: BandwidthSettings = key(BandwidthSettings, "data rates of radios")
     contention_bytes_per_s: float = key(
-        0.0, "rate above which a receiver loses frames at random; 0: unlimited", low=0, high=1e9
+        0.0, "rate above which a receiver loses frames at random [bytes/s]; 0: unlimited", low=0, high=1e9
     )
     walls: tuple[WallSettings, ...] = key((), "partitions, as tables of a_m, b_m, from_s, until_s")
     jammers: tuple[JammerSettings, ...] = key(
-        (), "jamming, as tables of center_m, radius_m, from_s, until_s, waypoints_m, times_s"
+        (), "circles without reception, as tables of center_m, radius_m, from_s, until_s, waypoints_m, times_s"
     )
     blackouts: tuple[BlackoutSettings, ...] = key((), "periods without any reception, as tables of from_s, until_s")
 

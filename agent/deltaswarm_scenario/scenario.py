@@ -39,7 +39,7 @@ class RunSettings:
     clock: str = key("lockstep", "as fast as possible, or paced by the wall clock", choices=CLOCKS)
     real_time_factor: float = key(1.0, "simulated seconds per wall second, with clock realtime", above=0, high=1e4)
     bound: str = key(
-        "none", "instead of the controller, a planner with perfect communication that knows this too", choices=BOUNDS
+        "none", "replaces the controller by a planner with perfect communication that also knows this", choices=BOUNDS
     )
     ask_every_step: bool = key(False, "ask every agent in every step, even if its last act still holds")
     step_timeout_s: float = key(
@@ -64,10 +64,10 @@ class RunSettings:
 class ArenaSettings:
     """The bounded environment Q (Experimental Setup), a rectangle from (0, 0)."""
 
-    width_m: float = key(100.0, "along x [m]", source=PAPER, low=1, high=1e5)
-    height_m: float = key(100.0, "along y [m]", source=PAPER, low=1, high=1e5)
+    width_m: float = key(100.0, "extent along x [m]", source=PAPER, low=1, high=1e5)
+    height_m: float = key(100.0, "extent along y [m]", source=PAPER, low=1, high=1e5)
     obstacles: tuple[ObstacleSettings, ...] = key(
-        (), "obstacles to motion and sensing, as tables of corners_m, attenuation_db"
+        (), "obstacles to motion, sensing and radio, as tables of corners_m, attenuation_db"
     )
 
 
@@ -76,7 +76,7 @@ class EventSettings:
     """Events that arrive, wait, and are observed until complete."""
 
     rate_hz: float = key(0.05, "Poisson arrivals per second", source=OURS, low=0, high=1000)
-    work_agent_s: float = key(200.0, "agent-seconds of observation to complete one", source=PAPER, above=0)
+    work_agent_s: float = key(200.0, "work to complete an event", source=PAPER, above=0)
     density: DensitySettings = key(DensitySettings, "their spatial density")
 
 
@@ -86,7 +86,8 @@ class MetricsSettings:
 
     horizon_s: float = key(
         600.0,
-        "each event is followed for this long: longer times count as this, later arrivals do not count [s]",
+        "time for which each event is followed [s]; longer times count as this, and events later than this before the "
+        "end do not count",
         source=OURS,
         above=0,
     )
@@ -108,7 +109,7 @@ class Scenario:
     schema: int = key(1, "version of this table", low=1, high=1)
     name: str = key("unnamed", "part of the run folder's name")
     seed: int = key(1, "seed for all randomness", low=0, high=2**63 - 1)
-    record: str = key("views", "recording: none, for viewers, or with every raw frame", choices=RECORDS)
+    record: str = key("views", "what is recorded: nothing, what viewers show, or also every raw frame", choices=RECORDS)
     run: RunSettings = key(RunSettings, "duration and pace")
     arena: ArenaSettings = key(ArenaSettings, "the bounded environment")
     events: EventSettings = key(EventSettings, "events in the arena")
@@ -119,8 +120,8 @@ class Scenario:
     metrics: MetricsSettings = key(MetricsSettings, "how the run is measured")
     uplink: UplinkSettings = key(UplinkSettings, "radio from agents to the operator")
     downlink: DownlinkSettings = key(DownlinkSettings, "radio from the operator to agents")
-    command: tuple[CommandSettings, ...] = key((), "commands of a scripted operator: a timeline")
-    fault: tuple[FaultSettings, ...] = key((), "faults: a timeline")
+    command: tuple[CommandSettings, ...] = key((), "timeline of a scripted operator's commands")
+    fault: tuple[FaultSettings, ...] = key((), "timeline of faults")
 
     @property
     def has_commander(self) -> bool:

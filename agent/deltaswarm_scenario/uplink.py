@@ -25,7 +25,7 @@ class UplinkBandwidthSettings(BandwidthSettings):
 class UplinkSettings:
     """The radio link to the operator, emulated by the world."""
 
-    loss: float = key(0.0, "share of reports that are lost, on each hop of a relay", low=0, high=1)
+    loss: float = key(0.0, "share of reports that are lost, also on each hop of a relay", low=0, high=1)
     burst: BurstSettings = key(BurstSettings, "loss in bursts on each agent's link to the base")
     latency_s: float = key(
         0.0,
@@ -39,7 +39,7 @@ class UplinkSettings:
     bandwidth: UplinkBandwidthSettings = key(UplinkBandwidthSettings, "data rates of agents and base")
     outages: tuple[BlackoutSettings, ...] = key((), "periods without any report, as tables of from_s, until_s")
     base_m: Place | None = key(None, "position of the operator's base [m]; default: in range of every agent", length=2)
-    range_m: float | None = key(None, "range of the base [m]; with base_m", above=0, high=1e6)
+    range_m: float | None = key(None, "range of the base [m]; required with base_m", above=0, high=1e6)
     relay: bool = key(
         False, "relay reports from beyond the range through the sender's tree, one hop per step; else they are lost"
     )

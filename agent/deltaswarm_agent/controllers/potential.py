@@ -27,13 +27,13 @@ BEACON_BYTES = 16
 class PotentialSettings:
     """How agents spread."""
 
-    spacing_m: float = key(9.0, "neighbours and walls nearer than this push [m]", above=0)
-    wall_share: float = key(0.5, "a wall pushes from this share of spacing_m", low=0, high=1)
-    gain_per_s: float = key(0.5, "velocity by how much nearer than spacing_m a neighbour is [1/s]", above=0)
-    rest_mps: float = key(0.05, "a slower push moves nobody [m/s]", low=0)
-    report_every_s: float = key(1.0, "an agent at an event reports this often, and at most once a step [s]", above=0)
-    beacon_s: float = key(2.0, "an agent says where it is this often [s]", above=0)
-    memory_s: float = key(6.0, "a neighbour unheard for this long is forgotten [s]", above=0)
+    spacing_m: float = key(9.0, "distance below which neighbours and walls repel [m]", above=0)
+    wall_share: float = key(0.5, "share of spacing_m below which a wall repels", low=0, high=1)
+    gain_per_s: float = key(0.5, "velocity per metre by which a neighbour is nearer than spacing_m [1/s]", above=0)
+    rest_mps: float = key(0.05, "velocity below which an agent stands still [m/s]", low=0)
+    report_every_s: float = key(1.0, "interval of reports of an agent at an event, at least one step [s]", above=0)
+    beacon_s: float = key(2.0, "interval at which an agent broadcasts its position [s]", above=0)
+    memory_s: float = key(6.0, "time after which a silent neighbour is forgotten [s]", above=0)
 
 
 class PotentialController:

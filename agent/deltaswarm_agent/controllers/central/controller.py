@@ -35,9 +35,9 @@ FORGET_BEACONS = 3
 class CentralSettings:
     """How the planner plans, and how agents and planner communicate."""
 
-    agents_per_event: int = key(3, "patrols nearby help at an event until this number works there", low=1, high=100)
-    report_every_s: float = key(1.0, "the planner reports this often, and at most once a step [s]", above=0)
-    beacon_s: float = key(5.0, "without news, frames are sent this often [s]", above=0)
+    agents_per_event: int = key(3, "agents that work at an event if enough are near", low=1, high=100)
+    report_every_s: float = key(1.0, "interval of the planner's reports, at least one step [s]", above=0)
+    beacon_s: float = key(5.0, "interval of frames without news [s]", above=0)
 
     def problems_with(self, shared: AgentSettings) -> list[Problem]:
         """The radio must reach across an arena without obstacles."""

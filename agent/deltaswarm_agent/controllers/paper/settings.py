@@ -18,7 +18,7 @@ class PaperSettings:
     rho: int = key(2, "hierarchical: events sensed at once that make an agent a root", source=PAPER, low=1, high=1000)
     recruitment: bool = key(True, "active recruitment; off is an ablation", source=PAPER)
     dissolution: bool = key(True, "dissolution; off is an ablation", source=PAPER)
-    d_min_m: float = key(6.0, "least distance between members of a tree [m]", source=OURS, low=0)
+    d_min_m: float = key(6.0, "minimum distance between members of a tree [m]", source=OURS, low=0)
     gamma_max: float = key(
         40.0,
         "dissolution parameter when an event is sensed: a member of level n leaves after 1/n of it [s]",
@@ -26,7 +26,7 @@ class PaperSettings:
         low=1,
         high=1_000_000,
     )
-    recruitment_interval_s: float = key(60.0, "a root recruits this often [s]", source=PAPER, above=0)
+    recruitment_interval_s: float = key(60.0, "interval at which a root recruits [s]", source=PAPER, above=0)
     recruitment_places: str = key(
         ANY,
         "where a root may send a leaf: where known events are sensed, or, if there are none, to any legal place",
@@ -35,7 +35,7 @@ class PaperSettings:
     )
     idle_root: str = key(
         STAYS,
-        "a root without followers that has sensed nothing for gamma_max [s]",
+        "what a root without followers does once it has sensed nothing for gamma_max",
         source=OURS,
         choices=(STAYS, LEAVES),
     )
@@ -44,17 +44,19 @@ class PaperSettings:
     )
     patience_finds: float = key(
         0.0,
-        "an idle agent leaves its tree once a walker would have found this many events; 0: by gamma (Dissolution)",
+        "an idle agent leaves its tree once a walker would have found this many events; 0: dissolution by gamma",
         source=OURS,
         low=0,
         high=1000,
     )
     return_to_finds: bool = key(False, "some legs of the walk lead back to where events were found", source=OURS)
-    find_memory_s: float = key(1500.0, "the place of a find is remembered this long [s]", source=OURS, above=0)
+    find_memory_s: float = key(1500.0, "time for which the place of a find is remembered [s]", source=OURS, above=0)
     adapts_delta: bool = key(
-        False, "each agent chooses delta itself, by how much of their time agents work", source=OURS
+        False, "each agent chooses delta itself, from the share of time in which agents work", source=OURS
     )
-    leg_max_s: float = key(100.0, "straight legs of the walk last uniform 0 to this [s]", source=OURS, above=0)
+    leg_max_s: float = key(
+        100.0, "maximum duration of a leg of the walk; durations are uniform [s]", source=OURS, above=0
+    )
     member_observes: str = key(
         NEAREST,
         "events that a tree member works on at once: all it senses, or the nearest",
@@ -62,7 +64,7 @@ class PaperSettings:
         choices=(ALL, NEAREST),
     )
     report_every_s: float = key(
-        1.0, "an agent with something to report reports this often, and at most once a step [s]", source=PAPER, above=0
+        1.0, "interval of reports while there is something to report, at least one step [s]", source=PAPER, above=0
     )
     report_members: bool = key(True, "a root's report names its followers, with parents and places", source=OURS)
 
