@@ -1,6 +1,6 @@
 """Thin a run's messages for live viewers: at most ten times per second of wall time, the newest of each topic.
 
-A run makes 165 steps per second or more, which is more than anybody can see. Log lines and changes of events are all
+A run makes hundreds of steps per second, more than anybody can see. Log lines and changes of events are all
 shown, because none of them replaces another.
 """
 
