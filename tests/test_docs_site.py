@@ -75,3 +75,11 @@ def test_the_citation_is_of_this_version() -> None:
     [paper] = citation["references"]
     assert paper["title"] in (ROOT / "README.md").read_text().replace("\n", " ")
     assert len(paper["authors"]) == 5
+
+
+def test_the_files_to_read_first_exist() -> None:
+    """Ten of them, each once."""
+    section = (ROOT / "docs" / "ARCHITECTURE.md").read_text().split("## Ten files")[1].split("\n## ")[0]
+    paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
+    assert len(set(paths)) == len(paths) == 10
+    assert [path for path in paths if not (ROOT / path).exists()] == []
