@@ -5,9 +5,9 @@ import re
 from pathlib import Path
 
 import pytest
-from deltaswarm_wire.truth import UPLINK_REASONS
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.truth import UPLINK_REASONS
 from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.air.channel.models import models_of
