@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import UPLINK_REASONS
-from deltaswarm_wire.settings import Scenario
 from deltaswarm_world.core.air.channel.model import Context
 from deltaswarm_world.core.air.channel.models import models_of
 from deltaswarm_world.core.air.channel.reach import RangeDisc

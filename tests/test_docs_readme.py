@@ -1,9 +1,11 @@
 """Every command of README and docs/SWEEPS.md works as written (with short runs, in this virtual environment)."""
 
+import csv
 import os
 import re
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,16 @@ from tests.pages import serve
 
 ROOT = Path(__file__).parents[1]
 README, SWEEPS = ((ROOT / name).read_text() for name in ("README.md", "docs/SWEEPS.md"))
+
+PUBLISHED = {
+    "decentralised": "decentralised",
+    "hierarchical, rho 2": "hierarchical",
+    "hybrid, delta 3": "hybrid 3",
+    "hierarchical, rho 6": "rho 6",
+    "adaptive": "adaptive",
+    "central": "central",
+}
+"""The study's variant by the start of a row of the README."""
 
 SHORTER = {
     "run": "--set run.duration_s=20 --set agents.count=6",
@@ -84,3 +96,20 @@ def test_the_links_lead_somewhere() -> None:
     """Files that the README names are there."""
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         assert target.startswith("http") or (ROOT / target).exists(), target
+
+
+def test_the_results_are_the_published_ones() -> None:
+    """Verdicts and medians of the README are those of the study's tables."""
+    page, folder = (ROOT / "README.md").read_text(), ROOT / "docs" / "studies" / "paper"
+    with (folder / "claims.csv").open() as file:
+        verdicts = Counter(row["verdict"] for row in csv.DictReader(file))
+    told = re.search(r"Of (\d+) claims .* (\d+) hold, (\d+) are refuted and (\d+) undecided", page)
+    assert told is not None
+    assert [*map(int, told.groups())] == [verdicts.total(), *map(verdicts.get, ("holds", "refuted", "undecided"))]
+    with (folder / "estimates.csv").open() as file:
+        medians = {(row["variant"], row["metric"]): float(row["median"] or "nan") for row in csv.DictReader(file)}
+    for start, variant in PUBLISHED.items():
+        [row] = re.findall(rf"^\| {start}.*$", page, re.MULTILINE)
+        shown = [float(cell.split()[0]) for cell in row.strip("| ").split(" | ")[1:]]
+        found = [medians[variant, metric] for metric in ("waiting", "completion_s", "messages")]
+        assert shown == pytest.approx(found, rel=0.005, abs=0.06), variant
