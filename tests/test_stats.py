@@ -110,6 +110,7 @@ def test_ratios_that_differ_only_by_rounding_are_ties() -> None:
     """Values that are all 1.1 times as large are no evidence for more, or for less, than 1.1 times."""
     values = np.arange(1, 41) / 7
     found = contrast(values * 1.1, values)
+    assert found.p_above(1.1) == found.p_below(1.1) == 1.0
     assert found.p(1.1) == found.p_within(1.1) == found.p_beyond(1.1) == 1.0
     assert found.p(1.09) < 1e-9
     assert found.p(1.11) < 1e-9

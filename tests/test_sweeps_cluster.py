@@ -11,6 +11,7 @@ import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -237,3 +238,20 @@ def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signa
         if number == signal.SIGINT:  # workers whose sweep was killed may complain of it
             assert "Traceback" not in errors
         all_gone(running.mark)
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "workers", "is_told"),
+    [("tcp://there:8786", {}, True), ("tcp://there:8786", {"one": 1}, False), (None, {}, False)],
+)
+def test_a_scheduler_without_workers_is_told(
+    scheduler: str | None, workers: dict[str, int], is_told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that nobody waits for what nobody does; a local cluster starts its own."""
+    told = list[str]()
+    engine = DaskEngine(scheduler, 1)
+    monkeypatch.setattr(engine, "_client", lambda _: SimpleNamespace(nthreads=lambda: workers))
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.complain", told.append)
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
+    assert list(engine.run([])) == []
+    assert bool(told) == is_told
