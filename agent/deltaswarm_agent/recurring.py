@@ -1,4 +1,4 @@
-"""What a controller does every so many seconds, whatever the length of a step."""
+"""Actions that a controller repeats at an interval in seconds, whatever the length of a step."""
 
 
 class Recurring:

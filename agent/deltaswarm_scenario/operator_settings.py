@@ -1,4 +1,4 @@
-"""What the operator is told of a run: how workload is measured, the area, the commands, the probes; never the truth."""
+"""The operator's configuration: how workload is measured, the arena, commands, probes; never the truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -106,7 +106,7 @@ class OperatorSettings:
 
 @dataclass(frozen=True)
 class Briefing:
-    """All that the operator is told before a run in which somebody commands or watches."""
+    """The operator's configuration for a run in which a person, a script or a simulation watches or commands."""
 
     title: str = key("", "what the station calls the run")
     seed: int = key(0, "for the operator's own chance", low=0)

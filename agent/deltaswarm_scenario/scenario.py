@@ -130,7 +130,7 @@ class Scenario:
 
     @property
     def has_console(self) -> bool:
-        """Whether somebody who is no human sits at the operator's console."""
+        """Whether a script or a simulated person is at the operator's console."""
         return self.has_commander or self.operator.person.is_on
 
     def problems(self) -> list[Problem]:
@@ -169,7 +169,7 @@ class Scenario:
         )
 
     def for_operator(self, forms: tuple[CommandForm, ...], speed: float) -> Briefing:
-        """What the operator of this scenario is told, with the commands that the controller accepts."""
+        """Make the operator's configuration, with the commands that the controller accepts."""
         from deltaswarm_wire.seeds import agent_seed
 
         return Briefing(

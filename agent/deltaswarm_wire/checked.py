@@ -69,7 +69,7 @@ def key(
 
 
 def with_default(cls: Any, name: str, default: Any) -> Any:
-    """Declare the field of a base class anew with another default."""
+    """Redeclare the field of a base class with another default."""
     spec = next(spec for spec in dataclasses.fields(cls) if spec.name == name)
     return dataclasses.field(default=default, metadata=spec.metadata)
 
@@ -154,7 +154,7 @@ def _shown(value: Any) -> str:
 
 
 def unknown_key(name: str, specs: Iterable[str], path: str = "") -> Problem:
-    """Make the problem of a key that is none of `specs`."""
+    """Make the problem of a key that is not in `specs`."""
     specs = list(specs)
     near = difflib.get_close_matches(str(name), specs, n=1)
     hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(specs)}"
@@ -234,5 +234,5 @@ def _allowed(hint: Any, limits: Mapping[str, Any]) -> str:
 
 
 def shown_limit(limit: float) -> str:
-    """Show whole numbers in full: a limit that is rounded is none."""
+    """Show whole numbers in full: a rounded limit would be wrong."""
     return str(limit) if isinstance(limit, int) else f"{limit:.15g}"

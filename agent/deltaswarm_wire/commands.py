@@ -79,7 +79,7 @@ class CommandForm:
     """A command that a controller accepts; the operator's station shows a form for it."""
 
     name: str = key("", "its name")
-    targets: tuple[str, ...] = key((ALL,), "whom it can be for", choices=tuple(TARGET_NUMBERS))
+    targets: tuple[str, ...] = key((ALL,), "kinds of recipients", choices=tuple(TARGET_NUMBERS))
     arguments: tuple[ArgumentForm, ...] = key((), "its arguments")
     help: str = key("", "what it does")
 
@@ -99,13 +99,13 @@ def _a(kind: str) -> str:
 
 
 class Target(NamedTuple):
-    """Whom a command is for."""
+    """The recipients of a command."""
 
     kind: str = ALL
     numbers: tuple[float, ...] = ()
 
     def covers(self, agent: int, place_m: tuple[float, float], root: int) -> bool:
-        """Whether an agent at a place, in the tree of a root, is meant. A place is for everybody to judge."""
+        """Whether an agent at a position, in the tree of a root, is a recipient; of a `place`, each agent judges."""
         if self.kind == CIRCLE:
             x_m, y_m, radius_m = self.numbers
             return hypot(place_m[0] - x_m, place_m[1] - y_m) <= radius_m
@@ -119,7 +119,7 @@ class Target(NamedTuple):
 
 
 class Command(NamedTuple):
-    """One command. `number` counts the run's commands; after `life_s` nobody relays it or begins to carry it out."""
+    """One command. `number` counts the run's commands; after `life_s` no agent relays it or starts carrying it out."""
 
     number: int
     name: str
@@ -132,7 +132,7 @@ def encode_command(command: Command) -> bytes:
     """`[version, number, name, [kind, number...], {argument: value}, life_s]`.
 
     Raises:
-        WireError: nobody could decode it.
+        WireError: it could not be decoded.
     """
     target = (command.target.kind, *map(float, command.target.numbers))
     arguments = dict(sorted(_arguments(command.arguments).items()))
@@ -191,14 +191,14 @@ def _printable(value: Any, field: str) -> str:
 
 
 class Signed(NamedTuple):
-    """An encoded command and its signature; in an emulated run there is none, since nobody else speaks for the base."""
+    """An encoded command and its signature, which is empty in an emulated run: only the base can send as the base."""
 
     body: bytes
     signature: bytes = b""
 
 
 class Relayed(NamedTuple):
-    """A command on the air, and how many steps of its life are left."""
+    """A command on the air, with the remaining steps of its life."""
 
     left_steps: int
     signed: Signed
@@ -224,7 +224,7 @@ def _signed(raw: Any) -> Signed:
 
 
 class Turn(NamedTuple):
-    """The operator has taken in all up to `step` (-1: nothing yet), and gives these commands."""
+    """The operator has received everything up to `step` (-1: nothing yet), and gives these commands."""
 
     step: int
     commands: tuple[Signed, ...]

@@ -37,7 +37,7 @@ MAX_ANSWERS = 16
 """Commands that one report answers."""
 
 HEARD, DONE, REFUSED = 0, 1, 2
-"""What an agent says of a command: it knows it, has carried it out, or cannot."""
+"""State of a command at an agent: known, carried out, or refused."""
 
 
 class ReportedMember(NamedTuple):

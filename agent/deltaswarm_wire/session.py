@@ -127,7 +127,7 @@ def without_sources(text: str) -> str:
 def secret_id(user: str, password: str) -> str:
     """The id of the operator's or recorder's session, by which the world tells its link from others'.
 
-    Zenoh does not say which user a link belongs to. Nobody can take this id who does not know the password.
+    Zenoh does not say which user a link belongs to. Only a process that knows the password can use this id.
     """
     import hashlib  # not for boards: it brings OpenSSL
 

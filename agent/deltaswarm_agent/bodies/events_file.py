@@ -55,12 +55,12 @@ def _scheduled(reader: "csv.DictReader[str]") -> tuple[ScheduledEvent, ...]:
     for row in reader:
         if None in row:
             raise ValueError(f"line {reader.line_num} must have at most {len(names)} columns, as the header")
-        happening = _scheduled_event(row, reader.line_num)
-        if happening.event in rows:
-            raise ValueError(f"line {reader.line_num}: event must be unique (got {happening.event} again)")
+        entry = _scheduled_event(row, reader.line_num)
+        if entry.event in rows:
+            raise ValueError(f"line {reader.line_num}: event must be unique (got {entry.event} again)")
         if len(rows) >= MAX_ROWS:
             raise ValueError(f"line {reader.line_num}: events must be at most {MAX_ROWS}")
-        rows[happening.event] = happening
+        rows[entry.event] = entry
     return tuple(rows.values())
 
 
@@ -95,7 +95,7 @@ class EventField:
     """The events of a file for one agent."""
 
     def __init__(self, scheduled: Iterable[ScheduledEvent], sensing_range_m: float) -> None:
-        self._scheduled = {happening.event: happening for happening in scheduled}
+        self._scheduled = {entry.event: entry for entry in scheduled}
         self._reach_m2 = sensing_range_m**2
         self._done_s: dict[int, float] = {}
 
@@ -110,9 +110,9 @@ class EventField:
 
     def observe(self, observed: Collection[int], x_m: float, y_m: float, time_s: float, for_s: float) -> None:
         """Work for `for_s` [s] from (x_m, y_m) on the observed events that are in range."""
-        for happening in self._near(x_m, y_m, time_s) if observed else ():
-            if happening.event in observed:
-                self._done_s[happening.event] = self._done_s.get(happening.event, 0.0) + for_s
+        for entry in self._near(x_m, y_m, time_s) if observed else ():
+            if entry.event in observed:
+                self._done_s[entry.event] = self._done_s.get(entry.event, 0.0) + for_s
 
     def sensed(self, x_m: float, y_m: float, time_s: float, believed: tuple[float, float]) -> tuple[Event, ...]:
         """Return the events in range of the true position (x_m, y_m) [m], shifted by the error of the believed one."""

@@ -18,7 +18,7 @@ SUBSTEP_S = 0.1
 
 @dataclass(frozen=True)
 class KinematicSettings:
-    """The unicycle, its errors, and its event_field."""
+    """The unicycle, its errors, and its events."""
 
     x_m: float = key(0.0, "start position along x [m]")
     y_m: float = key(0.0, "start position along y [m]")

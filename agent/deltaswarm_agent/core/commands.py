@@ -1,7 +1,7 @@
 """How the operator's commands spread: an agent relays each command that it hears, hop by hop, until its life is over.
 
 An agent relays a command as soon as it knows it, and then at doubling intervals, so that loss and distance delay a
-command and do not stop it. Each agent takes a command in once, whoever relays it.
+command and do not stop it. Each agent accepts a command once.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,23 +22,23 @@ from deltaswarm_wire.envelope import fitting
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
 
 FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
-"""After the first frame with a command the second follows so soon; the intervals double up to the longest."""
+"""Interval between the first two frames with a command; further intervals double, up to the longest."""
 
 ANSWERED_S = 600.0
-"""Time after a command's life for which an agent still answers for it in its reports [s]."""
+"""Time after a command's life for which an agent's reports still acknowledge it [s]."""
 
 MAX_KNOWN = 4096
 """Numbers of commands that an agent remembers; when it has more, those below its newest ones count as known."""
 
 AHEAD_S = 128.0
-"""Numbers may run ahead of the operator's clock by so much: several commands in one second."""
+"""Maximum lead of numbers over the operator's clock: several commands may be given in one second."""
 
 Verify = Callable[[Signed], bool]
 
 
 @dataclass
 class _Known:
-    """A command that is relayed or answered for."""
+    """A command that is relayed or acknowledged."""
 
     signed: Signed
     command: Command
@@ -66,13 +66,13 @@ class CommandRelay:
         self._forms = forms
         self._verify = verify
         self.known: dict[int, _Known] = {}
-        """The commands that are relayed or answered for, by number; empty in most steps."""
+        """The commands that are relayed or acknowledged, by number; empty in most steps."""
         self._numbers: set[int] = set()
         self._forgotten_below = 0
         self._newest = 0
 
     def hear(self, items: Sequence[bytes], now: int) -> list[Command]:
-        """Take in what a frame relays; the commands that are new to this agent and that its controller accepts."""
+        """Take the commands that a frame relays; return the new ones that the controller accepts."""
         return [known.command for item in items if (known := self._take(item, now)) and known.state == HEARD]
 
     def _take(self, item: bytes, now: int) -> _Known | None:
@@ -112,11 +112,11 @@ class CommandRelay:
         return max(1, round(seconds / self._step_s))
 
     def knows(self, number: int) -> bool:
-        """Whether the agent has taken in a command."""
+        """Whether the agent already knows a command."""
         return number in self._numbers
 
     def due(self, now: int, room_bytes: int) -> tuple[bytes, ...]:
-        """What this step's radio frame relays, the newest commands first, and no more than there is room for."""
+        """Return the commands that this step's radio frame relays, newest first, as many as fit."""
         if not self.known:
             return ()
         answered_until = now - self._steps(ANSWERED_S)
@@ -131,17 +131,17 @@ class CommandRelay:
         return items
 
     def next_step(self, now: int) -> int | None:
-        """The next step in which there is something to relay, if there is any."""
+        """Return the next step in which there is something to relay, if any."""
         times = [known.send_at for known in self.known.values() if known.ends > now + 1]
         return max(now + 1, min(times)) if times else None
 
     def note(self, done: Sequence[int], refused: Sequence[int]) -> None:
-        """The controller has carried out some commands, and cannot carry out others."""
+        """Note the commands that the controller has carried out, and those that it refused."""
         for numbers, state in ((done, DONE), (refused, REFUSED)):
             for number in numbers:
                 if number in self.known:
                     self.known[number].state = state
 
     def answers(self) -> tuple[Answer, ...]:
-        """What this agent says of the newest commands that it knows."""
+        """Return the states of the newest commands that this agent knows."""
         return tuple([Answer(number, self.known[number].state) for number in sorted(self.known)[-MAX_ANSWERS:]])

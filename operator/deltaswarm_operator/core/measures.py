@@ -2,8 +2,9 @@
 
 `agents_in_turn` is how many agents' items the person could read in turn at the pace at which each agent has some: 1 +
 the mean time from the end of an item to the beginning of the next one of the same agent, by the mean time spent on an
-item. It has the form of fan-out (Olsen & Wood 2004; Crandall et al. 2005, doi 10.1109/tsmca.2005.850587), and is none:
-the time between items depends on what agents report, and is no neglect time, for which an agent does well unattended.
+item. It has the form of fan-out (Olsen & Wood 2004; Crandall et al. 2005, doi 10.1109/tsmca.2005.850587) but is not
+fan-out: the time between items depends on what agents report, and is not the time for which an agent does well
+unattended (neglect time).
 Commands address the swarm as a whole and count in neither.
 """
 

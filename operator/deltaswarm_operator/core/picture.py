@@ -11,7 +11,7 @@ from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Report
 
 EVENT_MEMORY_S = 300.0
-"""An event that nobody has reported for this time is removed [s]."""
+"""Time without reports after which an event is removed [s]."""
 
 MAX_EVENTS = 2000
 MAX_INBOX = 20_000
@@ -74,7 +74,7 @@ class Picture:
         self.events: dict[int, KnownEvent] = {}
         """By the picture's own numbers; the first reported event is 1."""
         self.closed: dict[int, tuple[float, float]] = {}
-        """Events that nobody reports any more: times of the first and the last report [s]. Complete, or forsaken."""
+        """Times of the first and last report of events that are no longer reported, complete or not [s]."""
         self.inbox: list[Item] = []
         """All items, oldest first; item n is at index n."""
         self.unread: set[int] = set()
@@ -180,7 +180,7 @@ class Picture:
 
     @property
     def closed_after_s(self) -> float | None:
-        """Mean time from the first to the last report of the events that nobody reports any more [s]."""
+        """Mean time from the first to the last report of events that are no longer reported [s]."""
         if not self.closed:
             return None
         return sum(last_s - first_s for first_s, last_s in self.closed.values()) / len(self.closed)

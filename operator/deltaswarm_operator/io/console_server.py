@@ -63,7 +63,7 @@ class ConsoleServer:
 
     @property
     def wait_s(self) -> float | None:
-        """How long to wait for news before `show` is called again [wall s]; None where nobody watches."""
+        """Longest wait before `show` is called again [wall s]; None without a station."""
         return None if self._channel is None else SHOW_EVERY_S
 
     def begin(self) -> None:

@@ -1,4 +1,4 @@
-"""What the kernel does for a process at the death of its parent, however it dies (Linux)."""
+"""What the kernel does for a process when its parent dies in any way (Linux)."""
 
 import ctypes
 import os

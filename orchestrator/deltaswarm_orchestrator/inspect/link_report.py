@@ -1,6 +1,6 @@
 """Explain whether an agent, or the operator, could hear another agent at some time of a run, and if not, why not.
 
-The run is repeated in one process up to that time. By its digest it is the same run, to the bit; its rows are compared
+The run is repeated in one process up to that time. The digest shows that it is the same run; its rows are compared
 with those in the folder.
 """
 

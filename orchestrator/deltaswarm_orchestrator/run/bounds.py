@@ -1,4 +1,4 @@
-"""Bounds beside runs: what a planner with perfect communication does that knows the density of events, or all events.
+"""Bounds: what a planner with perfect communication achieves if it knows the density of events, or all events.
 
 The planner is that of central control. Its agents move, sense and work in the world like any others; they know what no
 agent can know, so that they are made here and not by a controller's name. A bound is not proven to be the optimum.
@@ -44,7 +44,7 @@ class KnowingPlanner:
             lambda time_s: np.array([places.draw(rng, time_s) for _ in range(SAMPLES)]),
             ANEW_S if scenario.events.density.moves else np.inf,
         )
-        help_within_m = np.inf if self._knows_events else HELP_WITHIN_M  # nobody need look for what is known
+        help_within_m = np.inf if self._knows_events else HELP_WITHIN_M  # known events need no search
         rng_of_plans, per_event = agent_rng(scenario.seed, 0), CentralSettings().agents_per_event
         self._planner = Planner(task, expected, cells, rng_of_plans, per_event, help_within_m)
         self._planned_s: float | None = None

@@ -97,7 +97,7 @@ class _Judged:
         return HOLDS if found.p_within(self.claim.margin) <= alpha else REFUTED
 
     def row(self, p_holm: float, alpha: float, family: int) -> Row:
-        """Return the claim's row, tested at `alpha` in a family of so many claims."""
+        """Return the claim's row, tested at `alpha` in a family of this many claims."""
         claim, found = self.claim, self._contrast
         low, high = self._interval(alpha) if self.n else (math.nan, math.nan)
         median = float(np.median(self._values)) if len(self._values) else None

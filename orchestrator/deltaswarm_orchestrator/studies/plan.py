@@ -21,7 +21,7 @@ from deltaswarm_wire.operator_messages import Clock
 
 MEASURED_VARIANTS = 24
 MEASURED_S = 0.4
-"""Wall time for which each of so many variants is run to estimate its speed."""
+"""Wall time for which each of these variants is run to estimate its speed."""
 
 MIN_PILOT = 3
 """Fewest pairs of a pilot from which a spread is estimated."""

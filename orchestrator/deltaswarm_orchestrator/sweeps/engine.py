@@ -45,7 +45,7 @@ class Engine(Protocol):
 
 
 class LocalEngine:
-    """So many worker processes, each of which does one run after another."""
+    """A pool of worker processes, each of which does one run after another."""
 
     def __init__(self, workers: int) -> None:
         self._workers = workers
@@ -125,7 +125,7 @@ class _Worker:
 
 
 def _serve(connection: Connection, parent: int) -> None:
-    """What a worker process does: runs, until nobody asks for more."""
+    """Do runs in a worker process until there are no more."""
     signal_at_parents_death(signal.SIGKILL, parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the one who asked
     while True:

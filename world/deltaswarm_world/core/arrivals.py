@@ -1,8 +1,8 @@
 """Arrivals of events: when, where, and under which id.
 
 Times are a Poisson process in continuous time with a generator of its own, so the step cannot shift them; another rate
-scales them. Each event's place has a generator of its own, so an obstacle or another density moves the events that it
-must, and no other. It is drawn from the density at the time of arrival. Neither depends on the swarm, the radio or a
+scales them. Each event's place has a generator of its own, so an obstacle or another density moves only the events
+that it affects. It is drawn from the density at the time of arrival. Neither depends on the swarm, the radio or a
 fault.
 """
 

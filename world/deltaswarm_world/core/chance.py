@@ -1,4 +1,4 @@
-"""Generators of chance: one for each use, so that what one use draws changes no other."""
+"""Random generators: one for each use, so that one use does not change the draws of another."""
 
 import numpy as np
 

@@ -1,7 +1,7 @@
 """The operator's downlink: which agents hear the base's radio frames, and when; the mirror of `uplink/`.
 
-The base sends a command as soon as it has it, and then repeats the commands that are alive. Agents relay what they hear
-by themselves. The base's frames are no part of the books of agents' frames.
+The base sends a command at once and then repeats the unexpired ones. Agents relay what they hear by themselves. The
+base's frames are not counted among the agents' frames.
 """
 
 from collections import Counter
@@ -19,17 +19,17 @@ from deltaswarm_world.core.arrays import Floats
 from deltaswarm_world.core.chance import generator
 
 LOSS_STREAM, JITTER_STREAM, ROUNDING_STREAM = 51, 52, 53
-"""Each model has its own chance, as on the air."""
+"""Each model has its own generator, as for radio."""
 
 MAX_FRAME_BYTES = 800
-"""Of relayed commands: one frame of the base fits into an agent's frame, whatever else the agent hears."""
+"""Maximum size of relayed commands, so that a frame of the base fits into an agent's frame, whatever else it hears."""
 
 NEVER = -1
 
 
 @dataclass
 class _Alive:
-    """A command that is repeated up to the step `ends`."""
+    """A command that is repeated until the step `ends`."""
 
     signed: Signed
     ends: int
@@ -59,7 +59,7 @@ class Downlink:
         self._delays = DelayLine(settings.latency_s, settings.jitter_s, step_s, *rngs) if has_delay else None
 
     def send(self, step: int, commands: Sequence[Signed]) -> None:
-        """Let the base send these commands from this step on."""
+        """Send these commands from this step on."""
         for signed in commands:
             life_s = decode_command(signed.body).life_s
             self._alive.append(_Alive(signed, step + max(1, round(life_s / self._step_s))))
@@ -68,7 +68,7 @@ class Downlink:
     def carry(
         self, step: int, time_s: float, positions_m: Floats, listening: Sequence[bool]
     ) -> list[tuple[int, bytes]]:
-        """What agents at these places [m] hear of the base in this step: (agent, sample) in agent order."""
+        """Return what agents at these positions [m] hear from the base in this step: (agent, sample) in agent order."""
         if not self._alive and not (self._delays and self._delays.waiting):
             return []
         self._alive = [alive for alive in self._alive if alive.ends > step]
@@ -95,7 +95,7 @@ class Downlink:
         return heard
 
     def _sample(self, step: int) -> bytes:
-        """The base's next radio frame: of the commands that fit, those that were not sent for longest."""
+        """Make the base's next radio frame, with the commands that were sent least recently, as many as fit."""
         wanted = sorted(self._alive, key=lambda alive: alive.sent_at)
         items = fitting((encode_relayed(Relayed(a.ends - step, a.signed)) for a in wanted), MAX_FRAME_BYTES)
         for alive in wanted[: len(items)]:
@@ -104,7 +104,7 @@ class Downlink:
         return encode_sample(Sample(self.frames_sent, None, items))
 
     def _in_reach(self, time_s: float, positions_m: Floats) -> list[int]:
-        """The agents that the frame of this step reaches."""
+        """Return the agents that the frame of this step reaches."""
         settings = self._settings
         lucky = self._rng.random(self._count) >= settings.loss
         if any(o.from_s <= time_s and (o.until_s is None or time_s < o.until_s) for o in settings.outages):
@@ -119,7 +119,7 @@ class Downlink:
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The counts of the run."""
+        """Return the counts of the run."""
         return {
             "frames_sent": self.frames_sent,
             "frames_heard": self.frames_heard,

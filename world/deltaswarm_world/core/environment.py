@@ -110,7 +110,7 @@ class Environment:
     ) -> list[list[Event]]:
         """Return each agent's events within sensing range and line of sight; note when an event is first sensed.
 
-        `misses`, if given, says of an agent whether it misses the event before it all the same.
+        `misses`, if given, says whether an agent misses an event that it would sense.
         """
         sensed: list[list[Event]] = [[] for _ in present]
         if self.active:

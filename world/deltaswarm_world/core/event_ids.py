@@ -1,4 +1,4 @@
-"""Opaque ids of events: from a sighting nobody can tell how many events there have been."""
+"""Opaque ids of events: an id does not reveal how many events there have been."""
 
 import hashlib
 
@@ -16,7 +16,7 @@ class EventIds:
         self._key = derived_key(seed, "event ids")
 
     def of(self, number: int) -> int:
-        """The id of the event that arrives as this one, counted from 0."""
+        """Return the id of the n-th event to arrive, counted from 0."""
         left, right = number >> _HALF_BITS, number & _HALF
         for turn in range(ROUNDS):
             left, right = right, left ^ self._mixed(turn, right)

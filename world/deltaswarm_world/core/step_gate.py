@@ -10,7 +10,7 @@ from deltaswarm_world.core.turns import Turns
 class StepGate:
     """Holds steps back until the operator's turn has come and its pace allows them.
 
-    `monotonic` tells the wall time [s], as in the module `time`. The pace changes no result: nobody is late by it.
+    `monotonic` tells the wall time [s], as in the module `time`. The pace changes no result: it makes no agent late.
     """
 
     def __init__(self, turns: Turns, step_s: float, monotonic: Callable[[], float]) -> None:

@@ -23,7 +23,7 @@ log = logging.getLogger("deltaswarm.world")
 
 STATUS_EVERY_S = 0.5
 MAX_TOLD = 100
-"""The log tells of so many comings and goings of one agent."""
+"""Maximum number of logged arrivals and departures of one agent."""
 
 
 class Attention:

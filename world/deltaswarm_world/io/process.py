@@ -79,7 +79,7 @@ class WorldProcess(Attention):
             self._transport.frames(self._core.begin(step, last, self._is_probe_due(last)))
             self._collect()
             record = self._core.end()
-            output.write(record, self._core.environment.changed)  # a step is on file before anyone is told of it
+            output.write(record, self._core.environment.changed)  # a step is on file before it is announced
             self._close(record, last)
             if time.monotonic() >= self._status_due:
                 self._send_status(step, "running")

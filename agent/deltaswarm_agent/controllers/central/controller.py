@@ -1,6 +1,6 @@
 """Central control by radio: agent 0 plans for all, and every agent does what the plan says.
 
-Everybody must hear agent 0 and be heard by it, so the radio must reach across the arena. An agent that hears nothing
+All agents must hear agent 0 and be heard by it, so the radio must reach across the arena. An agent that hears nothing
 keeps its last goal; without agent 0 the swarm comes to a halt.
 """
 

@@ -30,13 +30,13 @@ POSTS_EVERY_S, PATROL_EVERY_S = 120.0, 20.0
 """Posts are found, and patrols sent elsewhere, this often."""
 
 LEAVE_POST_M = 20.0
-"""An agent is taken from its post only if no patrol is at most this much farther from the event."""
+"""An agent is taken from its post only if every patrol is farther from the event by more than this."""
 
 AT_EVENT_SHARE = 0.9
 """An agent goes to within this share of its sensing range of its event."""
 
 DETOUR_M = 10.0
-"""How much farther than it is a cell counts, so that a patrol does not prefer the cell beside it at any price."""
+"""Added to a cell's distance, so that a patrol does not always prefer the next cell."""
 
 HELP_WITHIN_M = 20.0
 """A patrol this near to an event helps there."""
@@ -146,7 +146,7 @@ class Planner:
         self._known = set(events)
 
     def _post(self, time_s: float, ids: list[int], at_m: Floats) -> None:
-        """Find posts anew; only those are kept at which more events occur than a patrol finds."""
+        """Find new posts; keep those at which more events occur than a patrol finds."""
         self._posts.clear()
         places_m = self._expected.places_m(time_s)
         count = min(int(POST_SHARE * len(ids)), len(places_m) // PLACES_PER_POST)
@@ -163,7 +163,7 @@ class Planner:
             self._helps.pop(ids[free[row]], None)
 
     def _serve(self, ids: list[int], at_m: Floats, events: Mapping[int, Pose]) -> None:
-        """Send free agents to events at which nobody stands."""
+        """Send free agents to events without an agent."""
         self._jobs = {agent: event for agent, event in self._jobs.items() if event in events}
         standing = [index for index, agent in enumerate(ids) if self._stands(agent, at_m[index], events)]
         taken = set(self._jobs.values())

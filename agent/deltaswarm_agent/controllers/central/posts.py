@@ -24,7 +24,7 @@ SOFTENING_M = 0.5
 
 
 def posts(places_m: Floats, count: int, sensing_range_m: float, rng: Random) -> Floats:
-    """Return at most `count` posts (n, 2) for places (m, 2) [m]: the way from a post to a place is short.
+    """Return at most `count` posts (n, 2) for places (m, 2) [m]: the distances from posts to places are short.
 
     The first posts are chosen greedily from random places (k-median); then each moves towards the median of its places
     (Weiszfeld's algorithm).

@@ -30,7 +30,7 @@ class Agent:
         self.timers = timers(context.shared.step_s, context.shared.latency_s)
         self.here = Whereabouts(context.shared, settings.d_min_m, self.timers.trail)
         self.finds: Finds | None = None
-        """What it knows of finding events, if any rule asks."""
+        """What it knows about finding events, if a rule needs it."""
         if settings.patience_finds or settings.return_to_finds or self.strategy.adapts:
             self.finds = Finds(context.shared)
         self.found: FoundPlaces | None = None
@@ -50,7 +50,7 @@ class Agent:
         self.gamma = 0.0
         """The dissolution parameter."""
         self.idle_s = 0.0
-        """Time without an event in its tree (`patience.py`)."""
+        """Time in its tree without an event (`patience.py`)."""
         self.contested = 0
         """Steps in which this root has stayed beside an equal one."""
         self.order: RecruitmentOrder | None = None
@@ -67,9 +67,9 @@ class Agent:
         """Remaining frames that announce its leaving."""
         self.previous_tree: PreviousTree | None = None
         self.founds_from = 0
-        """The step from which it may found a tree: later, once the operator has recalled its tree."""
+        """The step from which it may found a tree; the operator's `recall` postpones it."""
         self.holds_until = 0
-        """The step up to which the operator makes it stand still."""
+        """The step until which the operator's `hold` makes it stand still."""
         self.goto: Pose | None = None
         """Where the operator has sent it."""
         self.errand_command = 0
@@ -109,7 +109,7 @@ class Agent:
         return self.membership
 
     def stay(self) -> None:
-        """Begin to wait for events anew."""
+        """Restart the wait for events."""
         self.gamma = self.settings.gamma_max
         self.idle_s = 0.0
 

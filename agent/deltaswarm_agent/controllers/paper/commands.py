@@ -1,4 +1,4 @@
-"""The operator's commands under the paper's control structures. The paper has no commands: all of this is ours.
+"""The operator's commands under the paper's control structures. The paper has no commands; these are ours.
 
 - `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
@@ -47,11 +47,11 @@ FORMS = (
 
 
 def obey(agent: Agent, commands: Sequence[Command]) -> None:
-    """Begin to carry out commands that are new to the agent; what is done or refused at once is noted."""
+    """Start carrying out new commands; note those that are done or refused at once."""
     for command in commands:
-        fate = _RULES[command.name](agent, command)
-        if fate is not None:
-            (agent.done if fate else agent.refused).append(command.number)
+        outcome = _RULES[command.name](agent, command)
+        if outcome is not None:
+            (agent.done if outcome else agent.refused).append(command.number)
 
 
 def _set_delta(agent: Agent, command: Command) -> bool:
@@ -96,7 +96,7 @@ _RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, 
 
 
 def goto(agent: Agent) -> Pose | None:
-    """Where a walking agent has been sent; it is done with it there."""
+    """Return where the operator has sent a walking agent; on arrival, the command is done."""
     if agent.goto is not None and agent.here.is_at(*agent.goto):
         agent.goto = None
         agent.done.append(agent.errand_command)

@@ -1,7 +1,7 @@
 """Dissolution (the paper's section of that name).
 
 A member's gamma is gamma_max while it observes an event, and else falls by the number of agents above it each second:
-gamma = gamma - t_i. At 0 the agent leaves the tree, and with it its subtree. A root has nobody above it and stays;
+gamma = gamma - t_i. At 0 the agent leaves the tree, and with it its subtree. A root has no agent above it and stays;
 with `idle_root = "leaves"` one that has no followers and senses nothing leaves after gamma_max seconds. With patience
 (`patience.py`) other rules hold.
 """

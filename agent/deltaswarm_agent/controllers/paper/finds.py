@@ -1,7 +1,7 @@
 """How often walkers find events, and how much of the time agents work: what `patience`, `returning` and `delta` need.
 
-Each agent keeps its own averages, in which old finds count less and less, and mixes in those that it hears. So all
-agents that meet soon agree, and an agent that stands in a tree for long still learns what walkers find.
+Each agent keeps its own averages, in which old finds count less and less, and mixes in those that it hears. So
+agents that meet soon agree, and an agent that stands in a tree for a long time still learns what walkers find.
 """
 
 import math

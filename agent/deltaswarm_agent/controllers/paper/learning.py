@@ -12,7 +12,7 @@ from deltaswarm_wire.messages import Event
 def learn(agent: Agent, finds: Finds, sensed: Sequence[Event], heard: Sequence[PaperFrame]) -> None:
     """Take what the agent senses and hears: new events, where they are, and the averages of others.
 
-    An event near an agent that is heard to attend or to be in a tree is no find: somebody knew of it.
+    An event near an agent that is attending or in a tree, by its frames, is not a find: it was known already.
     """
     now, found = agent.now, agent.found
     before = agent.sensed if agent.sensed_step == now - 1 else ()

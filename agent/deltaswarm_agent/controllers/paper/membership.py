@@ -34,7 +34,7 @@ class PreviousTree:
         self._timers = timers
 
     def trusts(self, frame: Member, now: int) -> bool:
-        """Whether the sender may be joined: one of this tree only while its root is known to live."""
+        """Whether the sender may be joined: in this tree, only while its root is known to be alive."""
         return (
             self.root != frame.path[0]
             or now - self.freed > self._timers.previous_tree

@@ -1,4 +1,4 @@
-"""Patience (Charnov's marginal value theorem; not in the paper): when an agent has waited in a tree for long enough.
+"""Patience (Charnov's marginal value theorem; not in the paper): when to stop waiting in a tree.
 
 An agent that senses nothing counts idle seconds; below level 1 they count as often as there are agents above it, as in
 `dissolution`. It leaves when a walker would have found `patience_finds` events by then: so it waits for long where

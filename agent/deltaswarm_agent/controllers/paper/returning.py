@@ -1,9 +1,8 @@
 """Return to finds (site fidelity; not in the paper): a walker remembers where events were, and goes back there.
 
-Events come where others came before. So with a probability p a new leg of the walk leads to the event_field of a
-remembered place, else it is random as ever. p follows what either kind of leg finds: 0.5 (1 - (r0/r1)^2), at least
-0.05, with r0 and r1 the finds per second on random and on returning legs. A place to which a whole leg led back in
-vain is forgotten.
+Events come where others came before. So with a probability p a new leg of the walk leads near a remembered place;
+otherwise it is random. p follows what either kind of leg finds: 0.5 (1 - (r0/r1)^2), at least 0.05, with r0 and r1 the
+finds per second on random and on returning legs. A place to which a whole leg led back in vain is forgotten.
 """
 
 from collections import deque
@@ -13,7 +12,7 @@ from deltaswarm_agent.controllers.paper.finds import Finds
 from deltaswarm_wire.messages import Pose
 
 MAX_PLACES = 32
-"""An agent remembers this many places."""
+"""Maximum number of places that an agent remembers."""
 
 SPREAD_M = 5.0
 """A leg ends near the place: a normal distribution with this standard deviation."""
@@ -28,7 +27,7 @@ def return_probability(ratio: float) -> float:
 
 
 class FoundPlaces:
-    """The places at which an agent newly sensed an event, or met an agent that attended one.
+    """The places at which an agent newly sensed an event, or met an attending agent.
 
     Args:
         memory_steps: a place is remembered this long.

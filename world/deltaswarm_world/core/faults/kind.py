@@ -57,7 +57,7 @@ class Kind:
     name: ClassVar[str]
     """The name in `[[fault]]`, from `deltaswarm_scenario.fault`."""
     hits_dead: ClassVar[bool] = True
-    """Whether it affects named agents without a process: a body can fail without one."""
+    """Whether it also affects named agents without a process: a body can fail without one."""
 
     kills: ClassVar[bool] = False
     """Whether it ends its targets' processes."""

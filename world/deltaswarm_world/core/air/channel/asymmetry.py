@@ -40,7 +40,7 @@ class Asymmetry:
         return cls(settings, context.reach, context.ends, context.rng(cls.stream))
 
     def factors(self, links: Links) -> Floats:
-        """Factor of each link's range; negative for a dead link."""
+        """Return the factor of each link's range; negative for a dead link."""
         if self._table is None:
             return self._drawn(links.senders, links.receivers)
         factors: Floats = self._table[links.senders, links.receivers]
@@ -61,7 +61,7 @@ class Asymmetry:
         return self._reach.shares(links) > factors
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """The link's factor."""
+        """Explain with the link's factor."""
         factor, share = float(self.factors(links)[0]), float(self._reach.shares(links)[0])
         if factor < 0.0:
             return Diagnosis(self.reason, True, "this direction carries nothing", {"dead": True})

@@ -34,7 +34,7 @@ class Loss:
         return lost
 
     def explain(self, links: Links, time_s: float) -> Diagnosis:
-        """Its share."""
+        """Explain with the share of lost frames."""
         return Diagnosis(self.reason, False, f"loses {self._share:.0%} of frames, by chance", {"share": self._share})
 
 

@@ -49,7 +49,7 @@ class Links:
 
     @classmethod
     def of_pairs(cls, senders: Ends, receivers: Ends, frames: Sequence[bytes] = ()) -> Self:
-        """The sender of each row."""
+        """Make links from senders and receivers, row by row."""
         each = np.arange(len(senders.ids))
         return cls(senders, receivers, frames, each, each)
 

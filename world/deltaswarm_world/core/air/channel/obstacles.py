@@ -44,7 +44,7 @@ class RadioObstacles:
         return cut
 
     def _losses_db(self, links: Links) -> Floats:
-        """Computed from the end with the lower number, so that both directions round equally."""
+        """Return losses, computed from the end with the lower number so that both directions round equally."""
         swapped = (links.senders > links.receivers)[:, None]
         from_m, to_m = np.where(swapped, links.to_m, links.from_m), np.where(swapped, links.from_m, links.to_m)
         return self._obstacles.attenuations_db(from_m, to_m)

@@ -122,7 +122,7 @@ class PathLoss:
         return settings.reference_loss_db + 10.0 * settings.exponent * decades
 
     def shadowing_db(self, links: Links) -> Floats:
-        """Return the change of each link's received power by obstacles [dB]."""
+        """Return the shadowing of each link: the change of its received power [dB]."""
         if self._draws is None:
             return np.zeros(len(links))
         speak = self._numbers(self._draws, Ends(links.senders, links.from_m))
