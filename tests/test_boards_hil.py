@@ -92,7 +92,7 @@ def test_a_board_may_stand_still_or_be_started_anew(tmp_path: Path) -> None:
         os.kill(made.processes[5].pid, signal.SIGSTOP)
         made.kill(4)
         made.wait_for_the_world("agent 4 is gone")
-        made.wait_for_the_world("goes on without agent 5")
+        made.wait_for_the_world("continues without agent 5")
         made.swarm.wait_for_steps(40)  # 2 s: it gets a frame in each half second
         os.kill(made.processes[5].pid, signal.SIGCONT)
         made.start(4)
@@ -155,7 +155,7 @@ def test_a_board_started_anew_behind_a_dead_link_is_found(tmp_path: Path) -> Non
             made.start(5)
             made.swarm.wait_for_steps(1)
             link.hold()
-            made.wait_for_the_world("goes on without agent 4")
+            made.wait_for_the_world("continues without agent 4")
             made.kill(4)
             made.start(4, connect=[endpoint])
             made.wait_for_the_world("agent 4, which hung, answers")

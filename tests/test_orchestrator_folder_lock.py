@@ -138,7 +138,7 @@ def test_who_takes_over_is_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 def test_runs_and_sweeps_do_without_flock(tmp_path: Path, has_flock: bool) -> None:
     """And leave nothing of it in what they made."""
     with RunFolder(tmp_path / "run", force=False) as folder:
-        with pytest.raises(FolderError, match="under way"):
+        with pytest.raises(FolderError, match="run in progress"):
             RunFolder(tmp_path / "run", force=True)
         folder.finish()
     assert list((tmp_path / "run").iterdir()) == []

@@ -53,7 +53,7 @@ def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
     scenario = load_scenario("smoke")
     with RunFolder(tmp_path / "run", force=False) as folder:
         folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
-        with pytest.raises(FolderError, match="under way"):
+        with pytest.raises(FolderError, match="run in progress"):
             RunFolder(tmp_path / "run", force=force)
         assert (folder.path / "manifest.json").exists()
     RunFolder(tmp_path / "run", force=True).close()

@@ -110,7 +110,7 @@ def test_a_mixture_can_be_set() -> None:
         ("agent.count=4", "agent"),
         ("zzz=4", "zzz"),
         ("agents=4", "agents: 4"),
-        ("agents.count.x=4", "agents.count.x: 'count' is no table"),
+        ("agents.count.x=4", "agents.count.x: 'count' is not a table"),
         ("agents.count", "--set: 'agents.count'"),
         ("=4", "--set: '=4'"),
         ("a..b=4", "--set: 'a..b=4'"),

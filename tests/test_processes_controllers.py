@@ -165,7 +165,7 @@ def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
     arguments = sets("Sleeps", "run.step_timeout_s=0.5", "run.duration_s=100000", "control.at_step=20")
     with running(module / "run", *arguments, "--record", "off") as swarm:
         swarm.wait_for_steps(1)
-        wait_until(lambda: "goes on without agent 3" in swarm.log("world"), "a step without agent 3")
+        wait_until(lambda: "continues without agent 3" in swarm.log("world"), "a step without agent 3")
         swarm.wait_for_steps(20)
         (module / "wake").touch()
         wait_until(lambda: "agent 3, which hung, answers again" in swarm.log("world"), "its answer")

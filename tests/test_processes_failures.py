@@ -76,7 +76,7 @@ def steps_of_nobody(log: str, agents: int) -> int:
     """The steps from the one in which the last of so many agents hung to the one in which the first came back."""
     hanging, since = set(), -1
     for step, agent, back, back_in in re.findall(
-        r"step (\d+) goes on without agent (\d+)|agent (\d+), which hung, answers again in step (\d+)", log
+        r"step (\d+) continues without agent (\d+)|agent (\d+), which hung, answers again in step (\d+)", log
     ):
         if agent:
             hanging.add(agent)

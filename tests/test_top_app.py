@@ -138,7 +138,7 @@ def test_without_a_run_it_says_so(tmp_path: Path, exists: bool) -> None:
 
 def test_a_run_that_cannot_be_looked_at_is_told_from_one_that_ended(tmp_path: Path) -> None:
     """A folder that somebody writes to, without a socket."""
-    message = "is under way and cannot be looked at"
+    message = "is in progress but cannot be watched"
     with RunFolder(tmp_path / "run", force=False) as folder, pytest.raises(NoRunError, match=message):
         linked(folder.target, tmp_path)
 
@@ -165,7 +165,7 @@ def test_the_command_says_what_is_missing(
     assert main(["top"]) == 2
     assert "--json" in capsys.readouterr().err
     assert main(["top", "--json"]) == 1
-    assert "no run that can be looked at" in capsys.readouterr().err
+    assert "no run in progress that can be watched" in capsys.readouterr().err
     for stream in ("stdin", "stderr"):
         monkeypatch.setattr(f"sys.{stream}.isatty", lambda: True)
     monkeypatch.delitem(sys.modules, "deltaswarm_orchestrator.top.app")

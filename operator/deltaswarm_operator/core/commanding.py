@@ -75,7 +75,7 @@ def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, ste
     forms: tuple[CommandForm, ...] = ()
     if arguments.command_key:
         if not arguments.controller and not arguments.task:
-            raise ValueError("--command-key needs --controller or --task, which say what boards accept")
+            raise ValueError("--command-key needs --controller or --task, which say which commands boards accept")
         forms = begun_with(forms_of(find_controller(task.control.mode, "--controller")), task.control.options)
     briefing = Briefing(
         title=f"open air, {task.control.mode}" if forms else "open air",

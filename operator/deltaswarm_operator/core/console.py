@@ -261,7 +261,7 @@ class Console:
 
     def _intend_pace(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
         if self._in_air:
-            raise ValueError("in open air nobody sets the pace")
+            raise ValueError("in open air the pace cannot be set")
         if self.probes.is_sheet_open and "speed" not in raw:
             raise ValueError(NO_CONSENT)
         if "speed" in raw:

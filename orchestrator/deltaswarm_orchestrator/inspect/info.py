@@ -43,7 +43,7 @@ def describe(folder: Path) -> dict[str, Any]:
         found["checkpoint_step"] = _checkpoint_step(folder, found["state"])
         text(found)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise NotARunError(f"{folder}: manifest.json or summary.json is not as it was written: {error!r}") from None
+        raise NotARunError(f"{folder}: manifest.json or summary.json has been changed or damaged: {error!r}") from None
     return found
 
 

@@ -140,11 +140,11 @@ class RunFolder:
             left = FolderLock(self.path)
         except HeldError as error:
             raise FolderError(
-                f"{self.path} is written by a run under way{error}: end that one, or use another folder"
+                f"{self.path} is being written by a run in progress{error}: end that run, or use another folder"
             ) from None
         try:
             if not left.is_at(self.path):
-                raise FileExistsError(errno.EEXIST, "another run was quicker")
+                raise FileExistsError(errno.EEXIST, "another run took it first")
             if not self._force:
                 raise FolderError(f"{self.path} exists: an interrupted run; --force replaces it")
             away = _beside(self.path)
@@ -176,12 +176,12 @@ class ResumedFolder(RunFolder):
         try:
             self._lock = FolderLock(folder)
         except HeldError as error:
-            raise FolderError(f"{folder} is written by a run under way{error}") from None
+            raise FolderError(f"{folder} is being written by a run in progress{error}") from None
         except OSError as error:
             raise FolderError(f"{folder} cannot be written: {error.strerror}") from None
         if not self._lock.is_at(folder):
             self._lock.release()
-            raise FolderError(f"{folder} has just become another run's")
+            raise FolderError(f"{folder} was taken by another run")
         folder.rename(self.path)
 
 

@@ -92,7 +92,7 @@ class FolderLock:
             if (owner := _parsed(found)) is None or owner.is_running() is not False:
                 raise HeldError(_told(owner, folder / OWNER))
             if not self._create(CLAIM):
-                raise HeldError(f" (if nobody is just beginning, delete {folder / CLAIM})")
+                raise HeldError(f" (if no other run is starting, delete {folder / CLAIM})")
             if _read(folder / OWNER) == found:  # and it stays so, since the claim keeps others from replacing it
                 os.replace(CLAIM, OWNER, src_dir_fd=self._directory, dst_dir_fd=self._directory)
                 return

@@ -52,7 +52,7 @@ def newest(folder: Path) -> Resumed:
         saved, digests = file.with_name(str(resumed.step)), dict(told["sha256"])
         for file in checkpoint.files(saved, resumed.agents):
             if checkpoint.digest(file) != digests[file.name]:
-                raise ValueError("it is not as it was written")
+                raise ValueError("it has been changed or damaged")
         file = saved / checkpoint.OPERATOR_FILE
         least_bytes = {folder / name: int(size) for name, size in told["tables"].items()}
         least_bytes |= {folder / OPERATOR_ROWS: int(json.loads(file.read_text())["table_bytes"])}

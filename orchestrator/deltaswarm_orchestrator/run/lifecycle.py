@@ -125,7 +125,7 @@ def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iter
         yield None
         return
     with FoxgloveServer(scenario.name, options.live_port, reporter.say) as server:
-        reporter.say(f"live: open {server.url} in Foxglove; it shows the truth, which no operator knows")
+        reporter.say(f"live: open {server.url} in Foxglove; it shows the truth, which the operator does not know")
         yield server
 
 
@@ -308,7 +308,7 @@ class _Run:
                 feed = ResearcherFeed(page.operators_end, name, scenario)
                 self._onlookers.append(feed)
                 url = swarm.start_station(page, 1)
-                self._reporter.say(f"researcher's view, which shows what no operator knows: {url}")
+                self._reporter.say(f"researcher's view, which shows the truth: {url}")
             swarm.start_world(
                 folder / "scenario.toml",
                 listen=self._options.listen,

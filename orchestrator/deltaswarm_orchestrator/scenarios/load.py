@@ -245,7 +245,7 @@ def put(table: dict[str, Any], path: str, value: Any) -> list[Problem]:
     for key in keys[:-1]:
         table = table.setdefault(key, {})
         if not isinstance(table, dict):
-            return [Problem(path, f"{key!r} is no table", "must be a key of a table")]
+            return [Problem(path, f"{key!r} is not a table", "must be a key of a table")]
     table[keys[-1]] = value
     return []
 

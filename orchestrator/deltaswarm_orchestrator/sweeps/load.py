@@ -237,14 +237,14 @@ def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row
     problems: list[Problem] = []
     for path, name in places:
         if times[name] > 1:
-            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "let it vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "let it vary in only one place"))
         ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
         if part_of := next((name[:end] for end in ends if name[:end] in times), None):
-            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in one place only"))
+            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in only one place"))
         if name in OWN:
             problems.append(Problem(f"{path}.{name}", "cannot vary", "the sweep sets it for each run"))
         if name in SAME:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "it changes no run"))
+            problems.append(Problem(f"{path}.{name}", "cannot vary", "it has no effect on a run"))
     if not places:
         allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
         problems.append(Problem("sweep", "nothing varies", allowed))

@@ -37,7 +37,7 @@ class SweepDisplay(Bar, SweepReporter):
         """Begin a sweep of `total` runs, `there` of which were finished before."""
         self._total, self._there = total, there
         if there:
-            print(f"{self._name}: {there} of {total} runs are there already", file=sys.stderr, flush=True)
+            print(f"{self._name}: {there} of {total} runs are done already", file=sys.stderr, flush=True)
 
     def done(self, done: Done) -> None:
         """Count a run that has ended."""

@@ -161,7 +161,7 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
     changes = [f"{name} was {was.get(name, 'not set')}, is {now.get(name, 'not set')}" for name in keys]
     raise SweepFolderError(
         f"{folder.path} holds {len(theirs)} runs, none of them of this sweep "
-        f"({'; '.join(changes) or 'its base scenario or deltaswarm was another'}); another --out keeps both"
+        f"({'; '.join(changes) or 'its base scenario or deltaswarm was another'}); choose another --out to keep both"
     )
 
 

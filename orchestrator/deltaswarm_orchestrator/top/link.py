@@ -86,8 +86,8 @@ def linked(run: Path | None, base: Path) -> Link:
         with suppress(OSError):  # left by a run that was killed, or another user's
             return _link(file.parent)
     raise NoRunError(
-        f"no run that can be looked at is under way below {base.resolve()}; "
-        "start one with `deltaswarm run`, or name the folder of one"
+        f"no run in progress that can be watched below {base.resolve()}; "
+        "start one with `deltaswarm run`, or name the folder of a run"
     )
 
 
@@ -95,19 +95,19 @@ def _linked_to(run: Path) -> Link:
     part = run.with_name(f"{run.name}.part")
     folder = part if part.is_dir() and not (run / LIVE_SOCKET).exists() else run
     if not folder.is_dir():
-        raise NoRunError(f"{run} must be the folder of a run under way")
+        raise NoRunError(f"{run} must be the folder of a run in progress")
     try:
         return _link(folder)
     except PermissionError:
-        raise NoRunError(f"{folder} is another user's run; only its owner can look at it") from None
+        raise NoRunError(f"{folder} is another user's run; only its owner can watch it") from None
     except OSError:
         pass
     if is_held(folder):
         raise NoRunError(
-            f"{folder} is under way and cannot be looked at: it is just beginning or ending, it is neither recorded "
+            f"{folder} is in progress but cannot be watched: it is just beginning or ending, it is neither recorded "
             "nor has processes, or its file system has no sockets"
         )
-    raise NoRunError(f"{folder} is not under way; to see what it was: deltaswarm info {folder}")
+    raise NoRunError(f"{folder} is not in progress; for its results: deltaswarm info {folder}")
 
 
 def _link(folder: Path) -> Link:

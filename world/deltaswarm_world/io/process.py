@@ -149,7 +149,7 @@ class WorldProcess(Attention):
         inbox.unsaved |= saving.missing(self._config.out, step, agents)
         is_whole = others_have() and saving.has_operator(self._config.out, step)
         if not can_be_saved() or inbox.unsaved or not is_whole:
-            log.warning("no checkpoint after step %d: a process hangs, is frozen, has gone or cannot be saved", step)
+            log.warning("no checkpoint after step %d: a process hangs, is frozen, is gone or cannot be saved", step)
             for agent in sorted(inbox.unsaved):
                 backoff.missed(agent, step)
                 log.warning("agent %d did not save itself", agent)
@@ -223,7 +223,7 @@ class WorldProcess(Attention):
         participants = self._core.participants
         for agent in sorted(participants.asked):
             self._backoff.missed(agent, participants.step)
-            log.warning("step %d goes on without agent %d, which hangs", participants.step, agent)
+            log.warning("step %d continues without agent %d, which hangs", participants.step, agent)
 
     def _close(self, record: StepRecord, last: bool) -> None:
         """Send the step to recorder and operator; wait for a part that is far behind or being replaced.
@@ -286,5 +286,5 @@ class WorldProcess(Attention):
             elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
                 raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
         if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
-            log.warning("not all parts left within %g s", GOODBYE_S)
+            log.warning("some parts did not leave within %g s", GOODBYE_S)
         self._transport.leave()

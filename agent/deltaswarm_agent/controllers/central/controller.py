@@ -46,7 +46,9 @@ class CentralSettings:
             allowed = f"needs radio.range_m of at least {across_m:.1f} m: every agent must hear agent {PLANNER}"
             return [Problem("mode", f"'central' with {shared.range_m:.15g} m", allowed)]
         if shared.obstacles:
-            return [Problem("mode", "'central' with obstacles", "needs an arena without: it plans straight ways")]
+            return [
+                Problem("mode", "'central' with obstacles", "needs an arena without obstacles: it plans straight paths")
+            ]
         return []
 
 
