@@ -9,17 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats as scipy_stats
 
+from deltaswarm_orchestrator.significance import ALPHA, pairs_needed, smallest_p
 from deltaswarm_orchestrator.stats import (
-    ALPHA,
     contrast,
     describe,
     holm,
     median_interval,
-    pairs_needed,
     scale_of,
     smallest_alpha,
     smallest_effect,
-    smallest_p,
     with_error,
 )
 

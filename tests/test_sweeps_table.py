@@ -18,13 +18,12 @@ from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, work
 from deltaswarm_orchestrator.sweeps.job import series_of as windows_of_run
 from deltaswarm_orchestrator.sweeps.load import load_sweep
-from deltaswarm_orchestrator.sweeps.plan import replicate_seed
+from deltaswarm_orchestrator.sweeps.plan import flattened, replicate_seed
 from deltaswarm_orchestrator.sweeps.table import (
     PER_SENDER,
     costs_of,
     digest_of,
     finished_runs,
-    flattened,
     read_table,
     series_of,
     table_of,

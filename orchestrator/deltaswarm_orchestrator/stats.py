@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from deltaswarm_orchestrator.significance import ALPHA, pairs_needed
+
 Array = NDArray[np.float64]
 Values = Iterable[float | None]
 Interval = tuple[float, float]
 """Lower and upper end; infinite where there are too few values for an end."""
 
-ALPHA = 0.05
 MAX_EXACT = 300
 """With more pairs, the normal approximation of the signed-rank distribution is used."""
 
@@ -209,16 +210,6 @@ def holm(p_values: Sequence[float]) -> list[tuple[float, float]]:
     adjusted[order] = np.minimum(np.maximum.accumulate(p[order] * steps), 1.0)
     alphas[order] = ALPHA / steps_tested
     return list(zip(adjusted.tolist(), alphas.tolist(), strict=True))
-
-
-def smallest_p(pairs: int) -> float:
-    """Return the smallest two-sided p-value that this many pairs can give: all differences have the same sign."""
-    return min(1.0, 2.0 ** (1 - pairs))
-
-
-def pairs_needed(family: int) -> int:
-    """Return the minimum number of pairs for a test to become significant in a family of `family` tests (Holm)."""
-    return next(pairs for pairs in range(1, 200) if smallest_p(pairs) * family <= ALPHA)
 
 
 def smallest_effect(spread: float, pairs: int, family: int, power: float = 0.8) -> float:

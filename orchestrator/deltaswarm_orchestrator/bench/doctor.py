@@ -26,6 +26,11 @@ def needed(extra: str = "") -> dict[str, str]:
     return {one["name"]: one["least"] for one in found if one and (one["extra"] or "") == extra}
 
 
+def is_of_studies(error: ModuleNotFoundError) -> bool:
+    """Return whether a module is missing that the extra `study` installs."""
+    return (error.name or "").partition(".")[0] in needed("study")
+
+
 @dataclass(frozen=True)
 class Finding:
     """The result of one check; `advice` says what to do if it is not well."""

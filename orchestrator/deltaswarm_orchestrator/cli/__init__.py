@@ -78,9 +78,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         complain(str(error))
         return error.code
     except ModuleNotFoundError as error:
-        from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, needed
+        from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, is_of_studies
 
-        if (error.name or "").partition(".")[0] not in needed("study"):
+        if not is_of_studies(error):
             raise
         complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
         return USAGE

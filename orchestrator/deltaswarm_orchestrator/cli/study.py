@@ -56,8 +56,7 @@ def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
     from deltaswarm_orchestrator.studies.plan import plan
-    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-    from deltaswarm_orchestrator.sweeps.runner import default_workers
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
     settings = {"repeats": arguments.repeats, "prove": arguments.prove}

@@ -117,7 +117,7 @@ def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Eng
         CommandError: --scheduler is given for the wrong engine, or Dask is not installed.
     """
     from deltaswarm_orchestrator.sweeps.engine import LocalEngine
-    from deltaswarm_orchestrator.sweeps.runner import default_workers
+    from deltaswarm_orchestrator.sweeps.job import default_workers
 
     workers = arguments.jobs or default_workers(means)
     if arguments.engine == "local":

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
 from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, ContrastSettings, listed
 from deltaswarm_orchestrator.studies.study import Study
-from deltaswarm_orchestrator.sweeps.table import flattened
+from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, did_you_mean
 

@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 import pandas as pd
 
-from deltaswarm_orchestrator.stats import ALPHA, RATIO, Contrast, Scale, contrast, holm, scale_of
+from deltaswarm_orchestrator.significance import ALPHA
+from deltaswarm_orchestrator.stats import RATIO, Contrast, Scale, contrast, holm, scale_of
 from deltaswarm_orchestrator.studies.metrics import WAITING, WAITING_ALL
 from deltaswarm_orchestrator.studies.settings import (
     ALIKE,

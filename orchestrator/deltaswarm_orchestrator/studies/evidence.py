@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from deltaswarm_orchestrator.stats import pairs_needed
+from deltaswarm_orchestrator.significance import pairs_needed
 from deltaswarm_orchestrator.studies.claims import claims_of, findings_of, vacuous_claims
 from deltaswarm_orchestrator.studies.contrasts import contrasts_of, disagreements
 from deltaswarm_orchestrator.studies.fits import fits_of, grids_of

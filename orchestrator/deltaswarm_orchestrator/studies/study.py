@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from deltaswarm_orchestrator.studies.metrics import Metric, Timing
 from deltaswarm_orchestrator.studies.settings import ContrastSettings, StudyFile
-from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep
-from deltaswarm_orchestrator.sweeps.table import flattened
+from deltaswarm_orchestrator.sweeps.plan import LABEL, Sweep, flattened
 from deltaswarm_wire import checked
 
 INTERACTION = " against "

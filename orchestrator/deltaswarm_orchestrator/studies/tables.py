@@ -10,10 +10,12 @@ import numpy as np
 import pandas as pd
 from scipy.stats import t
 
-from deltaswarm_orchestrator.stats import ALPHA, describe
+from deltaswarm_orchestrator.significance import ALPHA
+from deltaswarm_orchestrator.stats import describe
 from deltaswarm_orchestrator.studies.checks import used_metrics
-from deltaswarm_orchestrator.studies.metrics import ID, WAITING, WAITING_ALL, is_over_time, values_of, windows_of
+from deltaswarm_orchestrator.studies.metrics import ID, WAITING, WAITING_ALL, is_over_time
 from deltaswarm_orchestrator.studies.study import Study
+from deltaswarm_orchestrator.studies.values import values_of, windows_of
 
 Row = dict[str, Any]
 

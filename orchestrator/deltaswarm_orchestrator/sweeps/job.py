@@ -180,3 +180,9 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
 def _mean(window: "np.ndarray[Any, np.dtype[np.float64]]") -> float | None:
     known = window[~np.isnan(window)]
     return float(known.mean()) if known.size else None
+
+
+def default_workers(means: str) -> int:
+    """A core for each run in one process; two for each run by processes."""
+    cores = len(os.sched_getaffinity(0))
+    return cores if means == IN_PROCESS else max(1, cores // 2)

@@ -2,11 +2,13 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import orjson
 
 from deltaswarm_scenario.scenario import NAME, Scenario
 from deltaswarm_wire import checked
@@ -137,3 +139,17 @@ def replicate_seed(sweep_seed: int, replicate: int) -> int:
 
     (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
     return int(state) >> (64 - SEED_BITS)
+
+
+def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield dotted names with their values, lists as JSON; a top-level `name` or `seed` is left out."""
+    for name, value in table.items():
+        if isinstance(value, Mapping):
+            yield from flattened(value, f"{prefix}{name}.")
+        elif f"{prefix}{name}" not in ("name", "seed"):  # the row's head identifies the run
+            yield f"{prefix}{name}", cell(value)
+
+
+def cell(value: Any) -> Any:
+    """Return a value as a table holds it: lists and tables as JSON."""
+    return orjson.dumps(value).decode() if isinstance(value, list | dict) else value

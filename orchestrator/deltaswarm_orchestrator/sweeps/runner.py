@@ -1,6 +1,5 @@
 """A sweep from plan to tables: what is there is kept, what is missing is run, what failed is said."""
 
-import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from deltaswarm_orchestrator.sweeps import table as tables
 from deltaswarm_orchestrator.sweeps.engine import Engine, EngineLostError
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder, SweepFolderError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
-from deltaswarm_orchestrator.sweeps.plan import Sweep
+from deltaswarm_orchestrator.sweeps.plan import Sweep, flattened
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
 from deltaswarm_wire import checked
 from deltaswarm_wire.files import write_whole
@@ -168,15 +167,9 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
 def _plan(manifest: dict[str, Any]) -> dict[str, Any]:
     """What of a manifest says which runs a sweep has, by dotted names as in its file."""
     own = {name: manifest.get(name) for name in ("seed", "series_every_s", "axes", "paired", "variants")}
-    return dict(tables.flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": own}))
+    return dict(flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": own}))
 
 
 def _proofs(table: pd.DataFrame, differing: Sequence[str]) -> dict[str, int]:
     checked_runs = 0 if table.empty else len(table.dropna(subset=list(tables.DIGESTS.values())))
     return {"checked": checked_runs, "equal": checked_runs - len(differing)}
-
-
-def default_workers(means: str) -> int:
-    """A core for each run in one process; two for each run by processes."""
-    cores = len(os.sched_getaffinity(0))
-    return cores if means == IN_PROCESS else max(1, cores // 2)

@@ -2,16 +2,15 @@
 
 import hashlib
 import importlib.util
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import orjson
 import pandas as pd
 
 from deltaswarm_orchestrator.sweeps.folder import SweepFolder
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Result
-from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
+from deltaswarm_orchestrator.sweeps.plan import Job, Sweep, cell, flattened
 from deltaswarm_wire.files import write_whole
 
 Finished = list[tuple[Job, Result]]
@@ -69,25 +68,12 @@ def senders_of(runs: Finished) -> pd.DataFrame:
 
 def _head(job: Job) -> dict[str, Any]:
     """Return the columns that identify a run."""
-    keys = {name: _cell(value) for name, value in job.variant.keys.items()}
+    keys = {name: cell(value) for name, value in job.variant.keys.items()}
     return {"variant": job.variant.label, **keys, "replicate": job.replicate, "seed": job.scenario.seed}
 
 
 def _digest(result: Result | None) -> str | None:
     return None if result is None else str(result["summary"]["digest"])
-
-
-def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield dotted names with their values, lists as JSON; a top-level `name` or `seed` is left out."""
-    for name, value in table.items():
-        if isinstance(value, Mapping):
-            yield from flattened(value, f"{prefix}{name}.")
-        elif f"{prefix}{name}" not in ("name", "seed"):  # the row's head identifies the run
-            yield f"{prefix}{name}", _cell(value)
-
-
-def _cell(value: Any) -> Any:
-    return orjson.dumps(value).decode() if isinstance(value, list | dict) else value
 
 
 def series_of(runs: Finished) -> pd.DataFrame:
