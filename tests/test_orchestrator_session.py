@@ -130,6 +130,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
         assert vars(arguments)["station"]
         done.append(folder.name)
         folder.mkdir()
+        print("the table of a run")
         is_whole = len(done) != 2
         (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
         return 0 if is_whole else 1
@@ -140,10 +141,14 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     order = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
     assert main(command) == 1
     assert "to go on" in capsys.readouterr().err
-    assert main(command) == 0
+    capsys.readouterr()
+    assert main([*command, "--json"]) == 0
+    printed = json.loads(capsys.readouterr().out)
     second = f"1-{order[1]}"
     assert done == ["0-training", second, f"{second}-2", f"2-{order[2]}", f"3-{order[3]}"]
-    record = json.loads((tmp_path / "out" / "participant-007" / "session.json").read_text())
+    folder = tmp_path / "out" / "participant-007"
+    record = json.loads((folder / "session.json").read_text())
+    assert printed == {"folder": str(folder), **record}
     assert [run["condition"] for run in record["runs"]] == order
     assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]
     assert main(command) == 0

@@ -8,7 +8,7 @@ import pytest
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
-from deltaswarm_orchestrator.studies.plan import plan
+from deltaswarm_orchestrator.studies.plan import plan, text
 from deltaswarm_orchestrator.studies.study import default_factors
 from deltaswarm_orchestrator.studies.tables import runs_of
 from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep
@@ -62,7 +62,7 @@ def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, m
 
         study = made(OWN + limit, SWEEP.replace("repeats = 10", f"repeats = {repeats}"))
         write_table(tmp_path / "runs", runs_of(study, table(value), pd.DataFrame()))
-        (line,) = [line for line in plan(study, tmp_path, 2).splitlines() if "waiting_all" in line]
+        (line,) = [line for line in text(plan(study, tmp_path, 2)).splitlines() if "waiting_all" in line]
         return float(re.findall(r"shows (\S+) times", line)[0])
 
     assert 1 < effect(0.02, 40) < effect(0.02, 20) < effect(0.2, 20)

@@ -1,9 +1,10 @@
 """Arguments that several commands share."""
 
 import argparse
+import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_wire.checked import did_you_mean
@@ -11,6 +12,16 @@ from deltaswarm_wire.checked import did_you_mean
 N = TypeVar("N", int, float)
 
 A_RUN = "the folder of a run"
+
+
+def add_json(command: argparse.ArgumentParser, what: str = "the result") -> None:
+    """Add `--json`."""
+    command.add_argument("--json", action="store_true", help=f"print {what} as one JSON document")
+
+
+def show(arguments: argparse.Namespace, found: Any, text: str) -> None:
+    """Print a result on standard output, for people or as JSON."""
+    print(json.dumps(found) if arguments.json else text)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:

@@ -1,13 +1,12 @@
 """The command `deltaswarm bench`."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
 from deltaswarm_orchestrator.base.text import named
-from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 
 
 def _sizes(text: str) -> list[int]:
@@ -20,7 +19,6 @@ OPTIONS: dict[str, dict[str, Any]] = {
     "--steps": {"type": whole(1), "default": 1000, "metavar": "N", "help": "steps per measurement (default: 1000)"},
     "--rounds": {"type": whole(1), "default": 3, "metavar": "N", "help": "measure this often (default: 3)"},
     "--plot": {"type": Path, "metavar": "NAME", "help": "draw NAME.png, NAME.svg and NAME.pdf"},
-    "--json": {"action": "store_true", "help": "print the result as JSON"},
 }
 
 
@@ -30,8 +28,9 @@ def add(command: argparse.ArgumentParser) -> None:
     for name, (measured, options) in MEASUREMENTS.items():
         summary = (measured.__doc__ or "").removesuffix(".")
         own = measurements.add_parser(name, help=summary[0].lower() + summary[1:], description=measured.__doc__)
-        for option in (*options, "--json"):
+        for option in options:
             own.add_argument(option, **OPTIONS[option])
+        add_json(own)
     command.set_defaults(func=bench)
 
 
@@ -46,7 +45,7 @@ def bench(arguments: argparse.Namespace) -> int:
         found = measured(arguments)
     except ValueError as error:
         raise CommandError(str(error)) from None
-    print(json.dumps(found) if arguments.json else named(found))
+    show(arguments, found, named(found))
     return OK
 
 
@@ -112,6 +111,6 @@ MEASUREMENTS = {
     "coverage": (_coverage, ("--rounds", "--plot")),
     "station": (_station, ("--agents", "--steps", "--rounds")),
 }
-"""Each measurement, described by its docstring, and its options besides `--json`."""
+"""Each measurement, described by its docstring, and the options that it takes."""
 
 WITH_PROCESSES = ("run", "station")

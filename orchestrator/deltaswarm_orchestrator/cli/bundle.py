@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import OK
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_wire import __version__
 
 
@@ -26,6 +27,7 @@ def add(command: argparse.ArgumentParser) -> None:
         metavar="HEX",
         help="public key of the operator: into the example of a board's file; adds cryptography",
     )
+    add_json(command)
     command.set_defaults(func=bundle)
 
 
@@ -44,5 +46,6 @@ def bundle(arguments: argparse.Namespace) -> int:
     out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
     pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
     names = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
-    print("\n".join([*(f"  {name}" for name in names), str(out)]))
+    found = {"folder": str(out), "wheels": names}
+    show(arguments, found, "\n".join([*(f"  {name}" for name in names), str(out)]))
     return OK

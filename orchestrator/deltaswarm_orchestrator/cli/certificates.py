@@ -3,9 +3,10 @@
 import argparse
 import sys
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
-from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 from deltaswarm_wire.arguments import agent_numbers
 
 
@@ -30,6 +31,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--days", type=whole(1, 36_500), default=365, metavar="N", help="how long they are valid (default: 365)"
     )
+    add_json(command)
     command.set_defaults(func=certificates)
 
 
@@ -40,34 +42,31 @@ def certificates(arguments: argparse.Namespace) -> int:
     has_certificates = arguments.out is not None and arguments.agents is not None
     if not has_certificates and (arguments.out or arguments.agents or not arguments.operator_key):
         raise CommandError("certificates need --out and --agents; a key for commands needs --operator-key")
-    if arguments.operator_key:
-        _operator_key(arguments.operator_key)
-    if not has_certificates:
-        return OK
+    found: dict[str, Any] = {}
+    lines, advice = [], []
     try:
-        files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
+        if arguments.operator_key:
+            found["operator_key"] = public = _operator_key(arguments.operator_key)
+            lines.append(f'operator_key = "{public}"')
+            advice.append(f"{arguments.operator_key} signs the operator's commands; keep it on the operator's machine")
+        if has_certificates:
+            files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
+            found["files"] = [str(file) for file in files]
+            lines += found["files"] or [f"{arguments.out}: all certificates exist"]
+            advice.append(f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine")
+            advice.append("a board gets ca.pem, its own .pem and its own .key")
     except (ValueError, OSError) as error:
         raise CommandError(str(error)) from None
-    print("\n".join(map(str, files)) if files else f"{arguments.out}: all certificates exist")
-    print(
-        f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine. "
-        "A board gets ca.pem, its own .pem and its own .key",
-        file=sys.stderr,
-    )
+    show(arguments, found, "\n".join(lines))
+    print("\n".join(advice), file=sys.stderr)
     return OK
 
 
-def _operator_key(file: Path) -> None:
-    """Make the key if it is missing, and print its public part."""
+def _operator_key(file: Path) -> str:
+    """Make the key if it is missing; return its public part."""
     from deltaswarm_wire.signing import make_key, public_key
 
-    try:
-        if file.exists():
-            public = public_key(file)
-        else:
-            file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-            public = make_key(file)
-    except (ValueError, OSError) as error:
-        raise CommandError(str(error)) from None
-    print(f'operator_key = "{public}"')
-    print(f"{file} signs the operator's commands; keep it on the operator's machine", file=sys.stderr)
+    if file.exists():
+        return public_key(file)
+    file.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    return make_key(file)

@@ -1,12 +1,12 @@
 """The command `deltaswarm doctor`."""
 
 import argparse
-import json
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK
 from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.bench.doctor import Finding
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm doctor`."""
-    command.add_argument("--json", action="store_true", help="print the findings as JSON")
+    add_json(command, "the findings")
     command.set_defaults(func=doctor)
 
 
@@ -23,10 +23,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.bench import doctor
 
     findings = doctor.examine()
-    if arguments.json:
-        print(json.dumps([asdict(finding) for finding in findings]))
-    else:
-        print(aligned(_row(finding) for finding in findings))
+    show(arguments, [asdict(finding) for finding in findings], aligned(_row(finding) for finding in findings))
     return OK if all(finding.is_well for finding in findings) else FAILED
 
 

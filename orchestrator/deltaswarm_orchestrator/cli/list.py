@@ -1,28 +1,25 @@
 """The command `deltaswarm list`."""
 
 import argparse
-import json
 from importlib.metadata import entry_points
 
 from deltaswarm_orchestrator.base.exits import OK
 from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm list`."""
     command.description = "List what comes with deltaswarm and what other installed packages add to it."
-    command.add_argument("--json", action="store_true", help="print the lists as JSON")
+    add_json(command, "the lists")
     command.set_defaults(func=list_all)
 
 
 def list_all(arguments: argparse.Namespace) -> int:
     """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with a short text."""
     found = known()
-    if arguments.json:
-        print(json.dumps(found))
-        return OK
-    for kind, names in found.items():
-        print(f"{kind}:\n{aligned(('', *pair) for pair in names.items())}")
+    texts = (f"{kind}:\n{aligned(('', *pair) for pair in names.items())}" for kind, names in found.items())
+    show(arguments, found, "\n".join(texts))
     return OK
 
 

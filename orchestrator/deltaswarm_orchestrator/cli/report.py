@@ -1,11 +1,10 @@
 """The command `deltaswarm report`."""
 
 import argparse
-import json
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import must_exist
+from deltaswarm_orchestrator.cli.arguments import add_json, must_exist, show
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -17,7 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
         "--metric", action="append", default=[], metavar="COLUMN", help="a column of table.csv to report as well"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: the sweep's folder")
-    command.add_argument("--json", action="store_true", help="print the names of the files as JSON")
+    add_json(command, "the names of the files")
     command.set_defaults(func=report)
 
 
@@ -50,7 +49,7 @@ def report(arguments: argparse.Namespace) -> int:
         files = write(study, evidence, provenance_of(study, manifest), arguments.out or folder)
     except (OSError, ValueError) as error:
         raise CommandError(str(error)) from None
-    print(json.dumps([str(file) for file in files]) if arguments.json else files[0])
+    show(arguments, [str(file) for file in files], str(files[0]))
     for line in evidence.warnings:
         complain(line)
     return FAILED if evidence.incomplete else OK

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import must_exist, number, whole
+from deltaswarm_orchestrator.cli.arguments import add_json, must_exist, number, show, whole
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
+from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 
 if TYPE_CHECKING:
@@ -124,7 +125,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--dry-run", action="store_true", help="only check the scenario, and print it with the meaning of every key"
     )
-    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_json(command)
     command.set_defaults(func=run)
 
 
@@ -140,7 +141,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise CommandError(problem)
     scenario = _scenario_of(arguments)
     if arguments.dry_run:
-        print(commented_toml(scenario), end="")
+        show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
     from deltaswarm_orchestrator.bench.doctor import can_start_parts
 

@@ -2,14 +2,17 @@
 
 import argparse
 import json
+import sys
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, complain
 from deltaswarm_orchestrator.base.signals import begin_anew
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_wire.command_line import Parser
 
 RECORD = "session.json"
@@ -24,6 +27,7 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
     command.add_argument("--plan", action="store_true", help="print the order of the runs, and run nothing")
+    add_json(command)
     command.set_defaults(func=session)
 
 
@@ -33,25 +37,26 @@ def session(arguments: argparse.Namespace) -> int:
     settings, beside = load_session(arguments.session)
     planned = plan(settings, participant, beside)
     if arguments.plan:
-        print("\n".join(f"{place} {one.label}" for place, one in enumerate(planned)))
+        show(arguments, [one.label for one in planned], "\n".join(f"{n} {one.label}" for n, one in enumerate(planned)))
         return OK
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     folder = out / f"participant-{participant:03}"
     folder.mkdir(parents=True, exist_ok=True)
-    _write(folder, participant, planned)
+    write_json(folder / RECORD, _record(folder, participant, planned))
     for place, one in enumerate(planned):
         if _done(folder, one):
             continue
-        print(f"run {place} of {len(planned) - 1}: {one.label}")
-        code = _do(one, folder)
-        _write(folder, participant, planned)
+        print(f"run {place} of {len(planned) - 1}: {one.label}", file=sys.stderr)
+        with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
+            code = _do(one, folder)
+        write_json(folder / RECORD, _record(folder, participant, planned))
         begin_anew()
         if code != OK:
             complain(
                 f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
             )
             return code
-    print(folder)
+    show(arguments, {"folder": str(folder), **_record(folder, participant, planned)}, str(folder))
     return OK
 
 
@@ -78,11 +83,11 @@ def _done(folder: Path, one: PlannedRun) -> bool:
     return any(summary["complete"] for summary in _summaries(folder, one).values())
 
 
-def _write(folder: Path, participant: int, planned: list[PlannedRun]) -> None:
-    """Write the order of the conditions, and the attempts at each, to RECORD."""
+def _record(folder: Path, participant: int, planned: list[PlannedRun]) -> dict[str, Any]:
+    """Return the order of the conditions, and the attempts at each."""
     rows = []
     for place, one in enumerate(planned):
         attempts = _summaries(folder, one)
         found = [{"folder": name, "complete": s["complete"], "digest": s["digest"]} for name, s in attempts.items()]
         rows.append({"place": place, "condition": one.label, "attempts": found})
-    (folder / RECORD).write_text(json.dumps({"participant": participant, "runs": rows}, indent=2) + "\n")
+    return {"participant": participant, "runs": rows}

@@ -4,13 +4,14 @@ import argparse
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
-from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, must_exist, show
 from deltaswarm_orchestrator.processes.station import address, open_browser
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm station`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
+    add_json(command)
     command.set_defaults(func=station)
 
 
@@ -22,6 +23,6 @@ def station(arguments: argparse.Namespace) -> int:
     if url is None:
         complain(f"{arguments.run}: no run with a station is under way there; see: deltaswarm replay {arguments.run}")
         return FAILED
-    print(url)
+    show(arguments, {"url": url}, url)
     open_browser(url)
     return OK

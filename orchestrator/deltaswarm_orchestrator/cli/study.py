@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain
+from deltaswarm_orchestrator.cli.arguments import add_json, show
 from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
@@ -48,14 +49,14 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
-    command.add_argument("--json", action="store_true", help="print the verdicts as JSON")
+    add_json(command, "the verdicts")
     command.set_defaults(func=study)
 
 
 def study(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
-    from deltaswarm_orchestrator.studies.plan import plan
+    from deltaswarm_orchestrator.studies.plan import plan, text
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, default_workers
 
     names = COLLECTIONS.get(arguments.study, [arguments.study])
@@ -67,7 +68,7 @@ def study(arguments: argparse.Namespace) -> int:
     if arguments.plan:
         workers = arguments.jobs or default_workers(PROCESSES if arguments.processes else IN_PROCESS)
         plans = [plan(one, arguments.pilot or folder, workers) for one, folder in zip(studies, folders, strict=True)]
-        print("\n\n".join(plans))
+        show(arguments, plans if is_collection else plans[0], "\n\n".join(map(text, plans)))
         return OK
     if is_collection and (arguments.render or arguments.check):
         lacking = [one.name for one, folder in zip(studies, folders, strict=True) if not (folder / RUNS).exists()]
@@ -76,7 +77,9 @@ def study(arguments: argparse.Namespace) -> int:
         studies = [one for one in studies if one.name not in lacking]
         folders = [out / one.name for one in studies]
     if arguments.check:
-        return max((_checked(one, folder) for one, folder in zip(studies, folders, strict=True)), default=FAILED)
+        repeated = [_repeated(one, folder) for one, folder in zip(studies, folders, strict=True)]
+        show(arguments, repeated if is_collection else repeated[0], "\n".join(map(_compared, repeated)))
+        return max((MISSED if one["differing"] else OK for one in repeated), default=FAILED)
     codes, told = [], []
     for one, folder in zip(studies, folders, strict=True):
         try:
@@ -132,8 +135,8 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
     return code, {"study": one.name, "page": str(files[0]), "claims": verdicts}
 
 
-def _checked(one: "Study", folder: Path) -> int:
-    """Repeat one run of a study, and say whether it is still as its tables say; return the exit code.
+def _repeated(one: "Study", folder: Path) -> dict[str, Any]:
+    """Repeat one run of a study; return its name, and where it is not as the study's tables say.
 
     Raises:
         CommandError: there are no tables, or the run failed.
@@ -145,9 +148,13 @@ def _checked(one: "Study", folder: Path) -> int:
         repeated = repeat(one, folder)
     except (OSError, ValueError, RunError) as error:
         raise CommandError(_why(one, error), FAILED) from None
-    differing = ", ".join(f"{name} was {was}, is {now}" for name, was, now in repeated.differing)
-    print(f"{one.name}: {repeated.run}: {differing or 'as published'}")
-    return MISSED if differing else OK
+    differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
+    return {"study": one.name, "run": repeated.run, "differing": differing}
+
+
+def _compared(repeated: dict[str, Any]) -> str:
+    differing = ", ".join(f"{one['metric']} was {one['was']}, is {one['is']}" for one in repeated["differing"])
+    return f"{repeated['study']}: {repeated['run']}: {differing or 'as published'}"
 
 
 def _why(one: "Study", error: Exception) -> str:

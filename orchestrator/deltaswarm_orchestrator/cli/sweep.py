@@ -1,14 +1,13 @@
 """The command `deltaswarm sweep`, and the functions it shares with other commands that do many runs."""
 
 import argparse
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
-from deltaswarm_orchestrator.cli.arguments import whole
+from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -28,7 +27,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--dry-run", action="store_true", help="check the sweep and list its variants only")
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
-    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_json(command)
     command.set_defaults(func=sweep)
 
 
@@ -52,17 +51,15 @@ def sweep(arguments: argparse.Namespace) -> int:
     settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
     loaded = load_sweep(arguments.sweep, arguments.set, settings)
     if arguments.dry_run:
-        print(loaded.size)
-        print("\n".join(variant.label for variant in loaded.variants))
+        variants = [{"label": variant.label, "keys": variant.keys} for variant in loaded.variants]
+        found = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
+        show(arguments, found, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
     if arguments.series and not loaded.file.sweep.series_every_s:
         raise CommandError("--series needs time series, but sweep.series_every_s is 0")
     folder = arguments.out or Path("sweeps") / loaded.name
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
-    if arguments.json:
-        print(json.dumps({"folder": str(folder), **result.manifest, "well": result.is_well}))
-    else:
-        print(described(result))
+    show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
     return exit_code_of(result)
 
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, USAGE, complain
-from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, must_exist
 
 INSTALL_TOP = "pip install 'deltaswarm[top]'"
 
@@ -19,7 +19,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "run", nargs="?", type=Path, metavar="RUN", help="a run's folder (default: the newest run under way from here)"
     )
-    command.add_argument("--json", action="store_true", help="print one picture of the run as JSON")
+    add_json(command, "one picture of the run")
     command.set_defaults(func=top)
 
 

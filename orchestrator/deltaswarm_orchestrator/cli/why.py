@@ -1,12 +1,11 @@
 """The command `deltaswarm why`."""
 
 import argparse
-import json
 from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
-from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, must_exist, show
 from deltaswarm_wire.keys import OPERATOR
 
 
@@ -17,7 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("sender", type=int, metavar="A", help="the agent that sends")
     command.add_argument("receiver", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
     command.add_argument("--at", type=float, required=True, metavar="T", help="time in the run [s]")
-    command.add_argument("--json", action="store_true", help="print the result as JSON")
+    add_json(command)
     command.set_defaults(func=why)
 
 
@@ -34,7 +33,7 @@ def why(arguments: argparse.Namespace) -> int:
 
     must_exist(arguments.folder, "RUN", A_RUN)
     answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
-    print(json.dumps(asdict(answer)) if arguments.json else link_report.text(answer))
+    show(arguments, asdict(answer), link_report.text(answer))
     if answer.differs_from_step is not None:
         complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
         return FAILED

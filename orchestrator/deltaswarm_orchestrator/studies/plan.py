@@ -5,6 +5,7 @@ import time
 from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from deltaswarm_orchestrator.bench.doctor import INSTALL_STUDY, is_of_studies
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.significance import pairs_needed, smallest_p
 from deltaswarm_orchestrator.studies.study import Study
+from deltaswarm_orchestrator.sweeps.plan import size
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
 
@@ -20,46 +22,70 @@ MEASURED_S = 0.4
 """Wall time for which each of these variants is run to estimate its speed."""
 
 
-def plan(study: Study, pilot: Path, workers: int) -> str:
-    """Describe the runs, their duration on this machine, and each family of tests, a line each.
+def plan(study: Study, pilot: Path, workers: int) -> dict[str, Any]:
+    """Describe the runs, their duration on this machine, and each family of tests.
 
     `pilot` is a folder whose `runs.csv`, if there is one, says how much replicates differ: a pilot's, or published.
     """
     effects, note = _effects(study, pilot / "runs.csv")
-    wall = timedelta(seconds=round(wall_s(study) / workers))
-    lines = [study.sweep.size, f"  about {wall} on {workers} cores, by the speed of the first steps of each variant"]
-    for number, contrast in enumerate(study.file.contrast):
-        for metric in study.metrics_of(contrast):
-            family = len(list(study.comparisons(contrast)))
-            line = _line(study, f"contrast {contrast.id!r}, {metric}", family)
-            lines.append(line + effects.get((number, metric), ""))
+    families = [
+        _family(study, f"contrast {contrast.id!r}, {metric}", len(list(study.comparisons(contrast))))
+        | {"shows": effects.get((number, metric))}
+        for number, contrast in enumerate(study.file.contrast)
+        for metric in study.metrics_of(contrast)
+    ]
     sources = [claim.source for claim in study.file.claim]
-    lines += [
-        _line(study, f"claims of {source!r}" if source else "claims", sources.count(source))
+    families += [
+        _family(study, f"claims of {source!r}" if source else "claims", sources.count(source))
         for source in dict.fromkeys(sources)
     ]
-    return "\n".join([*lines, note] if note and study.file.contrast else lines)
+    return {
+        "study": study.name,
+        "variants": len(study.sweep.variants),
+        "repeats": study.repeats,
+        "workers": workers,
+        "wall_s": wall_s(study) / workers,
+        "families": families,
+        "note": note if study.file.contrast else None,
+    }
 
 
-def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str], str]:
+def text(planned: dict[str, Any]) -> str:
+    """Format the result of `plan` as text."""
+    wall = timedelta(seconds=round(planned["wall_s"]))
+    return "\n".join(
+        [
+            size(planned["study"], planned["variants"], planned["repeats"]),
+            f"  about {wall} on {planned['workers']} cores, by the speed of the first steps of each variant",
+            *(_line(family, planned["repeats"]) for family in planned["families"]),
+            *([f"  {planned['note']}"] if planned["note"] else []),
+        ]
+    )
+
+
+def _family(study: Study, name: str, tests: int) -> dict[str, Any]:
+    least = min(1.0, smallest_p(study.repeats) * tests)
+    return {"name": name, "tests": tests, "smallest_p": least, "repeats_needed": pairs_needed(tests), "shows": None}
+
+
+def _line(family: dict[str, Any], repeats: int) -> str:
+    line = f"  {family['name']}: {family['tests']} tests in a family, smallest corrected p {family['smallest_p']:.2g}"
+    if repeats < family["repeats_needed"]:
+        line += f": can show nothing, {family['repeats_needed']} replicates are needed"
+    return line + (f"; shows {family['shows']} with a probability of 80 %" if family["shows"] else "")
+
+
+def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None], str | None]:
     """Return what each contrast and metric could show, by a pilot's runs, and a line about what is missing for it."""
     if not file.is_file():
-        return {}, f"  no {file}: with a pilot (--pilot FOLDER) the smallest effects that could be shown are told too"
+        return {}, f"no {file}: with a pilot (--pilot FOLDER) the smallest effects that could be shown are told too"
     try:
         from deltaswarm_orchestrator.studies.power import effects
     except ModuleNotFoundError as error:
         if not is_of_studies(error):
             raise
-        return {}, f"  the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
-    return effects(study, file), ""
-
-
-def _line(study: Study, name: str, family: int) -> str:
-    least = min(1.0, smallest_p(study.repeats) * family)
-    line = f"  {name}: {family} tests in a family, smallest corrected p {least:.2g}"
-    if study.repeats < pairs_needed(family):
-        line += f": can show nothing, {pairs_needed(family)} replicates are needed"
-    return line
+        return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
+    return effects(study, file), None
 
 
 def wall_s(study: Study) -> float:

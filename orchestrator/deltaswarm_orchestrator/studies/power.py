@@ -18,7 +18,7 @@ MIN_PILOT = 3
 """Fewest pairs of a pilot from which a spread is estimated."""
 
 
-def effects(study: Study, file: Path) -> dict[tuple[int, str], str]:
+def effects(study: Study, file: Path) -> dict[tuple[int, str], str | None]:
     """Describe the smallest effect of each contrast (by its place) and metric, from a pilot's `runs.csv`."""
     runs = read_table(file, ["variant"], needs=ID)
     return {
@@ -28,12 +28,12 @@ def effects(study: Study, file: Path) -> dict[tuple[int, str], str]:
     }
 
 
-def _effect(study: Study, contrast: ContrastSettings, metric: str, runs: pd.DataFrame) -> str:
+def _effect(study: Study, contrast: ContrastSettings, metric: str, runs: pd.DataFrame) -> str | None:
     """Say which effect the replicates would show with a probability of 80 %, for the median spread of the family."""
     rows = list(study.comparisons(contrast))
     family = len(rows)
     if runs.empty or metric not in runs or study.repeats < pairs_needed(family):
-        return ""
+        return None
     of = samples_of(runs, metric)
     scale = scale_of(*(of(variant) for row in rows for side in row.sides for variant in side))
     spreads = []
@@ -42,7 +42,6 @@ def _effect(study: Study, contrast: ContrastSettings, metric: str, runs: pd.Data
         differences = (changes[0] if len(changes) == 1 else changes[0] - changes[1]).dropna()
         spreads += [float(differences.std())] if len(differences) >= MIN_PILOT else []
     if not spreads:
-        return ""
+        return None
     shift = smallest_effect(float(np.median(spreads)), study.repeats, family)
-    shown = f"{math.exp(shift):.2f} times" if scale == RATIO else f"{shift:.3g} {study.metrics[metric].unit}".rstrip()
-    return f"; shows {shown} with a probability of 80 %"
+    return f"{math.exp(shift):.2f} times" if scale == RATIO else f"{shift:.3g} {study.metrics[metric].unit}".rstrip()

@@ -109,8 +109,7 @@ class Sweep:
     @property
     def size(self) -> str:
         """The number of runs, for people."""
-        repeats = self.file.sweep.repeats
-        return f"{self.name}: {len(self.variants)} variants x {repeats} replicates, {len(self.variants) * repeats} runs"
+        return size(self.name, len(self.variants), self.file.sweep.repeats)
 
     @property
     def swept(self) -> list[str]:
@@ -139,6 +138,11 @@ def replicate_seed(sweep_seed: int, replicate: int) -> int:
 
     (state,) = np.random.SeedSequence([sweep_seed, replicate]).generate_state(1, np.uint64)
     return int(state) >> (64 - SEED_BITS)
+
+
+def size(name: str, variants: int, repeats: int) -> str:
+    """Tell the number of runs."""
+    return f"{name}: {variants} variants x {repeats} replicates, {variants * repeats} runs"
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,0 +1,74 @@
+"""What commands print: with `--json` one document on standard output, and nothing else there."""
+
+import argparse
+import json
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.cli import COMMANDS, main, parser
+from deltaswarm_orchestrator.studies.load import COLLECTIONS
+from tests.swarms import COMMAND
+
+Printed = pytest.CaptureFixture[str]
+
+WITHOUT_JSON = {"replay"}
+"""Commands without a result, as the page of commands says."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short run."""
+    out = tmp_path_factory.mktemp("runs") / "short"
+    command = ["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(out)]
+    subprocess.run([*COMMAND, *command], capture_output=True, check=True)
+    return out
+
+
+def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[argparse.ArgumentParser]:
+    """The parsers of a command: its own, or those of its subcommands."""
+    choices = next((a.choices for a in made._actions if isinstance(a, argparse._SubParsersAction)), None)
+    if not words and choices is None:
+        yield made
+    elif words:
+        yield from leaves(choices[words[0]], words[1:])  # type: ignore[index]
+    else:
+        for one in choices.values():
+            yield from leaves(one, ())
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_with_a_result_has_json(command: str) -> None:
+    """Each of its subcommands too."""
+    for own in leaves(parser(command), (command,)):
+        assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
+
+
+@pytest.mark.parametrize(
+    ("command", "keys"),
+    [
+        ("run smoke --dry-run", {"agents", "radio", "control"}),
+        ("sweep modes --dry-run", {"sweep", "repeats", "variants"}),
+        ("study smoke --plan", {"study", "variants", "families"}),
+        ("list", {"scenarios", "studies"}),
+        ("info {run}", {"manifest", "summary"}),
+        ("why {run} 0 1 --at 3", {"sender", "receiver"}),
+        ("export {run} --format csv --out {new}", {"out", "complete"}),
+        ("certificates --out {new} --agents 0-1 --operator-key {new}/operator.key", {"files", "operator_key"}),
+    ],
+)
+def test_json_is_all_on_standard_output(
+    command: str, keys: set[str], run: Path, tmp_path: Path, capsys: Printed
+) -> None:
+    """One document with what the text tells."""
+    assert main([*command.format(run=run, new=tmp_path / "new").split(), "--json"]) == 0
+    assert keys <= json.loads(capsys.readouterr().out).keys()
+
+
+def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    """Of what each of its studies prints."""
+    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    assert main(["study", "beyond", "--plan", "--json"]) == 0
+    assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]
