@@ -11,8 +11,7 @@ import pandas as pd
 import pytest
 
 from deltaswarm_orchestrator.sweeps.engine import Done
-from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task
-from deltaswarm_orchestrator.sweeps.runner import default_workers
+from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, default_workers
 from tests.test_sweeps_runner import Here, conducted, planned
 
 
