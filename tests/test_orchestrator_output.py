@@ -4,6 +4,7 @@ import argparse
 import json
 import subprocess
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ import pytest
 from deltaswarm_orchestrator.cli import COMMANDS, main, parser
 from deltaswarm_orchestrator.studies.load import COLLECTIONS
 from tests.swarms import COMMAND
+from tests.test_orchestrator_session import a_file
 
 Printed = pytest.CaptureFixture[str]
 
@@ -65,6 +67,51 @@ def test_json_is_all_on_standard_output(
     """One document with what the text tells."""
     assert main([*command.format(run=run, new=tmp_path / "new").split(), "--json"]) == 0
     assert keys <= json.loads(capsys.readouterr().out).keys()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --out {run}",
+        "run smoke --boards 99 --listen tcp/10.0.0.1:7447",
+        "run smoke --set run.bound=everything",
+        "run smoke --station-listen nowhere --station",
+        "sweep smoke --scheduler tcp://127.0.0.1:9",
+        "sweep {sweep}/sweep.toml --seed 5 --out {sweep}",
+        "study smoke --engine local --scheduler tcp://127.0.0.1:9",
+        "session {tmp}/session.toml --participant 1",
+    ],
+)
+def test_a_dry_run_refuses_what_a_run_would_refuse(command: str, run: Path, tmp_path: Path, capsys: Printed) -> None:
+    """In the same words and with exit code 2, and neither writes anything."""
+    if "{sweep}" in command:
+        assert main(["sweep", "smoke", "--repeats", "1", "--prove", "0", "--out", str(tmp_path / "swept")]) == 0
+    wrong = 'scenario = "smoke"\nset = ["run.bound=everything"]\n'
+    (tmp_path / "session.toml").write_text(f'schema = 1\n[[session.condition]]\nlabel = "a"\n{wrong}')
+    words = command.format(run=run, sweep=tmp_path / "swept", tmp=tmp_path).split()
+    before = sorted(tmp_path.rglob("*"))
+    told = []
+    for more in ([], ["--dry-run"]):
+        capsys.readouterr()
+        with suppress(SystemExit):
+            assert main([*words, *more]) == 2
+        told.append(capsys.readouterr())
+    assert sorted(tmp_path.rglob("*")) == before
+    assert told[0].err.splitlines()[-1] == told[1].err.splitlines()[-1] != ""
+    assert told[1].out == ""
+
+
+@pytest.mark.parametrize("command", ["run smoke", "sweep smoke", "study smoke", "session {file} --participant 3"])
+def test_a_dry_run_starts_and_writes_nothing(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """It prints what would be run."""
+    monkeypatch.chdir(tmp_path)
+    words = command.format(file=a_file(tmp_path)).split()
+    before = sorted(tmp_path.rglob("*"))
+    assert main([*words, "--dry-run"]) == 0
+    assert capsys.readouterr().out
+    assert sorted(tmp_path.rglob("*")) == before
 
 
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:

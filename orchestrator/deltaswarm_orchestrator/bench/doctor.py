@@ -10,7 +10,7 @@ import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
-from deltaswarm_orchestrator.base.exits import complain
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
 """A requirement as this package's own metadata states it."""
@@ -98,8 +98,12 @@ def _start_method() -> Finding:
     return Finding("fork server", "available" if well else "missing", well, "Linux or another Unix is needed")
 
 
-def can_start_parts() -> bool:
-    """Return whether the parts of a run can reach each other; if not, print an error."""
+def check_parts_can_start() -> None:
+    """Check that the parts of a run can reach each other.
+
+    Raises:
+        CommandError: they cannot.
+    """
     if problem := loopback_problem():
-        complain(f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`")
-    return problem is None
+        told = f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`"
+        raise CommandError(told, FAILED)

@@ -33,12 +33,12 @@ class Boards:
     listen: str
     folder: Path
 
-    def prepare(self, scenario: Scenario) -> None:
-        """Make the folder and, if the world is reached over TLS, missing certificates.
+    def check(self, scenario: Scenario) -> None:
+        """Check that a scenario can be run with these boards.
 
         Raises:
-            SettingsError: an agent does not exist, the address is not one that boards can connect to, a fault signals
-                processes, or the folder cannot be made.
+            SettingsError: an agent does not exist, the address is not one that boards can connect to, or a fault
+                signals processes.
         """
         found = []
         if self.agents[-1] >= scenario.agents.count:
@@ -57,6 +57,14 @@ class Boards:
         ]
         if found:
             raise SettingsError(found)
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Make the folder and, if the world is reached over TLS, missing certificates.
+
+        Raises:
+            SettingsError: as `check`, or the folder cannot be made.
+        """
+        self.check(scenario)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             if self._is_over_tls:

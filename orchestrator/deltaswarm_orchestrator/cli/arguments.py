@@ -4,9 +4,10 @@ import argparse
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_wire import endpoints
 from deltaswarm_wire.checked import did_you_mean
 
 N = TypeVar("N", int, float)
@@ -14,7 +15,21 @@ N = TypeVar("N", int, float)
 A_RUN = "the folder of a run"
 
 
-def add_json(command: argparse.ArgumentParser, what: str = "the result") -> None:
+class Group(Protocol):
+    """A parser, or a group of its arguments."""
+
+    def add_argument(self, *names: str, **options: Any) -> argparse.Action:
+        """Add an argument."""
+
+
+def add_dry_run(command: Group, prints: str) -> None:
+    """Add `--dry-run`: every check of a run, without the run."""
+    command.add_argument(
+        "--dry-run", action="store_true", help=f"start and write nothing: make every check, and print {prints}"
+    )
+
+
+def add_json(command: Group, what: str = "the result") -> None:
     """Add `--json`."""
     command.add_argument("--json", action="store_true", help=f"print {what} as one JSON document")
 
@@ -47,6 +62,15 @@ def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str
         return value
 
     return parsed
+
+
+def host_and_port(text: str) -> str:
+    """Check where a page is to be served, for `type=`."""
+    try:
+        endpoints.host_and_port(f"tcp/{text}")
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be HOST:PORT with a port from 0 to 65535 (got {text!r})") from None
+    return text
 
 
 def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> None:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError
+from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.base.text import named
 from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
 
@@ -36,10 +36,10 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def bench(arguments: argparse.Namespace) -> int:
     """Do the measurements and print the results."""
-    from deltaswarm_orchestrator.bench.doctor import can_start_parts
+    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
 
-    if arguments.measurement in WITH_PROCESSES and not can_start_parts():
-        return FAILED
+    if arguments.measurement in WITH_PROCESSES:
+        check_parts_can_start()
     measured, _ = MEASUREMENTS[arguments.measurement]
     try:
         found = measured(arguments)

@@ -6,14 +6,18 @@ import tempfile
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import USAGE, complain
-from deltaswarm_orchestrator.cli.arguments import A_RUN, must_exist
+from deltaswarm_orchestrator.cli.arguments import A_RUN, host_and_port, must_exist
 
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm replay`."""
     command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
     command.add_argument(
-        "--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="where the page is served (default: any free port)"
+        "--listen",
+        type=host_and_port,
+        default="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="where the page is served (default: any free port)",
     )
     command.set_defaults(func=replay)
 

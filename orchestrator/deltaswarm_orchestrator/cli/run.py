@@ -8,8 +8,8 @@ from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_json, must_exist, number, show, whole
+from deltaswarm_orchestrator.base.exits import OK, CommandError, complain
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, host_and_port, must_exist, number, show, whole
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
@@ -17,6 +17,7 @@ from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.boards.files import Boards
+    from deltaswarm_orchestrator.run.lifecycle import RunOptions
 
 Number = TypeVar("Number", int, float)
 
@@ -113,6 +114,7 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     command.add_argument(
         "--station-listen",
+        type=host_and_port,
         metavar="HOST:PORT",
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
@@ -122,9 +124,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
     )
-    command.add_argument(
-        "--dry-run", action="store_true", help="only check the scenario, and print it with the meaning of every key"
-    )
+    add_dry_run(command, "the scenario with the meaning of every key")
     add_json(command)
     command.set_defaults(func=run)
 
@@ -137,40 +137,16 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
-    if problem := _problem(arguments):
-        raise CommandError(problem)
-    scenario = _scenario_of(arguments)
+    scenario, options = prepared(arguments)
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
-    from deltaswarm_orchestrator.bench.doctor import can_start_parts
-
-    if not arguments.in_process and not can_start_parts():
-        return FAILED
     from rich.console import Console
 
     from deltaswarm_orchestrator.live.foxglove_server import LiveError
-    from deltaswarm_orchestrator.processes.station import Station
-    from deltaswarm_orchestrator.run.lifecycle import RunOptions
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
 
-    out = arguments.resume or arguments.out or _default_folder(scenario)
-    boards = _boards_of(arguments, out)
-    listen = ANYWHERE if boards else arguments.listen or ANYWHERE
-    options = RunOptions(
-        out,
-        arguments.in_process,
-        arguments.force,
-        listen,
-        tuple(arguments.zenoh),
-        boards,
-        arguments.checkpoint or 0,
-        Station(_or(arguments.speed, 1.0), arguments.station_listen or LOOPBACK) if arguments.station else None,
-        arguments.researcher,
-        resume=arguments.resume is not None,
-        live_port=_or(arguments.live_port, LIVE_PORT) if arguments.live else None,
-    )
     try:
         with Display(scenario.run.step_s, scenario.agents.count) as display:
             result = run_scenario(scenario, options, display)
@@ -194,6 +170,45 @@ def run(arguments: argparse.Namespace) -> int:
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return result.code
+
+
+def prepared(arguments: argparse.Namespace) -> "tuple[Scenario, RunOptions]":
+    """Make every check of a run, and return the scenario and how to run it.
+
+    Raises:
+        SettingsError, CommandError: the run would be refused.
+    """
+    if problem := _problem(arguments):
+        raise CommandError(problem)
+    scenario = _scenario_of(arguments)
+    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.live.foxglove_server import LiveError
+    from deltaswarm_orchestrator.processes.station import Station
+    from deltaswarm_orchestrator.run.lifecycle import RunOptions, check
+
+    if not arguments.in_process:
+        check_parts_can_start()
+    out = arguments.resume or arguments.out or _default_folder(scenario)
+    boards = _boards_of(arguments, out)
+    listen = ANYWHERE if boards else arguments.listen or ANYWHERE
+    options = RunOptions(
+        out,
+        arguments.in_process,
+        arguments.force,
+        listen,
+        tuple(arguments.zenoh),
+        boards,
+        arguments.checkpoint or 0,
+        Station(_or(arguments.speed, 1.0), arguments.station_listen or LOOPBACK) if arguments.station else None,
+        arguments.researcher,
+        resume=arguments.resume is not None,
+        live_port=_or(arguments.live_port, LIVE_PORT) if arguments.live else None,
+    )
+    try:
+        check(scenario, options)
+    except LiveError as error:
+        raise CommandError(str(error)) from None
+    return scenario, options
 
 
 def _or(value: Number | None, default: Number) -> Number:

@@ -10,7 +10,7 @@ from typing import Any
 from deltaswarm_orchestrator.base.exits import OK, complain
 from deltaswarm_orchestrator.base.signals import begin_anew
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show, whole
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_wire.command_line import Parser
@@ -26,7 +26,8 @@ def add(command: argparse.ArgumentParser) -> None:
         "--participant", type=whole(1, MAX_PARTICIPANT), required=True, metavar="N", help="number, from 1 on"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
-    command.add_argument("--plan", action="store_true", help="print the order of the runs, and run nothing")
+    add_dry_run(command, "the order of the runs")
+    command.add_argument("--plan", action="store_true", help="the same as --dry-run")
     add_json(command)
     command.set_defaults(func=session)
 
@@ -36,11 +37,13 @@ def session(arguments: argparse.Namespace) -> int:
     participant: int = arguments.participant
     settings, beside = load_session(arguments.session)
     planned = plan(settings, participant, beside)
-    if arguments.plan:
-        show(arguments, [one.label for one in planned], "\n".join(f"{n} {one.label}" for n, one in enumerate(planned)))
-        return OK
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     folder = out / f"participant-{participant:03}"
+    for one in planned:  # before a participant has done the first
+        cli_run.prepared(_arguments(one, folder))
+    if arguments.plan or arguments.dry_run:
+        show(arguments, [one.label for one in planned], "\n".join(f"{n} {one.label}" for n, one in enumerate(planned)))
+        return OK
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / RECORD, _record(folder, participant, planned))
     for place, one in enumerate(planned):
@@ -48,7 +51,7 @@ def session(arguments: argparse.Namespace) -> int:
             continue
         print(f"run {place} of {len(planned) - 1}: {one.label}", file=sys.stderr)
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = _do(one, folder)
+            code = cli_run.run(_arguments(one, folder))
         write_json(folder / RECORD, _record(folder, participant, planned))
         begin_anew()
         if code != OK:
@@ -60,12 +63,12 @@ def session(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _do(one: PlannedRun, folder: Path) -> int:
-    """Do one run as `deltaswarm run --station` does; return the exit code."""
-    name = free_folder(one.folder, [path.name for path in folder.iterdir()])
+def _arguments(one: PlannedRun, folder: Path) -> argparse.Namespace:
+    """Return the arguments of `deltaswarm run` for a run, with the name of a new folder."""
+    name = free_folder(one.folder, [path.name for path in folder.iterdir()] if folder.exists() else [])
     parser = Parser()
     cli_run.add(parser)
-    return cli_run.run(parser.parse_args([*one.arguments, "--out", str(folder / name)]))
+    return parser.parse_args([*one.arguments, "--out", str(folder / name)])
 
 
 def _summaries(folder: Path, one: PlannedRun) -> dict[str, dict[str, Any]]:

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_json, show
-from deltaswarm_orchestrator.cli.sweep import add_runs, conduct_for, exit_code_of
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show
+from deltaswarm_orchestrator.cli.sweep import add_runs, check_sweep, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,6 +44,7 @@ def add(command: argparse.ArgumentParser) -> None:
     instead.add_argument(
         "--check", action="store_true", help="repeat one run, and compare it with its row in the tables"
     )
+    add_dry_run(instead, "the number of runs")
     command.add_argument(
         "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
     )
@@ -65,6 +66,14 @@ def study(arguments: argparse.Namespace) -> int:
     is_collection = len(studies) > 1
     out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
     folders = [out / one.name if is_collection else out for one in studies]
+    if not (arguments.render or arguments.check):
+        for one, folder in zip(studies, folders, strict=True):
+            check_sweep(arguments, one.sweep, folder / "sweep")
+    if arguments.dry_run:
+        sizes = [{"study": one.name, "variants": len(one.sweep.variants), "repeats": one.repeats} for one in studies]
+        found = sizes if is_collection else sizes[0]
+        show(arguments, found, "\n".join(one.sweep.size for one in studies))
+        return OK
     if arguments.plan:
         workers = arguments.jobs or default_workers(PROCESSES if arguments.processes else IN_PROCESS)
         plans = [plan(one, arguments.pilot or folder, workers) for one, folder in zip(studies, folders, strict=True)]

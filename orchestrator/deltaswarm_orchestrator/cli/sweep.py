@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
-from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -24,7 +24,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("sweep", metavar="FILE|NAME", help=f"TOML file or {', '.join(BUILT_IN)}")
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
-    command.add_argument("--dry-run", action="store_true", help="check the sweep and list its variants only")
+    add_dry_run(command, "the variants")
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
     add_json(command)
@@ -50,17 +50,37 @@ def sweep(arguments: argparse.Namespace) -> int:
 
     settings = {"repeats": arguments.repeats, "seed": arguments.seed, "prove": arguments.prove}
     loaded = load_sweep(arguments.sweep, arguments.set, settings)
+    if arguments.series and not loaded.file.sweep.series_every_s:
+        raise CommandError("--series needs time series, but sweep.series_every_s is 0")
+    folder = arguments.out or Path("sweeps") / loaded.name
+    check_sweep(arguments, loaded, folder)
     if arguments.dry_run:
         variants = [{"label": variant.label, "keys": variant.keys} for variant in loaded.variants]
         found = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
         show(arguments, found, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
-    if arguments.series and not loaded.file.sweep.series_every_s:
-        raise CommandError("--series needs time series, but sweep.series_every_s is 0")
-    folder = arguments.out or Path("sweeps") / loaded.name
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
     return exit_code_of(result)
+
+
+def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) -> None:
+    """Make every check of a sweep before anything is started or written.
+
+    Raises:
+        CommandError: the sweep would be refused.
+    """
+    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
+
+    means = PROCESSES if arguments.processes else IN_PROCESS
+    engine_maker(arguments, means)
+    if arguments.processes:
+        check_parts_can_start()
+    if folder.exists():
+        from deltaswarm_orchestrator.sweeps.runner import check_folder  # needs pandas
+
+        check_folder(loaded, folder, means)
 
 
 def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *, with_series: bool) -> "SweepResult":

@@ -48,7 +48,7 @@ class RunFolder:
     """
 
     def __init__(self, target: Path, *, force: bool) -> None:
-        _refuse(target, force)
+        check_target(target, force)
         self.target = target
         self.path = target.with_name(target.name + ".part")
         self._force = force
@@ -203,7 +203,7 @@ def _delete(folder: Path) -> None:
             return
 
 
-def _refuse(target: Path, force: bool) -> None:
+def check_target(target: Path, force: bool) -> None:
     """Refuse a target that the finished run could not be renamed to.
 
     Raises:

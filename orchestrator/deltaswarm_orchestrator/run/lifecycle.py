@@ -15,7 +15,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandE
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import Boards, commands
 from deltaswarm_orchestrator.live.datagrams import ResearcherFeed
-from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
+from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, check_installed
 from deltaswarm_orchestrator.live.observer import Onlooker, Tap
 from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
 from deltaswarm_orchestrator.live.socket import LiveSocket
@@ -25,7 +25,7 @@ from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
-from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
+from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder, check_target
 from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
@@ -81,6 +81,25 @@ class RunResult:
         return INTERRUPTED if self.exit_reason.startswith(STOPPED_BY) else FAILED
 
 
+def check(scenario: Scenario, options: RunOptions) -> None:
+    """Check what can be checked of a run before anything is started or written.
+
+    Raises:
+        FolderError: the folder exists.
+        SettingsError: the scenario cannot be run with these boards, or has a bound that processes cannot compute.
+        LiveError: the run cannot be shown live.
+    """
+    if scenario.run.bound != "none" and not options.in_process:
+        allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
+        raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
+    if options.boards:
+        options.boards.check(scenario)
+    if options.live_port is not None:
+        check_installed()
+    if not options.resume:
+        check_target(options.out, options.force)
+
+
 def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResult:
     """Do one run and write its folder.
 
@@ -92,9 +111,7 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
         RoomError: the disk is too full to write how the run ended.
         CommandError: the user asked to stop twice before the run began.
     """
-    if scenario.run.bound != "none" and not options.in_process:
-        allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
-        raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
+    check(scenario, options)
     with stoppable() as stop:
         try:
             with disk.room_in(options.out), _viewer(scenario, options, reporter) as viewer:

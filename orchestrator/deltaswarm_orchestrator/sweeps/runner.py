@@ -115,6 +115,17 @@ def conduct(
     return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, damaged, interrupted)
 
 
+def check_folder(sweep: Sweep, path: Path, means: str) -> None:
+    """Check that a sweep may be written into a folder that exists.
+
+    Raises:
+        SweepFolderError: the folder holds something else, or runs of which none is this sweep's.
+    """
+    folder = SweepFolder(path)
+    before = folder.manifest() or {}
+    _refuse_to_replace(sweep, folder, before, _manifest(sweep, means, before, does_runs=False))
+
+
 def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bool) -> dict[str, Any]:
     """Where the sweep's numbers come from, before there are any."""
     code = [*before.get("code", []), *([provenance.code_digest()] if does_runs else [])]
