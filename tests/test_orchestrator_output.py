@@ -114,6 +114,42 @@ def test_a_dry_run_starts_and_writes_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --in-process --set run.duration_s=20 --out {new}",
+        "sweep smoke --repeats 1 --prove 0 --out {new}",
+        "session {file} --participant 3 --out {new}",
+    ],
+)
+def test_a_quiet_command_says_nothing_beside_its_result(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """No progress, no notices; without the option there are some."""
+    words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
+    if words[0] == "session":
+        monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", lambda arguments: 0 if arguments.quiet else 1)
+    assert main([*words, "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out
+    words[words.index(str(tmp_path / "new"))] = str(tmp_path / "other")
+    main(words)
+    assert capsys.readouterr().err
+
+
+def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) -> None:
+    """And ends with 2."""
+    assert main(["run", "smoke", "-q", "--out", str(run)]) == 2
+    assert str(run) in capsys.readouterr().err
+
+
+def test_the_options_of_run_are_in_groups() -> None:
+    """None but help is left in argparse's own groups."""
+    (own,) = leaves(parser("run"), ("run",))
+    assert [len(group._group_actions) for group in own._action_groups[:2]] == [0, 1]
+
+
 def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
     """Of what each of its studies prints."""
     monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)

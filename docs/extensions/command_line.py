@@ -49,15 +49,24 @@ def described(parser: argparse.ArgumentParser) -> Iterator[str]:
     usage = [line[len(prefix) :] for line in parser.format_usage().splitlines()]
     yield from ("```text", *usage, "```", "")
     yield from (f"```{{program}} {parser.prog}", "```", "")
-    for action in parser._actions:
-        if isinstance(action, argparse._SubParsersAction):
-            for choice in action._choices_actions:
-                yield f"- `{choice.dest}`: {marked(choice.help or '')}"
-            yield ""
-        elif not isinstance(action, argparse._HelpAction):
-            yield from (f"````{{option}} {', '.join(signatures(action))}", meaning(action), "````", "")
+    own = parser._action_groups[:2]  # what is in no group of the command's own
+    for group in parser._action_groups:
+        if group not in own and group.title:
+            yield from (f"**{group.title.capitalize()}**", "")
+        for action in group._group_actions:
+            yield from described_action(action)
     if parser.epilog:
         yield from ("```text", *parser.epilog.splitlines(), "```", "")
+
+
+def described_action(action: argparse.Action) -> Iterator[str]:
+    """The lines about an argument, or about each subcommand."""
+    if isinstance(action, argparse._SubParsersAction):
+        for choice in action._choices_actions:
+            yield f"- `{choice.dest}`: {marked(choice.help or '')}"
+        yield ""
+    elif not isinstance(action, argparse._HelpAction):
+        yield from (f"````{{option}} {', '.join(signatures(action))}", meaning(action), "````", "")
 
 
 def signatures(action: argparse.Action) -> list[str]:

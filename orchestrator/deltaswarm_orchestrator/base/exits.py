@@ -24,6 +24,23 @@ class CommandError(Exception):
         self.code = self.code if code is None else code
 
 
+class _Notices:
+    """Whether notices are printed."""
+
+    are_shown = True
+
+
+def show_notices(are_shown: bool) -> None:
+    """Let `notice` print, or not."""
+    _Notices.are_shown = are_shown
+
+
+def notice(text: str) -> None:
+    """Print on standard error what is worth knowing and no error, unless notices are off."""
+    if _Notices.are_shown:
+        print(text, file=sys.stderr, flush=True)
+
+
 def complain(text: str) -> None:
     """Print what is wrong on standard error."""
     print(f"deltaswarm: {text}", file=sys.stderr)

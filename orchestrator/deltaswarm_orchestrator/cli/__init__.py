@@ -7,7 +7,15 @@ import select
 import sys
 from collections.abc import Sequence
 
-from deltaswarm_orchestrator.base.exits import EXIT_CODES, FAILED, INTERRUPTED, USAGE, CommandError, complain
+from deltaswarm_orchestrator.base.exits import (
+    EXIT_CODES,
+    FAILED,
+    INTERRUPTED,
+    USAGE,
+    CommandError,
+    complain,
+    show_notices,
+)
 from deltaswarm_orchestrator.base.signals import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
@@ -66,6 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser(command).parse_args(argv)
     if command not in ("run", "session"):  # these two handle signals themselves
         raise_on_signals()
+    show_notices(not getattr(arguments, "quiet", False))
     try:
         code = int(arguments.func(arguments))
         sys.stdout.flush()

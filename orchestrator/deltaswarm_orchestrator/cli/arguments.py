@@ -34,6 +34,11 @@ def add_json(command: Group, what: str = "the result") -> None:
     command.add_argument("--json", action="store_true", help=f"print {what} as one JSON document")
 
 
+def add_quiet(command: Group) -> None:
+    """Add `--quiet`."""
+    command.add_argument("-q", "--quiet", action="store_true", help="print no progress and no notices, only errors")
+
+
 def show(arguments: argparse.Namespace, found: Any, text: str) -> None:
     """Print a result on standard output, for people or as JSON."""
     print(json.dumps(found) if arguments.json else text)

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, complain
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, must_exist, show
+from deltaswarm_orchestrator.base.exits import FAILED, OK, complain, notice
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, must_exist, show
 
 FORMATS = ("csv", "rosbag2", "rrd", "mp4")
 
@@ -16,6 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--format", choices=FORMATS, required=True, help="tables, ROS 2 bag, Rerun, or video")
     command.add_argument("--out", type=Path, help="file or folder to write (default: beside the run)")
     command.add_argument("--force", action="store_true", help="replace an earlier export")
+    add_quiet(command)
     add_json(command)
     command.set_defaults(func=export)
 
@@ -32,6 +33,6 @@ def export(arguments: argparse.Namespace) -> int:
         complain(f"{error.filename or out} could not be written: {error.strerror or error}")
         return FAILED
     if not complete:
-        complain(f"the recording of {arguments.run} is incomplete; what it holds is exported")
+        notice(f"the recording of {arguments.run} is incomplete; what it holds is exported")
     show(arguments, {"out": str(out), "complete": complete}, str(out))
     return OK

@@ -3,8 +3,8 @@
 import argparse
 from pathlib import Path
 
-from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_json, must_exist, show
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.cli.arguments import add_json, add_quiet, must_exist, show
 
 
 def add(command: argparse.ArgumentParser) -> None:
@@ -16,6 +16,7 @@ def add(command: argparse.ArgumentParser) -> None:
         "--metric", action="append", default=[], metavar="COLUMN", help="a column of table.csv to report as well"
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: the sweep's folder")
+    add_quiet(command)
     add_json(command, "the names of the files")
     command.set_defaults(func=report)
 
@@ -51,5 +52,5 @@ def report(arguments: argparse.Namespace) -> int:
         raise CommandError(str(error)) from None
     show(arguments, [str(file) for file in files], str(files[0]))
     for line in evidence.warnings:
-        complain(line)
+        (complain if line in evidence.incomplete else notice)(line)
     return FAILED if evidence.incomplete else OK

@@ -3,13 +3,23 @@
 import argparse
 import json
 import sys
+from contextlib import nullcontext
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, host_and_port, must_exist, number, show, whole
+from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.cli.arguments import (
+    add_dry_run,
+    add_json,
+    add_quiet,
+    host_and_port,
+    must_exist,
+    number,
+    show,
+    whole,
+)
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
@@ -49,83 +59,91 @@ EXCLUDES = {
 
 def add(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm run`."""
-    command.add_argument(
+    group = command.add_argument_group("what to run")
+    group.add_argument(
         "scenario",
         nargs="?",
         metavar="SCENARIO",
         help=f"TOML file or {', '.join(BUILT_IN)} (default: {DEFAULT_SCENARIO})",
     )
-    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
-    command.add_argument("--seed", type=int, help="seed for all randomness")
-    command.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
-    command.add_argument("--force", action="store_true", help="replace the run folder if it exists")
-    command.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
-    command.add_argument(
+    group.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
+    group.add_argument("--seed", type=int, help="seed for all randomness")
+    group.add_argument(
+        "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
+    )
+    add_dry_run(group, "the scenario with the meaning of every key")
+    group = command.add_argument_group("output")
+    group.add_argument("--out", type=Path, metavar="FOLDER", help="the run folder (default: runs/NAME-TIME)")
+    group.add_argument("--force", action="store_true", help="replace the run folder if it exists")
+    group.add_argument(
         "--record", choices=RECORDS, help="what to record: nothing, what viewers show, or also every raw frame"
     )
-    command.add_argument(
-        "--live",
-        choices=("foxglove",),
-        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1: Foxglove, "
-        "Lichtblick from 1.22 on",
-    )
-    command.add_argument(
-        "--live-port",
-        type=_port,
-        metavar="PORT",
-        help=f"where --live listens on this machine (default: {LIVE_PORT}; 0: any free port)",
-    )
-    command.add_argument(
+    add_json(group)
+    add_quiet(group)
+    group = command.add_argument_group("processes and network")
+    group.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
+    group.add_argument(
         "--listen",
         type=listens_on,
         metavar="ENDPOINT",
         help=f"where the router listens (default: {ANYWHERE})",
     )
-    command.add_argument(
-        "--boards",
-        type=agent_numbers,
-        metavar="N-M,...",
-        help="agents that run on boards: wait for them instead of starting them",
-    )
-    command.add_argument(
-        "--boards-folder",
-        type=Path,
-        metavar="FOLDER",
-        help="where to put the files for each board (default: RUN.boards)",
-    )
-    command.add_argument(
+    group.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
     )
-    command.add_argument(
-        "--checkpoint",
-        type=whole(1),
-        metavar="STEPS",
-        help="save the whole run after every STEPS steps",
+    group = command.add_argument_group("live view")
+    group.add_argument(
+        "--live",
+        choices=("foxglove",),
+        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1: Foxglove, "
+        "Lichtblick from 1.22 on",
     )
-    command.add_argument(
-        "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
+    group.add_argument(
+        "--live-port",
+        type=_port,
+        metavar="PORT",
+        help=f"where --live listens on this machine (default: {LIVE_PORT}; 0: any free port)",
     )
-    command.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
-    command.add_argument(
+    group = command.add_argument_group("station")
+    group.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
+    group.add_argument(
         "--speed",
         type=number(0, 1000),
         metavar="N",
         help="with --station: simulated per wall second to begin with; 0: as fast as possible (default: 1)",
     )
-    command.add_argument(
+    group.add_argument(
         "--station-listen",
         type=host_and_port,
         metavar="HOST:PORT",
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
-    command.add_argument(
+    group.add_argument(
         "--researcher", action="store_true", help="also serve a page that shows the truth, at another address"
     )
-    command.add_argument(
-        "--commands", type=Path, metavar="FILE", help="commands of a scripted operator, such as commands.toml of a run"
+    group = command.add_argument_group("boards")
+    group.add_argument(
+        "--boards",
+        type=agent_numbers,
+        metavar="N-M,...",
+        help="agents that run on boards: wait for them instead of starting them",
     )
-    add_dry_run(command, "the scenario with the meaning of every key")
-    add_json(command)
+    group.add_argument(
+        "--boards-folder",
+        type=Path,
+        metavar="FOLDER",
+        help="where to put the files for each board (default: RUN.boards)",
+    )
+    group = command.add_argument_group("saving and resuming")
+    group.add_argument(
+        "--checkpoint",
+        type=whole(1),
+        metavar="STEPS",
+        help="save the whole run after every STEPS steps",
+    )
+    group.add_argument(
+        "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
+    )
     command.set_defaults(func=run)
 
 
@@ -146,9 +164,11 @@ def run(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.live.foxglove_server import LiveError
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
+    from deltaswarm_orchestrator.run.reporter import Reporter
 
     try:
-        with Display(scenario.run.step_s, scenario.agents.count) as display:
+        shown = nullcontext(Reporter()) if arguments.quiet else Display(scenario.run.step_s, scenario.agents.count)
+        with shown as display:
             result = run_scenario(scenario, options, display)
     except LiveError as error:
         raise CommandError(str(error)) from None
@@ -164,7 +184,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(result.folder)
         if sys.stderr.isatty():
             recording = "" if scenario.record == "off" else f"; open {result.folder / 'recording.mcap'} in a viewer"
-            print(f"next: deltaswarm info {result.folder}{recording}", file=sys.stderr)
+            notice(f"next: deltaswarm info {result.folder}{recording}")
     if overruns := result.summary["realtime_overruns"]:
         complain(f"{overruns} steps took longer than real time")
     for reason in result.summary["invalid_because"]:

@@ -7,10 +7,10 @@ from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import OK, complain
+from deltaswarm_orchestrator.base.exits import OK, complain, notice
 from deltaswarm_orchestrator.base.signals import begin_anew
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_wire.command_line import Parser
@@ -28,6 +28,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
     add_dry_run(command, "the order of the runs")
     command.add_argument("--plan", action="store_true", help="the same as --dry-run")
+    add_quiet(command)
     add_json(command)
     command.set_defaults(func=session)
 
@@ -49,9 +50,9 @@ def session(arguments: argparse.Namespace) -> int:
     for place, one in enumerate(planned):
         if _done(folder, one):
             continue
-        print(f"run {place} of {len(planned) - 1}: {one.label}", file=sys.stderr)
+        notice(f"run {place} of {len(planned) - 1}: {one.label}")
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = cli_run.run(_arguments(one, folder))
+            code = cli_run.run(_arguments(one, folder, *(["--quiet"] if arguments.quiet else [])))
         write_json(folder / RECORD, _record(folder, participant, planned))
         begin_anew()
         if code != OK:
@@ -63,12 +64,12 @@ def session(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _arguments(one: PlannedRun, folder: Path) -> argparse.Namespace:
+def _arguments(one: PlannedRun, folder: Path, *more: str) -> argparse.Namespace:
     """Return the arguments of `deltaswarm run` for a run, with the name of a new folder."""
     name = free_folder(one.folder, [path.name for path in folder.iterdir()] if folder.exists() else [])
     parser = Parser()
     cli_run.add(parser)
-    return parser.parse_args([*one.arguments, "--out", str(folder / name)])
+    return parser.parse_args([*one.arguments, "--out", str(folder / name), *more])
 
 
 def _summaries(folder: Path, one: PlannedRun) -> dict[str, dict[str, Any]]:

@@ -2,12 +2,11 @@
 
 import argparse
 import json
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
 from deltaswarm_orchestrator.cli.sweep import add_runs, check_sweep, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
@@ -50,6 +49,7 @@ def add(command: argparse.ArgumentParser) -> None:
     )
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
+    add_quiet(command)
     add_json(command, "the verdicts")
     command.set_defaults(func=study)
 
@@ -103,7 +103,7 @@ def study(arguments: argparse.Namespace) -> int:
         from deltaswarm_orchestrator.studies.page import write_index  # imports Matplotlib, which is slow
 
         index = write_index(arguments.study, studies, out)
-        print(f"{arguments.study}: {index}", file=sys.stderr)
+        notice(f"{arguments.study}: {index}")
     if arguments.json:
         print(json.dumps(told if is_collection else told[0] if told else None))
     return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
@@ -187,7 +187,7 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
     if not arguments.processes:
         others = [found.parent for found in folder.parent.glob("*/sweep/runs")]
         if taken := take_over(one.sweep, runs, others):
-            complain(f"{one.name}: {taken} runs are taken from other studies")
+            notice(f"{one.name}: {taken} runs are taken from other studies")
     result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
     if not result.is_well:
         told = f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page"

@@ -2,12 +2,13 @@
 
 import argparse
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.sweeps.engine import Engine
@@ -27,6 +28,7 @@ def add(command: argparse.ArgumentParser) -> None:
     add_dry_run(command, "the variants")
     add_runs(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
+    add_quiet(command)
     add_json(command)
     command.set_defaults(func=sweep)
 
@@ -90,14 +92,14 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
         CommandError: the sweep could not start, or its tables could not be written.
     """
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
-    from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
+    from deltaswarm_orchestrator.sweeps.progress import SweepDisplay, SweepReporter
     from deltaswarm_orchestrator.sweeps.runner import conduct
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
     raise_on_signals(STOP_SIGNALS)  # so that tables are written and the sweep can be resumed
     try:
-        with SweepDisplay(loaded.name) as display:
+        with nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display:
             result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
     except OSError as error:  # such as a full disk while a table is written
         raise CommandError(str(error)) from None

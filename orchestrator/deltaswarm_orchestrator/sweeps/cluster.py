@@ -14,7 +14,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.deploy.spec import close_clusters
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.exits import complain
+from deltaswarm_orchestrator.base.exits import notice
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
 
@@ -47,7 +47,7 @@ class DaskEngine:
         with dask.config.set({"distributed.scheduler.allowed-failures": ATTEMPTS - 1}), ExitStack() as stack:
             client = self._client(stack)
             if self._scheduler and not client.nthreads():
-                complain(f"the Dask scheduler at {self._scheduler} has no workers yet; waiting for them")
+                notice(f"deltaswarm: the Dask scheduler at {self._scheduler} has no workers yet; waiting for them")
             code = provenance.code_digest()
             futures = {
                 client.submit(attempt_with, code, replace(task, scratch=None), pure=False, key=_key(code, task)): task
