@@ -16,7 +16,7 @@ from tests.test_orchestrator_session import a_file
 
 Printed = pytest.CaptureFixture[str]
 
-WITHOUT_JSON = {"replay"}
+WITHOUT_JSON = {"completion", "replay"}
 """Commands without a result, as the page of commands says."""
 
 

@@ -37,6 +37,7 @@ COMMANDS = {
     "bench": "measure what a swarm costs on this machine",
     "doctor": "check whether this machine has what runs need",
     "bundle": "make a folder that installs an agent on a board, offline",
+    "completion": "print a script with which a shell completes commands and options",
     "certificates": "make certificates for agents that reach the world over TLS",
 }
 """Each command is a module of this package with a function `add` that adds its arguments and sets `func`."""
@@ -45,8 +46,8 @@ PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
 
 
-def parser(command: str = "") -> argparse.ArgumentParser:
-    """Return the parser of the command line: all commands, and the arguments of `command`."""
+def parser(*complete: str) -> argparse.ArgumentParser:
+    """Return the parser of the command line: the names of all commands, and the arguments of those in `complete`."""
     made = Parser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
@@ -57,7 +58,7 @@ def parser(command: str = "") -> argparse.ArgumentParser:
     commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
         own = commands.add_parser(name, help=summary)
-        if name == command:
+        if name in complete:
             importlib.import_module(f"{__name__}.{name}").add(own)
     for part in PARTS:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
