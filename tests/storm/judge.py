@@ -6,6 +6,7 @@ import signal
 from pathlib import Path
 from random import Random
 
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED
 from deltaswarm_orchestrator.inspect import info
 from deltaswarm_orchestrator.processes.process import HOW, UNKNOWN
 from deltaswarm_orchestrator.recording.reader import read_recording
@@ -42,7 +43,9 @@ def _judge(folder: Path, seen: Seen) -> list[str]:
         return found + _records(run, seen.code, was_killed) + _whys(run, seen)
     if part.exists():
         return found + (_of_a_killed(part) if was_killed else ["a .part without a killed orchestrator"])
-    return found if was_killed or seen.code == 1 else [*found, f"no folder, and exit code {seen.code}"]
+    return (
+        found if was_killed or seen.code in (FAILED, INTERRUPTED) else [*found, f"no folder, and exit code {seen.code}"]
+    )
 
 
 def _records(run: Path, code: int, was_killed: bool) -> list[str]:
