@@ -13,7 +13,7 @@ import pytest
 from deltaswarm_agent.board.__main__ import parser as board_parser
 from deltaswarm_orchestrator.cli import COMMANDS, parser
 from deltaswarm_orchestrator.live.socket import LIVE_SOCKET
-from deltaswarm_orchestrator.scenarios.load import reference
+from deltaswarm_orchestrator.scenarios.reference import reference
 from tests.pages import ROOT, commands, files, shell
 from tests.swarms import COMMAND, UNHURRIED, wait_until
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from deltaswarm_orchestrator.scenarios.load import reference
+from deltaswarm_orchestrator.scenarios.reference import reference
 
 ROOT = Path(__file__).parents[1]
 

@@ -1,0 +1,129 @@
+"""The page of all scenario keys, docs/SCENARIO.md, made from the settings."""
+
+import dataclasses
+import json
+import re
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from deltaswarm_orchestrator.scenarios.load import keys_of
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire import checked
+from deltaswarm_wire.plugins import CONTROLLERS, find_controller
+
+REFERENCE_HEAD = """\
+# Scenario keys
+
+A scenario is a TOML file with `schema = 1`. Every key can also be set by `--set key=value`. `name[].key` is a key of
+each table `[[name]]`. A key without a default is absent unless you set it. Limits of a list apply to its items. The
+source says whether a default is the paper's or our reading of what the paper leaves open ([readings](READINGS.md)).
+"""
+
+REFERENCE_TABLE = (
+    "| key | type | default | unit | limits | meaning | source |",
+    "| --- | --- | --- | --- | --- | --- | --- |",
+)
+
+TYPES = {int: "integer", float: "number", str: "string", bool: "boolean"}
+
+UNITS = {
+    "_bytes_per_s": "bytes/s",
+    "_work_agent_s": "agent s",
+    "_per_s": "1/s",
+    "_mps": "m/s",
+    "_m2": "m2",
+    "_hz": "1/s",
+    "_dbm": "dBm",
+    "_db": "dB",
+    "_bytes": "bytes",
+    "_m": "m",
+    "_s": "s",
+}
+"""Units by the end of a key's name; the first that fits."""
+
+
+def reference() -> str:
+    """Return docs/SCENARIO.md: every scenario key, by section, with type, default, unit, limits and meaning."""
+    scenario = Scenario()
+    rows = _reference_rows(scenario, "")
+    sections = [spec for spec in dataclasses.fields(scenario) if any(_is_below(key, spec.name) for key in rows)]
+    top = [row for key, row in rows.items() if not any(_is_below(key, spec.name, itself=True) for spec in sections)]
+    lines = [REFERENCE_HEAD, "## Top level", "", *REFERENCE_TABLE, *top]
+    for spec in sections:
+        heading = f"[[{spec.name}]]" if spec.name in rows else f"[{spec.name}]"
+        own = [row for key, row in rows.items() if _is_below(key, spec.name)]
+        lines += ["", f"## `{heading}`: {spec.metadata['doc']}", "", *REFERENCE_TABLE, *own]
+        if spec.name == "control":
+            lines += _controller_tables("control.")
+    return "\n".join(lines) + "\n"
+
+
+def _is_below(key: str, section: str, itself: bool = False) -> bool:
+    return key.startswith((f"{section}.", f"{section}[].")) or (itself and key == section)
+
+
+def _controller_tables(prefix: str) -> Iterator[str]:
+    """Yield a table of each shipped controller's options; of one that shares options with hybrid, what differs."""
+    known = set(_reference_rows(find_controller("hybrid").Settings(), prefix).values())
+    for target in dict.fromkeys(CONTROLLERS.values()):
+        modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        rows = _reference_rows(find_controller(modes[0]).Settings(), prefix).values()
+        differing = [row for row in rows if row not in known]
+        is_like_hybrid = "hybrid" not in modes and len(differing) < len(rows)
+        yield from ("", f"### {', '.join(f'`{mode}`' for mode in modes)}", "")
+        if is_like_hybrid:
+            yield from ("The options of `hybrid`, with other defaults for these:", "")
+        yield from (*REFERENCE_TABLE, *(rows if "hybrid" in modes else differing))
+
+
+def _reference_rows(settings: Any, prefix: str) -> dict[str, str]:
+    """Return the table row of every key, by key."""
+    rows = {}
+    for key, spec, hint, value in keys_of(settings, prefix):
+        if spec.metadata.get("rest"):
+            continue
+        unit, meaning = _unit(spec)
+        default = "" if value is None else f"`{json.dumps(checked.plain_value(value))}`"
+        cells = (f"`{key}`", _type(hint), default, unit, _limits(spec.metadata), meaning, spec.metadata["source"])
+        rows[key] = "".join(f"| {cell} " if cell else "| " for cell in cells) + "|"
+    return rows
+
+
+def _unit(spec: "dataclasses.Field[Any]") -> tuple[str, str]:
+    """Return a key's unit, from its name or its text, and the text without it."""
+    text = spec.metadata["doc"]
+    unit = next((unit for end, unit in UNITS.items() if f"_{spec.name}".endswith(end)), "")
+    said = re.findall(r" \[([^\]]+)\]", text)
+    if len(said) == 1 and unit in ("", *said):
+        [unit] = said
+        text = text.replace(f" [{unit}]", "")
+    return unit.replace("m2", "m²"), text
+
+
+def _type(hint: Any, plural: str = "") -> str:
+    """Name a type in the words of TOML."""
+    arms = typing.get_args(hint)
+    origin = typing.get_origin(hint)
+    if origin is tuple:
+        return f"list{plural} of {_type(arms[0], 's')}"
+    if origin is types.UnionType:
+        return _type(arms[0], plural)
+    return TYPES.get(hint, "table") + plural
+
+
+def _limits(metadata: Mapping[str, Any]) -> str:
+    """Show what the values of a key may be."""
+    if metadata["choices"]:
+        return ", ".join(f"`{choice}`" for choice in metadata["choices"])
+    low, high, above, length = (metadata[name] for name in ("low", "high", "above", "length"))
+    shown = [f"{length} items"] if length is not None else []
+    if low is not None and low == high:
+        shown.append(f"{low}")
+    elif low is not None and high is not None:
+        shown.append(f"{low:,.15g} to {high:,.15g}" if high < 1e15 else f"{low:,.15g} to {high}")
+    else:
+        signs = (("≥", low), (">", above), ("≤", high))
+        shown += [f"{sign} {limit:,.15g}" for sign, limit in signs if limit is not None]
+    return ", ".join(shown)
