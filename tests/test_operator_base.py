@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core import picture
 from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
-from deltaswarm_operator.core.commander import Commander
+from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.commands import (
@@ -105,9 +105,9 @@ def test_a_new_command_does_not_wait_for_the_next_round() -> None:
 
 def test_a_later_operator_numbers_higher() -> None:
     """Also two commands of the same second differ, and answers find theirs by number."""
-    first = Commander(FORMS, first=1_000_000)
+    first = CommandLog(FORMS, first=1_000_000)
     early = [first.give("hold", Target(), {}, now_s).number for now_s in (0.0, 0.5, 0.9, 60.0)]
-    later = Commander(FORMS, first=1_000_060)
+    later = CommandLog(FORMS, first=1_000_060)
     late = later.give("hold", Target(), {}, 1.0).number
     assert early == [1_000_000, 1_000_001, 1_000_002, 1_000_060]
     assert late > early[-1]
@@ -140,7 +140,7 @@ def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch)
 @pytest.mark.parametrize("kind", ["text", "number"])
 def test_what_boards_do_not_accept_is_not_sent(kind: str) -> None:
     """As in a simulated run."""
-    commander = Commander((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
+    command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
     with pytest.raises(ValueError, match="for"):
-        commander.give("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]
-    assert commander.take() == ()
+        command_log.give("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]
+    assert command_log.take() == ()

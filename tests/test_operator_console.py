@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_operator.core.commander import MAX_QUEUE, Commander
+from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
@@ -48,16 +48,16 @@ def numbers(turn: Turn) -> list[int]:
     return [decode_command(signed.body).number for signed in turn.commands]
 
 
-# Commander
+# CommandLog
 
 
-def commander() -> Commander:
-    return Commander((GO, FORM))
+def command_log() -> CommandLog:
+    return CommandLog((GO, FORM))
 
 
 def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     """Sent, heard, done or expired; a late answer takes nothing back."""
-    one = commander()
+    one = command_log()
     one.give("go", Target(), {}, 10.0, 50.0)
 
     def fate(now_s: float) -> tuple[Any, ...]:
@@ -78,7 +78,7 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
 
 def test_only_what_the_controller_accepts_is_given() -> None:
     """The refusal is for the operator, and leaves no trace."""
-    one = commander()
+    one = command_log()
     wrong: Sequence[tuple[str, Any]] = [("fly", {}), ("go", {"a": 1}), ("test", {**RIGHT, "whole": True}), ("test", [])]
     for name, arguments in wrong:
         with pytest.raises(ValueError, match=r".+"):
@@ -92,7 +92,7 @@ def test_only_what_the_controller_accepts_is_given() -> None:
 
 def test_commands_wait_for_their_turn_in_order_and_not_without_bound() -> None:
     """Also those that are on their way to the world, which lets only so many leave in a step."""
-    one = commander()
+    one = command_log()
     for _ in range(MAX_QUEUE):
         one.give("go", Target(), {}, 0.0)
     with pytest.raises(ValueError, match=str(MAX_QUEUE)):
@@ -148,7 +148,7 @@ def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None
     other.begin(0.0)
     for step in range(killed_after + 1, 12):
         assert decode_turn(encode_turn(close(other, step, report(1, step)))) == decode_turn(turns[step])
-    assert [row[0] for row in other.commander.rows(12.0)] == [row[0] for row in one.commander.rows(12.0)]
+    assert [row[0] for row in other.command_log.rows(12.0)] == [row[0] for row in one.command_log.rows(12.0)]
     now, before = shown(other), shown(one)
     assert [now[field] for field in ON_THE_PAGE] == [before[field] for field in ON_THE_PAGE]
     assert say(other, "catch_up") == say(one, "catch_up")

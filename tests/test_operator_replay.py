@@ -54,7 +54,7 @@ def seen(console: Console) -> tuple[Any, ...]:
     """What a console knows."""
     picture = console.picture
     known = picture.rows(), picture.inbox, picture.unread, picture.now_s
-    return *known, console.commander.rows(picture.now_s), console._messages, list(console._history)
+    return *known, console.command_log.rows(picture.now_s), console._messages, list(console._history)
 
 
 @cache

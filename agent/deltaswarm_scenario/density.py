@@ -51,15 +51,15 @@ class ComponentSettings:
 
     def problems(self) -> list[Problem]:
         """A covariance must be symmetric and positive definite; a path has times in order, one for each waypoint."""
-        found = [
+        problems = [
             Problem(f"path_m[{index}]", _shown(place), "must be two coordinates [x, y]")
             for index, place in enumerate(self.path_m)
             if len(place) != 2
         ]
         if len(self.path_s) != len(self.path_m):
             counts = f"{len(self.path_s)} for {len(self.path_m)} waypoints"
-            found.append(Problem("path_s", counts, "must have one time for each waypoint of path_m"))
-        found += [
+            problems.append(Problem("path_s", counts, "must have one time for each waypoint of path_m"))
+        problems += [
             Problem(f"path_s[{index}]", f"{later:.15g}", f"must be at least the time before it, {earlier:.15g} s")
             for index, (earlier, later) in enumerate(pairwise(self.path_s), 1)
             if later < earlier
@@ -67,8 +67,8 @@ class ComponentSettings:
         (a, b), (c, d) = self.covariance_m2
         if b != c or a <= 0 or not a * d - b * c > 0:
             allowed = "must be a symmetric, positive definite matrix"
-            found.append(Problem("covariance_m2", _shown(self.covariance_m2), allowed))
-        return found
+            problems.append(Problem("covariance_m2", _shown(self.covariance_m2), allowed))
+        return problems
 
     def mean_at(self, time_s: float) -> tuple[float, ...]:
         """Return the mean at a time [m]: linear between waypoints; of two at the same time, the later one holds."""
@@ -100,15 +100,15 @@ class DensitySettings:
         """The keys of the chosen family must be given, and only a normal distribution has a path."""
         if self.kind == "gaussian":
             return self._gaussian.problems()
-        found = ComponentSettings(1.0, self.mean_m, self.covariance_m2).problems()
+        problems = ComponentSettings(1.0, self.mean_m, self.covariance_m2).problems()
         allowed = f"must be empty with kind {self.kind}: only a gaussian or a component moves"
         paths = (("path_m", self.path_m), ("path_s", self.path_s))
-        found += [Problem(name, _shown(value), allowed) for name, value in paths if value]
+        problems += [Problem(name, _shown(value), allowed) for name, value in paths if value]
         if self.kind == "mixture" and not self.components:
-            found.append(Problem("components", "none", "must have at least one item for a mixture"))
+            problems.append(Problem("components", "none", "must have at least one item for a mixture"))
         if self.kind == "grid" and not self.file.endswith((".npy", ".csv")):
-            found.append(Problem("file", repr(self.file), "must be a .npy or .csv file for a grid"))
-        return found
+            problems.append(Problem("file", repr(self.file), "must be a .npy or .csv file for a grid"))
+        return problems
 
     @property
     def _gaussian(self) -> ComponentSettings:
@@ -137,12 +137,12 @@ def density_problems(
 ) -> list[Problem]:
     """Check that events can occur at any time: means within the arena, and mass in it and outside obstacles."""
     allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
-    found = [
+    problems = [
         Problem(f"events.density.{where}", _shown(mean), allowed)
         for where, mean in _means(density)
         if not (0 <= mean[0] <= size_m[0] and 0 <= mean[1] <= size_m[1])
     ]
-    return found or list(_mass_problems(density, size_m, obstacles))
+    return problems or list(_mass_problems(density, size_m, obstacles))
 
 
 def room_problems(size_m: tuple[float, float], obstacles: tuple[ObstacleSettings, ...]) -> list[Problem]:
@@ -180,8 +180,8 @@ def _mass_problems(
         if density.moves and share_inside(normals, size_m, obstacles, COARSE_SAMPLES) >= CLEAR_SHARE:
             continue
         when = f" at {time_s:.15g} s" if density.moves else ""
-        if found := share_problems(share_inside(normals, size_m, obstacles), when):
-            return found
+        if problems := share_problems(share_inside(normals, size_m, obstacles), when):
+            return problems
     return ()
 
 

@@ -70,20 +70,20 @@ class FaultSettings:
         """There must be exactly one target and the keys of the kind, no others."""
         if not self.kind:
             return [Problem("kind", "nothing", f"must be one of {', '.join(FAULTS)}")]
-        found = [] if self.at_s is not None else [Problem("at_s", "nothing", "must be a time in seconds")]
+        problems = [] if self.at_s is not None else [Problem("at_s", "nothing", "must be a time in seconds")]
         targets = [bool(self.agents), self.fraction is not None, self.roots].count(True)
         if targets != 1:
-            found.append(
+            problems.append(
                 Problem("agents", f"{targets} targets", "must be the one target, or else fraction or roots = true")
             )
         if len(set(self.agents)) != len(self.agents):
-            found.append(Problem("agents", str(list(self.agents))[:60], "must name each agent once"))
-        return found + self._problems_of_details()
+            problems.append(Problem("agents", str(list(self.agents))[:60], "must name each agent once"))
+        return problems + self._problems_of_details()
 
     def _problems_of_details(self) -> list[Problem]:
         kind = KINDS[self.kind]
         taken = kind.details
-        found = [
+        problems = [
             Problem(
                 name, f"{getattr(self, name)}", f"must be left out: {self.kind} takes {', '.join(taken) or 'no detail'}"
             )
@@ -91,14 +91,14 @@ class FaultSettings:
             if name not in taken and getattr(self, name) is not None
         ]
         if taken and all(getattr(self, name) is None for name in taken):
-            found.append(Problem(taken[0], "nothing", f"must be given: {self.kind} needs {' or '.join(taken)}"))
+            problems.append(Problem(taken[0], "nothing", f"must be given: {self.kind} needs {' or '.join(taken)}"))
         if kind.lasts == MUST_END and self.duration_s is None:
-            found.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
+            problems.append(Problem("duration_s", "nothing", f"must be given for {self.kind}"))
         if kind.lasts == NEVER_ENDS and self.duration_s is not None:
-            found.append(
+            problems.append(
                 Problem("duration_s", f"{self.duration_s:.15g}", f"must be left out for {self.kind}; restart takes it")
             )
-        return found
+        return problems
 
     def begins(self, step_s: float) -> int:
         """The step before which the fault begins: the first at or after `at_s`."""
@@ -113,13 +113,13 @@ class FaultSettings:
 
 def fault_problems(faults: Sequence[FaultSettings], agents: int, steps: int, step_s: float) -> list[Problem]:
     """Check the timeline against the scenario: unknown agents, times beyond the run."""
-    found = []
+    problems = []
     for index, fault in enumerate(faults):
         path = f"fault[{index}]"
         strangers = [agent for agent in fault.agents if agent >= agents]
         if strangers:
             shown = ", ".join(map(str, strangers[:8])) + (", ..." if len(strangers) > 8 else "")
-            found.append(Problem(f"{path}.agents", shown, f"must be from 0 to {agents - 1}"))
+            problems.append(Problem(f"{path}.agents", shown, f"must be from 0 to {agents - 1}"))
         if not (fault.at_s or 0.0) / step_s < steps or fault.begins(step_s) >= steps:
-            found.append(Problem(f"{path}.at_s", f"{fault.at_s:.15g}", f"must be before {steps * step_s:.15g} s"))
-    return found
+            problems.append(Problem(f"{path}.at_s", f"{fault.at_s:.15g}", f"must be before {steps * step_s:.15g} s"))
+    return problems

@@ -125,10 +125,10 @@ class WallSettings:
 
     def problems(self) -> list[Problem]:
         """A wall must have a length, and times in order."""
-        found = reversed_times(self.from_s, self.until_s)
+        problems = reversed_times(self.from_s, self.until_s)
         if self.a_m == self.b_m:
-            found.append(Problem("b_m", _shown(self.b_m), "must differ from a_m"))
-        return found
+            problems.append(Problem("b_m", _shown(self.b_m), "must differ from a_m"))
+        return problems
 
 
 @dataclass(frozen=True)
@@ -144,18 +144,18 @@ class JammerSettings:
 
     def problems(self) -> list[Problem]:
         """Times must be in order, one for each waypoint."""
-        found = reversed_times(self.from_s, self.until_s)
-        found += [
+        problems = reversed_times(self.from_s, self.until_s)
+        problems += [
             Problem(f"waypoints_m[{index}]", _shown(place), "must be two coordinates")
             for index, place in enumerate(self.waypoints_m)
             if len(place) != 2
         ]
         if len(self.times_s) != len(self.waypoints_m):
             counts = f"{len(self.times_s)} for {len(self.waypoints_m)} waypoints"
-            found.append(Problem("times_s", counts, "must have one time per waypoint"))
+            problems.append(Problem("times_s", counts, "must have one time per waypoint"))
         if any(later <= earlier for earlier, later in pairwise((self.from_s, *self.times_s))):
-            found.append(Problem("times_s", _shown(self.times_s), "must ascend from from_s"))
-        return found
+            problems.append(Problem("times_s", _shown(self.times_s), "must ascend from from_s"))
+        return problems
 
 
 @dataclass(frozen=True)
@@ -198,41 +198,41 @@ class RadioSettings:
 
 def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: int, step_s: float) -> list[Problem]:
     """Check `[radio]` against the scenario: unknown agents, positions outside the arena, rates too small."""
-    found = _range_problems(radio.ranges, agents)
+    problems = _range_problems(radio.ranges, agents)
     allowed = f"must reach into the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
     for index, wall in enumerate(radio.walls):
         if _gap_m(wall.a_m, wall.b_m, size_m) > 0:
-            found.append(Problem(f"radio.walls[{index}]", f"{_shown(wall.a_m)} to {_shown(wall.b_m)}", allowed))
+            problems.append(Problem(f"radio.walls[{index}]", f"{_shown(wall.a_m)} to {_shown(wall.b_m)}", allowed))
     for index, jammer in enumerate(radio.jammers):
         way = (jammer.center_m, *jammer.waypoints_m)
         legs = list(pairwise(way)) or [(way[0], way[0])]
         if min(_gap_m(a, b, size_m) for a, b in legs) > jammer.radius_m:
             circle = f"{_shown(jammer.center_m)}, {jammer.radius_m:.15g} m"
-            found.append(Problem(f"radio.jammers[{index}]", circle, allowed))
+            problems.append(Problem(f"radio.jammers[{index}]", circle, allowed))
     for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
         rate = getattr(radio.bandwidth, name)
         if 0 < rate * step_s < LEAST_FRAME_BYTES and radio.bandwidth.queue_bytes < LEAST_FRAME_BYTES:
             needed = (
                 f"must be 0 or allow at least {LEAST_FRAME_BYTES} bytes in a step or in the queue, the smallest frame"
             )
-            found.append(Problem(f"radio.bandwidth.{name}", f"{rate:.15g}", needed))
-    return found
+            problems.append(Problem(f"radio.bandwidth.{name}", f"{rate:.15g}", needed))
+    return problems
 
 
 def _range_problems(ranges: Sequence[RangeSettings], agents: int) -> list[Problem]:
-    found = []
+    problems = []
     known: set[int] = set()
     for index, own in enumerate(ranges):
         path = f"radio.ranges[{index}].agents"
         if not own.agents:
-            found.append(Problem(path, "none", "must name at least one agent"))
+            problems.append(Problem(path, "none", "must name at least one agent"))
         for agent in own.agents:
             if agent >= agents:
-                found.append(Problem(path, f"{agent}", f"must be from 0 to {agents - 1}"))
+                problems.append(Problem(path, f"{agent}", f"must be from 0 to {agents - 1}"))
             elif agent in known:
-                found.append(Problem(path, f"{agent} again", "must name each agent once"))
+                problems.append(Problem(path, f"{agent} again", "must name each agent once"))
             known.add(agent)
-    return found
+    return problems
 
 
 def reversed_times(from_s: float, until_s: float | None) -> list[Problem]:

@@ -135,21 +135,21 @@ class Scenario:
 
     def problems(self) -> list[Problem]:
         """Check what involves several keys."""
-        found = []
+        problems = []
         if not NAME.fullmatch(self.name):
-            found.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
+            problems.append(Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'"))
         if self.run.steps > MAX_STEP:
-            found.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
+            problems.append(Problem("run.duration_s", f"{self.run.steps}", f"must be at most {MAX_STEP} steps"))
         if self.run.bound != "none" and (self.arena.obstacles or self.fault):
-            found.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
-        found += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
+            problems.append(Problem("run.bound", repr(self.run.bound), "must be none with obstacles or faults"))
+        problems += fault_problems(self.fault, self.agents.count, self.run.steps, self.run.step_s)
         size_m = (self.arena.width_m, self.arena.height_m)
-        found += obstacle_problems(self.arena.obstacles, size_m)
-        found += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
-        found += uplink_problems(self.uplink, size_m, self.run.step_s)
-        found += downlink_problems(self.downlink, self.uplink.base_m)
+        problems += obstacle_problems(self.arena.obstacles, size_m)
+        problems += radio_problems(self.radio, size_m, self.agents.count, self.run.step_s)
+        problems += uplink_problems(self.uplink, size_m, self.run.step_s)
+        problems += downlink_problems(self.downlink, self.uplink.base_m)
         places = size_m, self.arena.obstacles
-        return found + (room_problems(*places) or density_problems(self.events.density, *places))
+        return problems + (room_problems(*places) or density_problems(self.events.density, *places))
 
     def for_agent(self, agent: int) -> AgentSettings:
         """Make the configuration of one agent: without the run's seed, events, or other agents."""

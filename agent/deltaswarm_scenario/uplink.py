@@ -53,27 +53,27 @@ class UplinkSettings:
 
     def problems(self) -> list[Problem]:
         """A base needs a range; range and relay need a base."""
-        found = []
+        problems = []
         if self.base_m is not None and self.range_m is None:
-            found.append(Problem("range_m", "nothing", "must be given with base_m"))
+            problems.append(Problem("range_m", "nothing", "must be given with base_m"))
         if self.base_m is None and self.range_m is not None:
-            found.append(Problem("range_m", f"{self.range_m:.15g}", "must be left out without base_m"))
+            problems.append(Problem("range_m", f"{self.range_m:.15g}", "must be left out without base_m"))
         if self.base_m is None and self.relay:
-            found.append(Problem("relay", "true", "must be false without base_m and range_m"))
-        return found
+            problems.append(Problem("relay", "true", "must be false without base_m and range_m"))
+        return problems
 
 
 def uplink_problems(uplink: UplinkSettings, size_m: tuple[float, float], step_s: float) -> list[Problem]:
     """Check `[uplink]` against the scenario: a base outside the arena, rates too small."""
-    found = []
+    problems = []
     if uplink.base_m is not None and not all(0 <= x <= end for x, end in zip(uplink.base_m, size_m, strict=True)):
         allowed = f"must be within the arena, {size_m[0]:.15g} m x {size_m[1]:.15g} m"
-        found.append(Problem("uplink.base_m", str(plain_value(uplink.base_m)), allowed))
+        problems.append(Problem("uplink.base_m", str(plain_value(uplink.base_m)), allowed))
     for name in ("sender_bytes_per_s", "receiver_bytes_per_s"):
         rate = getattr(uplink.bandwidth, name)
         if 0 < rate * step_s < LEAST_REPORT_BYTES and uplink.bandwidth.queue_bytes < LEAST_REPORT_BYTES:
             needed = (
                 f"must be 0 or allow at least {LEAST_REPORT_BYTES} bytes in a step or in the queue, the smallest report"
             )
-            found.append(Problem(f"uplink.bandwidth.{name}", f"{rate:.15g}", needed))
-    return found
+            problems.append(Problem(f"uplink.bandwidth.{name}", f"{rate:.15g}", needed))
+    return problems

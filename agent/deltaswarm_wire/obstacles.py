@@ -25,13 +25,13 @@ class ObstacleSettings:
     def problems(self) -> list[Problem]:
         """The corners must make a polygon."""
         corners = self.corners_m
-        found = [
+        problems = [
             Problem(f"corners_m[{index}]", str(plain_value(corner))[:60], "must be two coordinates [x, y]")
             for index, corner in enumerate(corners)
             if len(corner) != 2
         ]
-        if found:
-            return found
+        if problems:
+            return problems
         if len(corners) < 3:
             return [Problem("corners_m", f"{len(corners)}", "must be at least 3 corners")]
         area_m2 = abs(signed_area_m2(corners))

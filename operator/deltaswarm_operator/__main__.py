@@ -11,7 +11,7 @@ import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
-from deltaswarm_operator.core.commanding import add_arguments, commanding_of
+from deltaswarm_operator.io.command_options import add_arguments, command_options_of
 from deltaswarm_operator.io.files import TABLE
 from deltaswarm_operator.io.open_air import OpenAirConfig, run_open_air
 from deltaswarm_operator.io.process import OperatorConfig, run_operator
@@ -184,7 +184,7 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
         pairs.append(("transport/auth/usrpwd/dictionary_file", str(arguments.credentials)))
     settings, step_s = _settings(arguments), _step_s(arguments)
     return OpenAirConfig(
-        commanding=commanding_of(arguments, settings, step_s),
+        command_options=command_options_of(arguments, settings, step_s),
         run=arguments.run,
         link=link,
         pairs=pairs,

@@ -41,8 +41,8 @@ class TlsSettings:
         files = {name: getattr(self, name) for name in ("ca_file", "cert_file", "key_file")}
         if not any(files.values()):
             return []
-        found = [_readable(name, file, secret=name == "key_file") for name, file in files.items()]
-        return [problem for problem in found if problem]
+        problems = [_readable(name, file, secret=name == "key_file") for name, file in files.items()]
+        return [problem for problem in problems if problem]
 
     @property
     def files(self) -> Tls | None:
@@ -78,31 +78,31 @@ class AirSettings:
 
     def problems(self) -> list[Problem]:
         """Check the rules that involve several keys."""
-        found = []
+        problems = []
         if self.mode == "client" and not self.connect:
-            found.append(Problem("connect", "none", "must name the router of a client"))
+            problems.append(Problem("connect", "none", "must name the router of a client"))
         if self.mode == "client" and self.listen:
-            found.append(Problem("listen", ", ".join(self.listen), "must be left out for a client"))
+            problems.append(Problem("listen", ", ".join(self.listen), "must be left out for a client"))
         if self.mode == "peer" and not (self.connect or self.listen or self.multicast):
-            found.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
+            problems.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
                 if told := endpoint_problem(endpoint, connects=name == "connect"):
-                    found.append(Problem(name, repr(endpoint), told))
+                    problems.append(Problem(name, repr(endpoint), told))
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
-                    found.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
-        found += self._unknown_agents()
+                    problems.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
+        problems += self._unknown_agents()
         if self.operator_key and not is_public_key(self.operator_key):
-            found.append(Problem("operator_key", repr(self.operator_key), PUBLIC_KEY_RULE))
+            problems.append(Problem("operator_key", repr(self.operator_key), PUBLIC_KEY_RULE))
         if self.credentials_file:
             problem = _readable("credentials_file", self.credentials_file, secret=True)
-            found += [problem] if problem else []
-        found += [
+            problems += [problem] if problem else []
+        problems += [
             Problem(f"zenoh.{name}", repr(value), "must be a string with JSON5")
             for name, value in self.zenoh.items()
             if type(value) is not str
         ]
-        return found
+        return problems
 
     def _unknown_agents(self) -> list[Problem]:
         if not self.agents:
@@ -195,42 +195,44 @@ class BoardSettings:
 
     def problems(self) -> list[Problem]:
         """Check the rules that involve several tables."""
-        found = []
+        problems = []
         try:
             Keys(self.run)
         except ValueError:
-            found.append(Problem("run", repr(self.run[:80]), RUN_NAME_RULE))
+            problems.append(Problem("run", repr(self.run[:80]), RUN_NAME_RULE))
         if self.air.credentials_file:
             try:
                 password_in(Path(self.air.credentials_file), self.user)
             except ValueError as error:
-                found.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
+                problems.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
         if self.body.kind == WORLD_BODY:
-            found += self._not_of_a_world()
+            problems += self._not_of_a_world()
         elif self.air.agents and self.id not in self.air.numbers:
-            found.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
-        return found
+            problems.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
+        return problems
 
     def _not_of_a_world(self) -> list[Problem]:
         """Check what a body simulated by the world excludes."""
-        found = []
+        problems = []
         if len(self.air.connect) != 1:
-            found.append(Problem("air.connect", f"{len(self.air.connect)}", "must have one endpoint, the world's"))
+            problems.append(Problem("air.connect", f"{len(self.air.connect)}", "must have one endpoint, the world's"))
         if any(protocol_of(endpoint) == QUIC for endpoint in self.air.connect):
-            found.append(Problem("air.connect", self.air.connect[0], "must be tls/ or tcp/, as the world's"))
+            problems.append(Problem("air.connect", self.air.connect[0], "must be tls/ or tcp/, as the world's"))
         if not self.air.tls.verify_name:
-            found.append(
+            problems.append(
                 Problem("air.tls.verify_name", "false", "must be true: the world's certificate names its addresses")
             )
         if self.air.agents:
-            found.append(Problem("air.agents", repr(self.air.agents), "must be left out: the world admits its agents"))
+            problems.append(
+                Problem("air.agents", repr(self.air.agents), "must be left out: the world admits its agents")
+            )
         if self.air.operator_key:
-            found.append(Problem("air.operator_key", repr(self.air.operator_key), "must be left out with a world"))
+            problems.append(Problem("air.operator_key", repr(self.air.operator_key), "must be left out with a world"))
         if self.log.record != "off":
-            found.append(
+            problems.append(
                 Problem("log.record", repr(self.log.record), "must be off: the world's recorder has the frames")
             )
-        return found
+        return problems
 
     @property
     def user(self) -> str:

@@ -83,20 +83,20 @@ class MavlinkSettings:
 
     def problems(self) -> list[Problem]:
         """Check what involves several keys."""
-        found = []
+        problems = []
         if self.fence_m:
             try:
                 Fence(self._corners())
             except ValueError as error:
-                found.append(Problem("fence_m", str([list(corner) for corner in self.fence_m])[:200], str(error)))
+                problems.append(Problem("fence_m", str([list(corner) for corner in self.fence_m])[:200], str(error)))
         try:
             kind = parse_device(self.device, self.baud).kind
         except ValueError as error:
-            found.append(Problem("device", repr(self.device), str(error)))
+            problems.append(Problem("device", repr(self.device), str(error)))
         else:
             for module, package in (("pymavlink", "pymavlink"), ("serial", "pyserial")):
                 if (module != "serial" or kind == "serial") and find_spec(module) is None:
-                    found.append(
+                    problems.append(
                         Problem(
                             "device",
                             repr(self.device),
@@ -104,8 +104,8 @@ class MavlinkSettings:
                         )
                     )
         if unknown := [mode for mode in self.modes if mode.upper() not in MODES]:
-            found.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
-        return found + file_problems(self.events)
+            problems.append(Problem("modes", ", ".join(map(repr, unknown)), f"must be from {', '.join(sorted(MODES))}"))
+        return problems + file_problems(self.events)
 
     def _corners(self) -> list[Place]:
         if any(len(corner) != 2 for corner in self.fence_m):

@@ -9,10 +9,10 @@ from collections.abc import Callable, Mapping, Sequence
 from random import Random
 from typing import Any, NamedTuple
 
-from deltaswarm_operator.core.commander import Commander
-from deltaswarm_operator.core.person import Person, Read
+from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_row
 from deltaswarm_operator.core.probes import ISA, Probes
+from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
 from deltaswarm_wire.checked import plain
@@ -39,7 +39,7 @@ class OperatorAction(NamedTuple):
     detail: str
 
 
-def _person(briefing: Briefing) -> Person | None:
+def _person(briefing: Briefing) -> SimulatedOperator | None:
     """Make the simulated person that a briefing asks for, if any."""
     settings = briefing.operator.person
     if not settings.is_on:
@@ -48,7 +48,7 @@ def _person(briefing: Briefing) -> Person | None:
     first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
     rng = Random(f"deltaswarm/{briefing.seed}/person")
     delta = None if first is None else round(first)
-    return Person(settings, rng, briefing.operator.threshold_hz, delta)
+    return SimulatedOperator(settings, rng, briefing.operator.threshold_hz, delta)
 
 
 class Console:
@@ -56,13 +56,13 @@ class Console:
 
     Args:
         briefing: what the operator knows in advance.
-        commander: numbers and signs commands; default: numbers from 0, unsigned.
+        command_log: numbers and signs commands; default: numbers from 0, unsigned.
         in_air: whether in open air, where time has no pace and a command leaves the base at once.
     """
 
-    def __init__(self, briefing: Briefing, commander: Commander | None = None, *, in_air: bool = False) -> None:
+    def __init__(self, briefing: Briefing, command_log: CommandLog | None = None, *, in_air: bool = False) -> None:
         self.picture = Picture(briefing.step_s)
-        self.commander = commander or Commander(briefing.forms)
+        self.command_log = command_log or CommandLog(briefing.forms)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
         self.person = _person(briefing)
         self.pace = Pace(briefing.speed, -1)
@@ -95,9 +95,9 @@ class Console:
     def close(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
         """Take in a closed step; return the operator's turn."""
         self._step, self._is_over, self._workload = clock.step, clock.last, workload
-        self.commander.close_step()
+        self.command_log.close_step()
         for report in reports:
-            self.commander.hear(report)
+            self.command_log.hear(report)
         items = self.picture.take(reports, clock.time_s)
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
@@ -111,16 +111,16 @@ class Console:
 
     def turn(self) -> Turn:
         """Return the turn with the commands given so far."""
-        return Turn(self._step, self.commander.take())
+        return Turn(self._step, self.command_log.take())
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
-        while self._is_scripted(step) and self.commander.has_room:
+        while self._is_scripted(step) and self.command_log.has_room:
             scripted = self._script.popleft()
             target = Target(scripted.target, scripted.numbers)
             self._command(scripted.name, target, scripted.arguments, scripted.life_s)
 
-    def _act_as(self, person: Person, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
+    def _act_as(self, person: SimulatedOperator, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
         """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
@@ -138,9 +138,9 @@ class Console:
         return {} if self.person is None else {"person": self.person.totals}
 
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
-        command = self.commander.give(name, target, arguments, self.picture.now_s, *life_s)
+        command = self.command_log.give(name, target, arguments, self.picture.now_s, *life_s)
         self._note("command", [command.number, name, [target.kind, *target.numbers], dict(arguments), command.life_s])
-        return len(self.commander.sent) - 1
+        return len(self.command_log.sent) - 1
 
     def _note(self, kind: str, detail: Any) -> None:
         self.actions.append(OperatorAction(self.picture.now_s, kind, json.dumps(detail)))
@@ -152,7 +152,7 @@ class Console:
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
         return {
-            "commands": self.commander.state(),
+            "commands": self.command_log.state(),
             "script": len(self._script),
             "pace": list(self.pace),
             "probes": self.probes.state(),
@@ -166,7 +166,7 @@ class Console:
     def go_on(self, step: int, state: Mapping[str, Any]) -> None:
         """Resume after a step from another console's `state`."""
         self._step = step
-        self.commander.go_on(state["commands"])
+        self.command_log.go_on(state["commands"])
         if self.person is not None:
             self.person.go_on(state["person"])
         self.picture.go_on(state["picture"])
@@ -227,7 +227,7 @@ class Console:
                 "residue": picture.waiting(RESIDUE_S),
                 "above_s": above_s,
             },
-            commands=self.commander.rows(picture.now_s),
+            commands=self.command_log.rows(picture.now_s),
             pace={"paused": self.pace.hold_step >= 0, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
         )

@@ -95,7 +95,7 @@ class ConsoleServer:
         console, channel = self.console, self._channel
         if channel is None:
             return False
-        given = len(console.commander.sent)
+        given = len(console.command_log.sent)
         if intent is None:
             self._channel = None
             if console.pace.hold_step >= 0:  # nobody could resume the run
@@ -105,7 +105,7 @@ class ConsoleServer:
                 channel.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
-        has_news = len(console.commander.sent) > given or console.pace != self._pace
+        has_news = len(console.command_log.sent) > given or console.pace != self._pace
         if console.pace != self._pace:
             self._pace = console.pace
             self._send_pace(self._pace)

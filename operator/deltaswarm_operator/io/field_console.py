@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.core.base import Base
-from deltaswarm_operator.core.commander import Commander
-from deltaswarm_operator.core.commanding import Commanding
+from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.command_options import CommandOptions
 from deltaswarm_operator.io.console_server import ConsoleServer
 from deltaswarm_wire.commands import Turn
 from deltaswarm_wire.envelope import Sent, encode_sent
@@ -25,7 +25,7 @@ class FieldConsole:
 
     Args:
         run: the run's name.
-        commanding: settings from the command line.
+        command_options: settings from the command line.
         folder: for the tables of the person's acts.
         put: publishes a radio frame of the base, with its attachment.
         on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
@@ -35,21 +35,21 @@ class FieldConsole:
     def __init__(
         self,
         run: str,
-        commanding: Commanding,
+        command_options: CommandOptions,
         folder: Path,
         put: Callable[..., None],
         on_intent: Callable[[bytes | None], None],
         station: socket.socket | None,
     ) -> None:
         started = int(time.time())  # Unix time: a restarted operator numbers frames and commands higher
-        self.base = Base(commanding.board_step_s, started)
-        self._base_m = commanding.briefing.base_m
-        self._step_s = commanding.briefing.step_s
+        self.base = Base(command_options.board_step_s, started)
+        self._base_m = command_options.briefing.base_m
+        self._step_s = command_options.briefing.step_s
         self._put = put
         self._reports: dict[int, deque[Report]] = {}
         self._now_s = 0.0
-        commander = Commander(commanding.briefing.forms, commanding.sign, started)
-        console = Console(commanding.briefing, commander, in_air=True)
+        command_log = CommandLog(command_options.briefing.forms, command_options.sign, started)
+        console = Console(command_options.briefing, command_log, in_air=True)
         self._server = ConsoleServer(run, console, folder, self._send, lambda pace: None, on_intent, station)
         self._server.begin()
 
@@ -85,7 +85,7 @@ class FieldConsole:
     @property
     def totals(self) -> dict[str, Any]:
         """The operator's totals besides the workload."""
-        fates = self._server.console.commander.fates(self._now_s)
+        fates = self._server.console.command_log.fates(self._now_s)
         return {**self._server.totals, "commands": fates, "frames": self.base.frames}
 
     def finish(self) -> None:

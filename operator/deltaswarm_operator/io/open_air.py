@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_operator.core.commanding import Commanding
 from deltaswarm_operator.core.presence import OpenAirMeter
+from deltaswarm_operator.io.command_options import CommandOptions
 from deltaswarm_operator.io.field_console import FieldConsole
 from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.page import Page
@@ -47,7 +47,7 @@ class OpenAirConfig:
     out: Path
     status_every_s: float
     """Interval of status lines [s]."""
-    commanding: Commanding | None = None
+    command_options: CommandOptions | None = None
     """A console with commands, a station or both."""
 
 
@@ -83,14 +83,16 @@ class OpenAirOperator:
             ),
         ]
         self.console: FieldConsole | None = None
-        if config.commanding is not None:
+        if config.command_options is not None:
             radio = session.declare_publisher(
                 keys.agent(BASE, RADIO),
                 encoding=zenoh.Encoding("application/msgpack;deltaswarm.Radio.v1"),
                 congestion_control=zenoh.CongestionControl.DROP,
                 reliability=zenoh.Reliability.BEST_EFFORT,
             )
-            self.console = FieldConsole(config.run, config.commanding, config.out, radio.put, inbox.put_intent, station)
+            self.console = FieldConsole(
+                config.run, config.command_options, config.out, radio.put, inbox.put_intent, station
+            )
 
     def _into_inbox(self, arrival: Arrival) -> Any:
         return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
@@ -211,7 +213,7 @@ def run_open_air(config: OpenAirConfig) -> int:
     inbox = Inbox()
     stop_on_signals(inbox.stop)
     settings = configured(zenoh.Config, config.pairs, config.link)
-    listen = config.commanding.listen if config.commanding else None
+    listen = config.command_options.listen if config.command_options else None
     with ExitStack() as stack:
         station = None
         if listen is not None:

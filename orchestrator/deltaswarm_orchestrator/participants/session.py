@@ -49,13 +49,13 @@ class SessionSettings:
     def problems(self) -> list[Problem]:
         """Check the number of conditions, and that their labels differ."""
         labels = [condition.label for condition in (self.training, *self.condition)]
-        found = []
+        problems = []
         if not 1 <= len(self.condition) <= MAX_CONDITIONS:
             allowed = f"must be 1 to {MAX_CONDITIONS} tables [[session.condition]]"
-            found.append(Problem("condition", f"{len(self.condition)}", allowed))
+            problems.append(Problem("condition", f"{len(self.condition)}", allowed))
         if len(set(labels)) < len(labels):
-            found.append(Problem("condition", ", ".join(labels), "must have different labels"))
-        return found
+            problems.append(Problem("condition", ", ".join(labels), "must have different labels"))
+        return problems
 
 
 @dataclass(frozen=True)

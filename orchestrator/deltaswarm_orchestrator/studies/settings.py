@@ -59,17 +59,17 @@ class ContrastSettings:
 
     def problems(self) -> list[Problem]:
         """List what is missing or impossible."""
-        found = [*_problem_of_id(self.id), *_problems_of_pairs("pairs", self.pairs)]
-        found += _problems_of_pairs("across_pairs", self.across_pairs)
+        problems = [*_problem_of_id(self.id), *_problems_of_pairs("pairs", self.pairs)]
+        problems += _problems_of_pairs("across_pairs", self.across_pairs)
         if self.margin != 0 and not self.margin > 1:
-            found.append(Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0"))
+            problems.append(Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0"))
         if bool(self.reference) == bool(self.pairs):
-            found.append(Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs"))
+            problems.append(Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs"))
         if self.across and not self.across_pairs:
-            found.append(Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`"))
+            problems.append(Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`"))
         if self.across_pairs and not self.across:
-            found.append(Problem("across", "missing", "must name the factor of across_pairs"))
-        return found
+            problems.append(Problem("across", "missing", "must name the factor of across_pairs"))
+        return problems
 
 
 @dataclass(frozen=True)
@@ -105,17 +105,17 @@ class ClaimSettings:
             "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
             "predicts": {"less": self.less, "more": self.more},
         }
-        found = [
+        problems = [
             Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
             for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items()
             if not value
         ]
         if bool(self.iqr) != bool(self.n):
-            found.append(Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n"))
+            problems.append(Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n"))
         named = self.variants or self.predictors
         if len(set(named)) < len(named):
-            found.append(Problem("b" if self.kind == "alike" else "more", named[0], "must be another one"))
-        return found
+            problems.append(Problem("b" if self.kind == "alike" else "more", named[0], "must be another one"))
+        return problems
 
     @property
     def variants(self) -> list[str]:
@@ -226,25 +226,25 @@ class FigureSettings:
 
     def problems(self) -> list[Problem]:
         """List tables with values of the wrong form."""
-        found = [Problem("name", "missing", "a figure needs a name")] if not self.name else []
-        found += [
+        problems = [Problem("name", "missing", "a figure needs a name")] if not self.name else []
+        problems += [
             Problem(f"published.{name}", repr(value)[:60], "must be a list of a median and an interquartile range")
             for name, value in self.published.items()
             if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)))
         ]
-        found += [
+        problems += [
             Problem(f"lines.{name}", repr(value)[:60], "must be a number, or a variant")
             for name, value in self.lines.items()
             if not _is_number(value) and not isinstance(value, str)
         ]
-        found += [
+        problems += [
             Problem(f"paths.{name}", repr(value)[:60], "must be a list of variants")
             for name, value in self.paths.items()
             if not _is_list_of_names(value)
         ]
         if self.kind == "frontier" and not self.paths:
-            found.append(Problem("paths", "missing", "a figure of kind 'frontier' needs it"))
-        return found
+            problems.append(Problem("paths", "missing", "a figure of kind 'frontier' needs it"))
+        return problems
 
 
 def listed(value: Any) -> list[Any]:
@@ -263,17 +263,17 @@ class FindingSettings:
 
     def problems(self) -> list[Problem]:
         """List results that name no claim or contrast, no verdict, or something else."""
-        found = [] if self.text else [Problem("text", "missing", "a finding needs a sentence")]
+        problems = [] if self.text else [Problem("text", "missing", "a finding needs a sentence")]
         if not self.because:
-            found.append(Problem("because", "missing", "a finding must name the results that support it"))
+            problems.append(Problem("because", "missing", "a finding must name the results that support it"))
         for i, result in enumerate(self.because):
             where = f"because[{i}]"
             kinds = [kind for kind in RESULT_KEYS if kind in result]
             if len(kinds) != 1:
-                found.append(Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit"))
+                problems.append(Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit"))
                 continue
             (kind,) = kinds
-            found += [
+            problems += [
                 Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(RESULT_KEYS[kind])}")
                 for name in result
                 if name not in RESULT_KEYS[kind]
@@ -281,8 +281,8 @@ class FindingSettings:
             verdicts = listed(result.get(IS, []))
             if not verdicts or not set(verdicts) <= set(VERDICTS[kind]):
                 allowed = f"must be one of {', '.join(VERDICTS[kind])}, or a list of them"
-                found.append(Problem(f"{where}.is", repr(result[IS]) if IS in result else "nothing", allowed))
-        return found
+                problems.append(Problem(f"{where}.is", repr(result[IS]) if IS in result else "nothing", allowed))
+        return problems
 
 
 @dataclass(frozen=True)

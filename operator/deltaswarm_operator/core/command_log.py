@@ -54,7 +54,7 @@ def _number(sent: Sent) -> int:
     return sent.command.number
 
 
-class Commander:
+class CommandLog:
     """All commands of one run, in order.
 
     Args:

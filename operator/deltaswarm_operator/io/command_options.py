@@ -21,7 +21,7 @@ NO_KEY = "needs --command-key FILE, whose public part the boards know; make one:
 
 
 @dataclass(frozen=True)
-class Commanding:
+class CommandOptions:
     """A console in open air."""
 
     briefing: Briefing
@@ -56,7 +56,9 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
     told.add_argument("--base", type=_place, metavar="X,Y", help="where the base is, for boards with air.range_m [m]")
 
 
-def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, step_s: float) -> Commanding | None:
+def command_options_of(
+    arguments: argparse.Namespace, settings: OperatorSettings, step_s: float
+) -> CommandOptions | None:
     """Read the arguments; return None if the operator only counts.
 
     Raises:
@@ -91,7 +93,7 @@ def commanding_of(arguments: argparse.Namespace, settings: OperatorSettings, ste
     )
     sign = signer(arguments.command_key, arguments.run) if arguments.command_key else None
     listen = (arguments.station_listen or LOOPBACK) if arguments.station else None
-    return Commanding(briefing, sign, task.step_s, listen)
+    return CommandOptions(briefing, sign, task.step_s, listen)
 
 
 def _task(file: Path | None, mode: str | None) -> AgentSettings:

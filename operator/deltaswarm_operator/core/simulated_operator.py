@@ -53,7 +53,7 @@ class _Job:
 
 
 @dataclass
-class Person:
+class SimulatedOperator:
     """One simulated person.
 
     Args:

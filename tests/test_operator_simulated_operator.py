@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator.core.measures import HIGH_LOAD, Measures
-from deltaswarm_operator.core.person import Act, Person, Read, SetDelta
 from deltaswarm_operator.core.picture import Item
+from deltaswarm_operator.core.simulated_operator import Act, Read, SetDelta, SimulatedOperator
 from deltaswarm_scenario.operator_settings import NONE, THRESHOLD, PersonSettings
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import SettingsError
@@ -42,12 +42,14 @@ persons = st.builds(
 seeds = st.integers(0, 5)
 
 
-def person(settings: PersonSettings = CALM, seed: int = 0, delta: int | None = 4) -> Person:
+def person(settings: PersonSettings = CALM, seed: int = 0, delta: int | None = 4) -> SimulatedOperator:
     """One person with a generator of its own."""
-    return Person(settings, Random(seed), THRESHOLD_HZ, delta)
+    return SimulatedOperator(settings, Random(seed), THRESHOLD_HZ, delta)
 
 
-def live(one: Person, told: Sequence[tuple[Sequence[Told], float]], first: int = 0) -> list[tuple[float, Act]]:
+def live(
+    one: SimulatedOperator, told: Sequence[tuple[Sequence[Told], float]], first: int = 0
+) -> list[tuple[float, Act]]:
     """What it does in steps of 1 s, in each of which it is told some items and a message rate."""
     acts = []
     for step, (arrived, rate_hz) in enumerate(told, first):
