@@ -339,3 +339,13 @@ def test_the_wrong_file_or_folder_ends_with_2(
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("deltaswarm: ")
     assert all(fact in line for fact in facts), line
+
+
+@pytest.mark.parametrize(
+    "command",
+    [["run", "smoke", "--in-process", "--out"], ["sweep", "smoke", "--out"], ["info"], ["report"], ["replay"]],
+)
+def test_a_name_that_no_file_can_have_is_refused(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """In one line, with the exit code of wrong usage."""
+    assert main([*command, "x" * 300]) == 2
+    assert capsys.readouterr().err.count("\n") == 1

@@ -251,7 +251,7 @@ def test_a_scheduler_without_workers_is_told(
     told = list[str]()
     engine = DaskEngine(scheduler, 1)
     monkeypatch.setattr(engine, "_client", lambda _: SimpleNamespace(nthreads=lambda: workers))
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.complain", told.append)
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.notice", told.append)
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
     assert list(engine.run([])) == []
     assert bool(told) == is_told

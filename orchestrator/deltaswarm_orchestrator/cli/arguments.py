@@ -2,6 +2,7 @@
 
 import argparse
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -87,9 +88,10 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
         CommandError: there is nothing.
     """
     part = path.with_name(f"{path.name}.part") if path.name else path
-    if path.exists() or (or_part and part.exists()):
+    has_part = os.path.exists(part)  # unlike `Path.exists`, False for an impossible name
+    if os.path.exists(path) or (or_part and has_part):
         return
-    hint = f"; {part} has what is left of an interrupted run" if part.exists() else ""
+    hint = f"; {part} has what is left of an interrupted run" if has_part else ""
     if not hint and path.parent.is_dir():
         near = did_you_mean(path.name, (other.name for other in path.parent.iterdir()))
         hint = near and f"; {near.strip()}"

@@ -1,6 +1,7 @@
 """The command `deltaswarm sweep`, and the functions it shares with other commands that do many runs."""
 
 import argparse
+import os
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
@@ -79,7 +80,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     engine_maker(arguments, means)
     if arguments.processes:
         check_parts_can_start()
-    if folder.exists():
+    if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name
         from deltaswarm_orchestrator.sweeps.runner import check_folder  # needs pandas
 
         check_folder(loaded, folder, means)

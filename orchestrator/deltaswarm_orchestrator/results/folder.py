@@ -209,9 +209,13 @@ def check_target(target: Path, force: bool) -> None:
     Raises:
         FolderError: the text says why.
     """
-    if target.is_symlink():
+    try:
+        is_link, exists = target.is_symlink(), target.exists()
+    except OSError as error:
+        raise FolderError(f"{target} cannot be used: {error.strerror}") from None
+    if is_link:
         raise FolderError(f"{target} is a symbolic link (to {target.readlink()}); name the folder itself")
-    if not target.exists():
+    if not exists:
         if target.name in ("", ".."):
             raise FolderError(f"{target} must end in the name of the new folder")
         return
