@@ -98,6 +98,7 @@ def test_sound_tables_are_taken() -> None:
         (CONTRAST + FINDING.replace('"loss=0.5"', '["loss=0.5", "loss=0.6"]'), "finding[0].because[0].level"),
         (CONTRAST + FINDING.replace('"higher"', '["higher", "hihger"]'), "finding[0].because[0].is"),
         (CONTRAST + FINDING.replace('"higher"', "[]"), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace('"a"', '["a"]').replace("loss=0.5", "loss=0.6"), "finding[0].because[0].level"),
         (CONTRAST + FINDING.replace("within", "whitin"), "finding[0].because[0].whitin"),
         (CONTRAST + FINDING.replace('contrast = "a"', 'contrast = "b"'), "finding[0].because[0].contrast"),
         (CONTRAST + FINDING.replace('contrast = "a", ', ""), "finding[0].because[0]"),

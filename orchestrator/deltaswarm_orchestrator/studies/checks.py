@@ -128,7 +128,8 @@ def _results(study: Study) -> Iterator[Problem]:
     rows |= {fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit}
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
-            for name, values in rows.get(str(result.get(CONTRAST, result.get(FIT))), {}).items():
+            named = listed(result.get(CONTRAST, result.get(FIT, [])))
+            for name, values in itertools.chain.from_iterable(rows[one].items() for one in named):
                 for value in listed(result.get(name, [])):
                     if value not in values:
                         hint = did_you_mean(value, values).rstrip()
@@ -181,7 +182,7 @@ def _times(study: Study) -> Iterator[Problem]:
         of = metric.of or name
         if of in PER_EVENT and metric.from_s + horizon_s >= end_s:
             allowed = (
-                f"must be less than {end_s - metric.from_s:.15g} for {name!r}: no event could be followed for so long"
+                f"must be less than {end_s - metric.from_s:.15g} for {name!r}: no event could be followed for that long"
             )
             yield Problem("metrics.horizon_s", f"{horizon_s:.15g}", allowed)
 

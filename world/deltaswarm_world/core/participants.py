@@ -117,7 +117,7 @@ class Participants:
 
     def is_present(self, agent: int) -> bool:
         """Whether an agent has a process."""
-        return any(agent in self._in[condition] for condition in (IDLE, ASKED, HUNG, FROZEN))
+        return agent in self.present
 
     # A step
 
