@@ -1,6 +1,9 @@
-"""The tests, flat: `test_<part>_<module>.py` mirrors the module; `test_processes_*` start real processes.
+"""The tests by what they need.
 
-What takes too long for each time: `DELTASWARM_LONG=1 pytest tests/test_namespaces_*` (boards on separate machines, in
-full length, 10 minutes), `DELTASWARM_EXPLORE=1 pytest` (properties with other examples, each time anew), and
-`python -m tests.soak` (a board's memory over a day).
+`unit/` mirrors the modules of each part; `swarms/` runs whole swarms in one process, `processes/` and `boards/` start
+real processes, `pages/` a browser; `docs/` holds the documentation to the code. `support/` is what tests share.
+
+What takes too long for each time: `DELTASWARM_LONG=1 pytest tests/boards/test_namespaces_*` (boards on separate
+machines, in full length, 10 minutes), `DELTASWARM_EXPLORE=1 pytest` (properties with other examples, each time anew),
+and `python -m tests.support.soak` (a board's memory over a day).
 """

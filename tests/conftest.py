@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, settings
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
-    from tests.station_page import Page
+    from tests.support.station_page import Page
 
 # The gate tries the same examples each time; with DELTASWARM_EXPLORE=1 others, each time anew. A loaded machine
 # is no failure; a failing example can be pasted from the log.
@@ -43,7 +43,7 @@ for number, usual in ((signal.SIGINT, signal.default_int_handler), (signal.SIGHU
 @pytest.fixture(scope="module")
 def driver() -> "Iterator[Chrome]":
     """One browser for a file's tests; each has a station of its own, and so an origin of its own."""
-    from tests.station_page import browser
+    from tests.support.station_page import browser
 
     with browser() as made:
         yield made
@@ -52,8 +52,8 @@ def driver() -> "Iterator[Chrome]":
 @pytest.fixture
 def open_page(driver: "Chrome") -> "Iterator[Callable[..., Page]]":
     """Opens the page on a swarm; afterwards the browser must have had nothing to complain about."""
-    from tests.station_feed import Feed, Swarm
-    from tests.station_page import Page
+    from tests.support.station_feed import Feed, Swarm
+    from tests.support.station_page import Page
 
     pages: list[Page] = []
 

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE, WHO
-from tests.swarms import PATIENCE_S, started
+from tests.support.swarms import PATIENCE_S, started
 
 
 class Ended(NamedTuple):

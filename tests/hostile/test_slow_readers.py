@@ -23,7 +23,7 @@ from deltaswarm_wire.session import RouterLink, client_pairs, configured
 from deltaswarm_world.io.slow_links import DESCRIPTORS, PATIENCE_S, SlowLinks, trusted_sessions
 from deltaswarm_world.io.transport import open_router
 from tests.hostile.attacker import WHO
-from tests.swarms import BOUND_S, started, wait_for_end, wait_until
+from tests.support.swarms import BOUND_S, started, wait_for_end, wait_until
 
 pytestmark = pytest.mark.processes
 

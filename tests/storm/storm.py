@@ -13,8 +13,8 @@ from random import Random
 from typing import NamedTuple
 
 from deltaswarm_wire import checkpoint
-from tests.swarms import COMMAND, UNHURRIED, is_running, parent_of
-from tests.sweeping import MARK, marked
+from tests.support.swarms import COMMAND, UNHURRIED, is_running, parent_of
+from tests.support.sweeping import MARK, marked
 
 AGENTS = 6
 OVER_S = 8.0

@@ -1,0 +1,156 @@
+"""Every command that the documentation names exists; every block of commands runs in a test."""
+
+import argparse
+import json
+import os
+import re
+import shlex
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_agent.board.__main__ import parser as board_parser
+from deltaswarm_orchestrator.cli import COMMANDS, parser
+from deltaswarm_orchestrator.live.socket import LIVE_SOCKET
+from deltaswarm_orchestrator.scenarios.reference import reference
+from tests.support.pages import ROOT, commands, files, shell
+from tests.support.swarms import COMMAND, UNHURRIED, wait_until
+
+RUN_ELSEWHERE = {
+    "README.md": "docs/test_readme",
+    "agent/README.md": "boards/test_docs",
+    "docs/CONTROLLERS.md": "docs/test_controllers",
+    "docs/STATION.md": "docs/test_station",
+    "docs/STUDIES.md": "docs/test_studies",
+    "docs/SWEEPS.md": "docs/test_readme",
+    "docs/TUTORIAL.md": "docs/test_tutorial",
+}
+"""The test that runs all commands of a page."""
+RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md", "docs/LIVE.md", "docs/RECORDING.md"}
+
+PAGES = {
+    str(path.relative_to(ROOT)): path.read_text()
+    for folder in ("*.md", "docs/*.md", "docs/api/*.md", "agent/**/*.md")
+    for path in ROOT.glob(folder)
+}
+
+
+def page(name: str) -> str:
+    return PAGES[name]
+
+
+def known_options(command: str) -> set[str]:
+    """What a command of deltaswarm takes."""
+    if command == "agent board":
+        return set(board_parser()._option_string_actions)
+    found = parser(command.split()[0])
+    for word in command.split():
+        found = subparsers(found)[word]
+    return set(found._option_string_actions)
+
+
+def subparsers(found: argparse.ArgumentParser) -> dict[str, argparse.ArgumentParser]:
+    actions = (a.choices for a in found._actions if isinstance(a, argparse._SubParsersAction))
+    return next(actions, {})
+
+
+def test_every_block_of_commands_runs_in_a_test() -> None:
+    """Of each page either in its own test or in this file."""
+    with_commands = {name for name, text in PAGES.items() if commands(text)}
+    assert with_commands == {*RUN_ELSEWHERE, *RUN_HERE}
+    for test in RUN_ELSEWHERE.values():
+        assert (ROOT / "tests" / f"{test}.py").exists()
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_every_command_in_the_text_exists(name: str) -> None:
+    """With its options; values are placeholders as often as not."""
+    for span in re.findall(r"`(deltaswarm [^`]+)`", page(name)):
+        words = shlex.split(span)[1:]
+        command = " ".join(words[:2]) if words[0] == "bench" or words[:2] == ["agent", "board"] else words[0]
+        if words[0] in COMMANDS or command == "agent board":
+            options = {word.partition("=")[0] for word in words if word.startswith("-")} - {"--help"}
+            assert options <= known_options(command), span
+        else:
+            assert command in ("agent", "world", "operator", "..."), span
+
+
+@pytest.mark.parametrize("name", sorted(PAGES))
+def test_the_files_on_a_page_are_toml_with_a_name(name: str) -> None:
+    """A reader who saves one knows what to call it."""
+    assert all(re.fullmatch(r"[\w-]+\.toml", file) for file in files(page(name)))
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
+    """The commands of FAILURES.md, with a shorter run: cut off after a checkpoint, resumed, and whole."""
+    begin, resume = commands(page("docs/FAILURES.md"))
+    newest = tmp_path / "runs" / "long.part" / "checkpoint" / "newest.json"
+    short = begin.replace("paper-25", "smoke").replace("--checkpoint 500", "--checkpoint 100")
+    arguments = shlex.split(short.removeprefix("deltaswarm "))
+    run = subprocess.Popen([*COMMAND, *arguments], cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        wait_until(lambda: newest.exists() or run.poll() is not None, "a checkpoint")
+    finally:
+        run.kill()
+        run.wait()
+    done = shell(resume, tmp_path)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert len(json.loads((tmp_path / "runs" / "long" / "manifest.json").read_text())["resumed"]) == 1
+
+
+def test_the_command_for_the_scenario_keys_writes_the_page(tmp_path: Path) -> None:
+    """That of EXTENDING.md."""
+    [command] = commands(page("docs/EXTENDING.md"))
+    done = shell(command.replace("docs/SCENARIO.md", str(tmp_path / "SCENARIO.md")), ROOT)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "SCENARIO.md").read_text() == reference()
+
+
+@pytest.mark.slow
+def test_a_recording_is_exported(tmp_path: Path) -> None:
+    """The command of RECORDING.md, beside the run that it exports."""
+    [command] = commands(page("docs/RECORDING.md"))
+    run = "deltaswarm run smoke --in-process --set run.duration_s=20 --out runs/first"
+    done = shell(f"{run} && {command}", tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_a_run_is_watched(tmp_path: Path) -> None:
+    """The commands of LIVE.md, with a smaller run on any port; `top` prints what it would draw."""
+    look, begin = commands(page("docs/LIVE.md"))
+    small = begin.replace("paper-25", "smoke") + " --live-port 0"
+    arguments = [*shlex.split(small.removeprefix("deltaswarm ")), *UNHURRIED]
+    run = subprocess.Popen(
+        [*COMMAND, *arguments],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+    )
+    try:
+        there = tmp_path / "runs" / "first.part" / LIVE_SOCKET
+        wait_until(lambda: there.exists() or run.poll() is not None, "a run to look at")
+        looked = shell(f"{look} --json", tmp_path)
+        assert looked.returncode == 0, looked.stdout + looked.stderr
+        assert json.loads(looked.stdout)["hello"]["run"] == "first"
+        _, errors = run.communicate()
+    finally:
+        run.kill()
+        run.wait()
+    assert run.returncode == 0, errors
+    assert b"ws://127.0.0.1:" in errors
+
+
+def test_the_commands_for_contributors_exist() -> None:
+    """They are those of the gate (its test is test_docs_readme), of lint (test_quality) and of the site."""
+    lines = commands(page("CONTRIBUTING.md"))
+    programs = [line.split()[0] for line in lines]
+    assert programs == ["python3", ".", "pip", *["python"] * 4, "ruff", "ruff", "mypy", "sphinx-build"]
+    for line in lines:
+        for path in re.findall(r"tests/\S+\.py", line):
+            assert (ROOT / path).exists(), path

@@ -1,0 +1,75 @@
+"""The page on controllers: a stranger gets from an empty folder to a report, and its tables are the code's."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_agent.controller import Decision, Percept
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "CONTROLLERS.md").read_text()
+
+SHORTER = {"deltaswarm sweep": "--set run.duration_s=60 --repeats 2 --prove 1"}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder with what the page says to put there."""
+    shutil.copy(ROOT / "docs" / "controllers" / "levy.py", tmp_path)
+    for name, text in re.findall(r"```toml\n# (\S+\.toml): (.*?)```", PAGE, flags=re.DOTALL):
+        (tmp_path / name).write_text(f"# {text}")
+    return tmp_path
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_commands_work(folder: Path) -> None:
+    """As they stand; equal digests with processes and without, in the sweep too, and a report with both."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    lines = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL) for line in block.splitlines()]
+    script = [f"{line} {next((more for verb, more in SHORTER.items() if line.startswith(verb)), '')}" for line in lines]
+    done = subprocess.run(
+        ["bash", "-ec", "\n".join(script)], cwd=folder, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    summaries = [
+        json.loads((folder / "runs" / name / "summary.json").read_text()) for name in ("in-process", "processes")
+    ]
+    assert summaries[0]["digest"] == summaries[1]["digest"]
+    assert summaries[1]["valid"]
+    manifest = json.loads((folder / "runs" / "processes" / "manifest.json").read_text())
+    assert manifest["controller"]["mode"] == "levy:Levy"
+    assert manifest["controller"]["source"]
+    report = (folder / "sweeps" / "compare" / "page.html").read_text()
+    assert "levy" in report
+    assert "hybrid" in report
+
+
+def test_a_sweep_does_not_take_the_runs_of_another_version(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another line in the controller's file is another run."""
+    monkeypatch.syspath_prepend(str(folder))
+    code = (
+        "from tests.support.sweeping import made; print(made({'axes': {'control.mode': ['levy:Levy']}}).jobs()[0].key)"
+    )
+    keys = set()
+    for text in ("", "# another version\n"):
+        with (folder / "levy.py").open("a") as file:
+            file.write(text)
+        environment = {**os.environ, "PYTHONPATH": str(folder)}
+        done = subprocess.run(
+            [sys.executable, "-c", code], cwd=ROOT, env=environment, capture_output=True, text=True, check=True
+        )
+        keys.add(done.stdout)
+    assert len(keys) == 2
+
+
+def test_the_page_has_all_that_a_controller_gets_and_gives() -> None:
+    """Each field of a percept and a decision has a row."""
+    for field in (*Percept._fields, *Decision._fields):
+        assert re.search(rf"^\| [^|]*`{field}`", PAGE, flags=re.MULTILINE), field

@@ -1,0 +1,115 @@
+"""Every command of README and docs/SWEEPS.md works as written (with short runs, in this virtual environment)."""
+
+import csv
+import os
+import re
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from tests.support.pages import serve
+
+ROOT = Path(__file__).parents[2]
+README, SWEEPS = ((ROOT / name).read_text() for name in ("README.md", "docs/SWEEPS.md"))
+
+PUBLISHED = {
+    "decentralised": "decentralised",
+    "hierarchical, rho 2": "hierarchical",
+    "hybrid, delta 3": "hybrid 3",
+    "hierarchical, rho 6": "rho 6",
+    "adaptive": "adaptive",
+    "central": "central",
+}
+"""The study's variant by the start of a row of the README."""
+
+SHORTER = {
+    "run": "--set run.duration_s=20 --set agents.count=6",
+    "run hard.toml": "--in-process --set run.duration_s=4510 --set run.step_s=10",
+    "sweep": "--set run.duration_s=20 --set agents.count=3 --repeats 1 --prove 0",
+    "study lose-the-roots": "--repeats 1 --prove 0 --set agents.count=3 --set run.duration_s=5110 --set run.step_s=10",
+    "bench run": "--agents 3 --steps 30",
+    "bench scale": "--sizes 2,4 --steps 5 --rounds 1",
+    "bench radio": "--agents 3 --steps 30 --rounds 1",
+    "bench station": "--agents 3 --steps 40 --rounds 1",
+}
+
+
+def commands(page: str) -> list[str]:
+    """The lines of all shell blocks, without their comments."""
+    blocks = re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL)
+    return [line.split(" #")[0].strip() for block in blocks for line in block.splitlines() if line.strip()]
+
+
+def shortened(command: str) -> str:
+    """The `deltaswarm` part of a command, with a short run."""
+    own = command[command.index("deltaswarm ") :]
+    before, sign, target = own.partition(" > ")
+    verb = " ".join(before.split()[1:3])
+    less = SHORTER.get(verb, SHORTER.get(verb.split()[0], ""))
+    return f"{before} {less}{sign}{target}"
+
+
+def files(page: str) -> dict[str, str]:
+    """TOML blocks by the file name in their first line."""
+    blocks = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", page, flags=re.DOTALL)
+    return {name: f"# {text}" for name, text in blocks}
+
+
+@pytest.mark.processes
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize(
+    ("page", "least"),
+    [pytest.param(README, 9, id="README"), pytest.param(SWEEPS, 11, marks=pytest.mark.slow, id="SWEEPS")],
+)
+def test_the_commands_work(page: str, least: int, tmp_path: Path) -> None:
+    """In the order in which they stand, in one folder, with exit code 0."""
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    lines = [line for line in commands(page) if "deltaswarm " in line]
+    assert len(lines) >= least
+    for name, text in files(page).items():
+        (tmp_path / name).write_text(text)
+    for line in lines:
+        if line.startswith("deltaswarm replay"):
+            serve(line, tmp_path)
+            continue
+        done = subprocess.run(
+            shortened(line), shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
+
+
+def test_the_gate_runs_the_readmes_own_test_command() -> None:
+    """The block that .ci/run takes is there, sets up its environment and calls pytest, in one line."""
+    found = re.search(r"<!-- tests -->\n```sh\n(.*)\n```", README)
+    assert found is not None
+    assert found[1].startswith("python3 -m venv .venv && ")
+    assert found[1].endswith("-m pytest -q -n 6")
+    main = re.search(r"<!-- run -->\n```sh\n(.*)\n```", README)
+    assert main is not None
+    assert main[1].endswith("deltaswarm run paper-25")
+
+
+def test_the_links_lead_somewhere() -> None:
+    """Files that the README names are there."""
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        assert target.startswith("http") or (ROOT / target).exists(), target
+
+
+def test_the_results_are_the_published_ones() -> None:
+    """Verdicts and medians of the README are those of the study's tables."""
+    page, folder = (ROOT / "README.md").read_text(), ROOT / "docs" / "studies" / "paper"
+    with (folder / "claims.csv").open() as file:
+        verdicts = Counter(row["verdict"] for row in csv.DictReader(file))
+    told = re.search(r"Of (\d+) claims .* (\d+) hold, (\d+) are refuted and (\d+) undecided", page)
+    assert told is not None
+    assert [*map(int, told.groups())] == [verdicts.total(), *map(verdicts.get, ("holds", "refuted", "undecided"))]
+    with (folder / "estimates.csv").open() as file:
+        medians = {(row["variant"], row["metric"]): float(row["median"] or "nan") for row in csv.DictReader(file)}
+    for start, variant in PUBLISHED.items():
+        [row] = re.findall(rf"^\| {start}.*$", page, re.MULTILINE)
+        shown = [float(cell.split()[0]) for cell in row.strip("| ").split(" | ")[1:]]
+        found = [medians[variant, metric] for metric in ("waiting", "completion_s", "messages")]
+        assert shown == pytest.approx(found, rel=0.005, abs=0.06), variant

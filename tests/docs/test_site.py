@@ -1,0 +1,85 @@
+"""The documentation site: it builds without a warning, and its reference pages hold what the code has."""
+
+import re
+from pathlib import Path
+
+import pytest
+import yaml
+
+from deltaswarm_orchestrator.cli import COMMANDS, PARTS
+from deltaswarm_wire import __version__
+from tests.support.pages import ROOT, commands, shell
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site, built by the command that CONTRIBUTING.md gives."""
+    [command] = [line for line in commands((ROOT / "CONTRIBUTING.md").read_text()) if line.startswith("sphinx-build")]
+    assert {"-n", "-W", "--keep-going"} <= set(command.split()), "broken links and other warnings are errors"
+    out = tmp_path_factory.mktemp("docs") / "site"
+    done = shell(command.replace("build/site", str(out)), ROOT)
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    return out
+
+
+def test_every_page_is_in_the_site(site: Path) -> None:
+    """Every page of docs/ and every page about the agent."""
+    sources = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "agent").rglob("*.md")]
+    assert len(sources) > 20
+    for source in sources:
+        assert (site / source.relative_to(ROOT)).with_suffix(".html").exists(), source
+
+
+def test_the_first_page_leads_to_the_four_kinds_of_documentation(site: Path) -> None:
+    """Tutorial, how-to guides, reference and explanation, and the published studies."""
+    assert "docs/index.html" in (site / "index.html").read_text()
+    first = (site / "docs" / "index.html").read_text()
+    for caption in ("Tutorial", "How-to guides", "Reference", "Explanation", "Published studies"):
+        assert f'<span class="caption-text">{caption}</span>' in first
+
+
+def test_every_command_and_its_options_are_in_the_reference(site: Path) -> None:
+    """Taken from the parsers, each option with a link target."""
+    page = (site / "docs" / "COMMANDS.html").read_text()
+    for command in (*COMMANDS, *PARTS):
+        assert f'id="deltaswarm-{command}"' in page, command
+    for option in ("run-checkpoint", "study-render", "world-listen", "agent-board-accelerate"):
+        assert f'id="cmdoption-deltaswarm-{option}"' in page, option
+
+
+@pytest.mark.parametrize(
+    ("page", "names"),
+    [
+        ("controller", ["deltaswarm_agent.controller.Percept", "deltaswarm_agent.controller.Decision"]),
+        ("body", ["deltaswarm_agent.body.Body.sense"]),
+        ("messages", ["deltaswarm_wire.messages.decode_frame"]),
+        ("settings", ["deltaswarm_scenario.scenario.Scenario", "deltaswarm_scenario.radio.RadioSettings"]),
+        ("stats", ["deltaswarm_orchestrator.stats.contrast"]),
+        ("studies", ["deltaswarm_orchestrator.studies.load.load_study"]),
+    ],
+)
+def test_the_api_comes_from_docstrings(site: Path, page: str, names: list[str]) -> None:
+    """The public modules, with every field of a scenario and what it means."""
+    text = (site / "docs" / "api" / f"{page}.html").read_text()
+    for name in names:
+        assert f'id="{name}"' in text, name
+    if page == "settings":
+        assert "sensing range for events [m]" in re.sub(r"<[^>]+>", "", text)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    """CITATION.cff names the version that pip installs, and the paper with its five authors."""
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert (citation["version"], citation["license"]) == (__version__, "Apache-2.0")
+    [paper] = citation["references"]
+    assert paper["title"] in (ROOT / "README.md").read_text().replace("\n", " ")
+    assert len(paper["authors"]) == 5
+
+
+def test_the_files_to_read_first_exist() -> None:
+    """Ten of them, each once."""
+    section = (ROOT / "docs" / "ARCHITECTURE.md").read_text().split("## Ten files")[1].split("\n## ")[0]
+    paths = re.findall(r"^\d+\. `(\S+\.py)`", section, re.MULTILINE)
+    assert len(set(paths)) == len(paths) == 10
+    assert [path for path in paths if not (ROOT / path).exists()] == []

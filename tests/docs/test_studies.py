@@ -1,0 +1,86 @@
+"""The page on studies: its example works, it names every key, and what is published follows from its tables."""
+
+import dataclasses
+import io
+import os
+import re
+import subprocess
+import sys
+import typing
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from deltaswarm_orchestrator.studies.evidence import Evidence
+from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
+from deltaswarm_orchestrator.studies.metrics import BUILT_IN
+from deltaswarm_orchestrator.studies.published import repeat
+from deltaswarm_orchestrator.studies.settings import StudyFile
+
+ROOT = Path(__file__).parents[2]
+PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
+PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
+OF_EARLIER_CODE = {"network-bandwidth", "network-loss", "network-range"}
+"""Published studies whose runs are by earlier code, until they are done anew."""
+
+SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
+
+
+@pytest.mark.slow
+def test_the_example_works(tmp_path: Path) -> None:
+    """Its commands in their order, with shorter runs: a page with the finding's claim judged."""
+    [(name, text)] = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", PAGE, flags=re.DOTALL)
+    (tmp_path / name).write_text(f"# {text}")
+    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
+    [block] = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
+    for line in block.splitlines():
+        command = f"{line.split('#')[0]} {SHORTER}"
+        done = subprocess.run(command, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert pd.read_csv(tmp_path / "studies/my-study/claims.csv")["verdict"].notna().all()
+    assert (tmp_path / "studies/my-study/figures/messages.pdf").exists()
+
+
+def test_every_key_and_metric_is_named() -> None:
+    """A key that nobody can read about is not there."""
+    tables = [item for hint in typing.get_type_hints(StudyFile).values() for item in (*typing.get_args(hint), hint)]
+    keys = {spec.name for table in tables if dataclasses.is_dataclass(table) for spec in dataclasses.fields(table)}
+    assert not {key for key in keys | set(BUILT_IN) if f"`{key}`" not in PAGE}
+
+
+def test_every_study_is_listed() -> None:
+    """With a link that leads somewhere, if it is published."""
+    for names in COLLECTIONS.values():
+        for name in names:
+            assert f"| `{name}` |" in PAGE
+    for target in re.findall(r"\]\(([^)#]+)\)", PAGE):
+        assert (ROOT / "docs" / target).exists(), target
+
+
+def test_the_index_links_every_published_study() -> None:
+    """As `deltaswarm study all --render --out docs/studies` writes it."""
+    index = (ROOT / "docs" / "studies" / "index.md").read_text()
+    assert sorted(re.findall(r"\]\((.*?)/page\.md\)", index)) == [folder.name for folder in PUBLISHED]
+
+
+@pytest.mark.parametrize("folder", PUBLISHED, ids=lambda folder: folder.name)
+def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
+    """Every estimate, contrast and verdict, from the published runs; no finding that whole tables do not support."""
+    study = load_study(folder.name)
+    found = Evidence.of_folder(study, folder)
+    for name in ("estimates", "contrasts", "claims"):
+        frame = getattr(found, name)
+        if len(frame):
+            published = pd.read_csv(folder / f"{name}.csv")
+            ours = pd.read_csv(io.StringIO(frame.to_csv(index=False)))
+            pd.testing.assert_frame_equal(ours, published)
+    assert not found.surprises
+    assert all(line in (folder / "page.md").read_text() for line in found.contradictions)
+    assert found.incomplete or not found.unsupported
+
+
+@pytest.mark.parametrize("name", [folder.name for folder in PUBLISHED if folder.name not in OF_EARLIER_CODE])
+def test_todays_code_repeats_a_published_run(name: str) -> None:
+    """Every number of it: a page is never older than the code."""
+    assert repeat(load_study(name), ROOT / "docs" / "studies" / name).differing == []

@@ -1,0 +1,222 @@
+"""Controllers at fault, by real processes: what happens is what docs/CONTROLLERS.md says, in time and in one line."""
+
+import json
+import re
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from tests.support.swarms import running, wait_until
+
+pytestmark = pytest.mark.processes
+
+MODULE = '''
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from deltaswarm_agent.controller import Decision
+from deltaswarm_wire.checked import key
+
+
+@dataclass(frozen=True)
+class Options:
+    victim: int = key(3, "who is at fault", low=0)
+    at_step: int = key(100, "when", low=0)
+
+
+class Well:
+    """Broadcasts two kilobytes in each step."""
+
+    Settings = Options
+
+    def __init__(self, context):
+        self.context, self.options = context, context.settings
+
+    def step(self, percept):
+        if self.context.agent == self.options.victim and percept.step == self.options.at_step:
+            return self.fail()
+        return Decision(payload=bytes(2000))
+
+    def fail(self):
+        return Decision()
+
+
+class Raises(Well):
+    def fail(self):
+        raise RuntimeError("no such thing\\nat all")
+
+
+class NotANumber(Well):
+    def fail(self):
+        return Decision((float("nan"), 0.0))
+
+
+class TooLong(Well):
+    def fail(self):
+        return Decision(payload=bytes(9000))
+
+
+class Sleeps(Well):
+    def fail(self):
+        while not Path(__file__).with_name("wake").exists():
+            time.sleep(0.05)
+        return Decision()
+
+
+class Quits(Well):
+    def fail(self):
+        raise SystemExit(0)
+
+
+class SleepsAmongSleepers(Well):
+    def step(self, percept):
+        if self.context.agent == self.options.victim and percept.step >= self.options.at_step:
+            time.sleep(600)
+        return Decision((0.1, 0.0), until=percept.step + 50)
+
+
+class Nosy(Well):
+    def __init__(self, context):
+        super().__init__(context)
+        print(sys.argv, file=sys.stderr)
+
+
+class NeverThere(Well):
+    def __init__(self, context):
+        raise OSError("no body today")
+
+
+class NoController:
+    pass
+'''
+
+
+@pytest.fixture
+def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The module, where agents' processes and this one find it."""
+    (tmp_path / "at_fault.py").write_text(MODULE)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    return tmp_path
+
+
+def sets(name: str, *more: str) -> list[str]:
+    return [part for one in (f"control.mode=at_fault:{name}", *more) for part in ("--set", one)]
+
+
+def finished(folder: Path, name: str, *arguments: str) -> tuple[int, dict[str, Any], str]:
+    """Exit code, summary, and what was said."""
+    with running(folder / name, *sets(name), *arguments) as swarm:
+        code, _, errors = swarm.finish()
+        return code, swarm.summary(), errors
+
+
+def test_two_kilobytes_in_each_step_are_carried(module: Path) -> None:
+    """By six agents: nothing is lost on the fabric, all bytes are counted, the same in one process."""
+    code, found, _ = finished(module, "Well")
+    assert (code, found["valid"], found["agents_lost"], found["transport_lost"]) == (0, True, [], 0)
+    assert found["bytes_sent_per_s"]["mean"] == pytest.approx(6 * 2007, rel=0.01)
+    assert found["frames_dropped"]["frame_full"] == 0
+    assert main(["run", "smoke", *sets("Well"), "--in-process", "--out", str(module / "one")]) == 0
+    assert json.loads((module / "one" / "summary.json").read_text())["digest"] == found["digest"]
+
+
+@pytest.mark.parametrize("overrides", [["control.mode=adaptive"], ["control.mode=central", "radio.range_m=150"]])
+def test_shipped_controllers_do_the_same_in_one_process(overrides: list[str], tmp_path: Path) -> None:
+    """While events occur often enough that trees form and agents are sent about."""
+    given = [*overrides, "events.rate_hz=0.3", "run.duration_s=300"]
+    sets = [part for one in given for part in ("--set", one)]
+    digests = []
+    for name, *how in (("processes",), ("one", "--in-process")):
+        assert main(["run", "smoke", *sets, "--record", "off", *how, "--out", str(tmp_path / name)]) == 0
+        digests.append(json.loads((tmp_path / name / "summary.json").read_text())["digest"])
+    assert digests[0] == digests[1]
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Raises", "RuntimeError: no such thing at all"),
+        ("NotANumber", "velocity must"),
+        ("TooLong", "at most 8192"),
+        ("Quits", "SystemExit: 0"),
+    ],
+)
+def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: str, said: str) -> None:
+    """The run goes on to its end without it; one line says whose controller failed, when and why."""
+    code, found, errors = finished(module, name)
+    assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
+    (line,) = [line for line in errors.splitlines() if said in line]
+    assert f"at_fault:{name} " in line
+    assert "step 100" in line
+    assert "Traceback" not in errors
+    assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 0
+    alone = json.loads((module / "one" / "summary.json").read_text())
+    assert (alone["agents_lost"], alone["digest"]) == ([3], found["digest"])
+
+
+def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:
+    """The world goes on without its agent, which takes part again once it has answered."""
+    arguments = sets("Sleeps", "run.step_timeout_s=0.5", "run.duration_s=100000", "control.at_step=20")
+    with running(module / "run", *arguments, "--record", "off") as swarm:
+        swarm.wait_for_steps(1)
+        wait_until(lambda: "continues without agent 3" in swarm.log("world"), "a step without agent 3")
+        swarm.wait_for_steps(20)
+        (module / "wake").touch()
+        wait_until(lambda: "agent 3, which hung, answers again" in swarm.log("world"), "its answer")
+        swarm.process.send_signal(signal.SIGINT)
+        swarm.finish()
+        assert swarm.summary()["agents_lost"] == []
+
+
+def test_a_hanging_agent_among_sleeping_ones_stalls_nobody(module: Path) -> None:
+    """A step in which nobody is asked is over at once, although an agent hangs."""
+    arguments = sets("SleepsAmongSleepers", "run.step_timeout_s=2", "run.duration_s=300", "events.rate_hz=0")
+    code, found, _ = finished(module, "SleepsAmongSleepers", *arguments)
+    assert (code, found["complete"]) == (0, True)
+    assert found["wall_s"] < 60  # not 2 s for each of 200 steps
+
+
+def test_no_agent_is_told_the_command_line(module: Path) -> None:
+    """It holds the run's seed and its scenario."""
+    with running(module / "run", *sets("Nosy", "run.duration_s=5"), "--seed", "4711") as swarm:
+        swarm.finish()
+    log = (module / "run" / "logs" / "agent-3.log").read_text()
+    assert "deltaswarm" in log
+    assert "4711" not in log
+    assert "--set" not in log
+
+
+def test_agents_that_cannot_be_made_end_the_run(module: Path) -> None:
+    """Before its first step, with the reason; the same in one process."""
+    with running(module / "run", *sets("NeverThere", "run.start_timeout_s=30")) as swarm:
+        code, _, errors = swarm.finish()
+    assert code == 1
+    assert re.search("at_fault:NeverThere .*OSError: no body", errors)
+    assert "Traceback" not in errors
+    assert main(["run", "smoke", *sets("NeverThere"), "--in-process", "--out", str(module / "one")]) == 1
+
+
+@pytest.mark.parametrize(
+    ("mode", "said"),
+    [
+        ("at_fault:NoController", "Settings, step"),
+        ("at_fault:Nothing", "AttributeError"),
+        ("no_such_module:Any", "ModuleNotFoundError"),
+        ("hybird", "'hybrid'"),
+    ],
+)
+def test_what_is_no_controller_starts_nothing(
+    module: Path, mode: str, said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line with the key, what was given and why; exit code 2."""
+    assert main(["run", "smoke", "--set", f"control.mode={mode}", "--out", str(module / "run")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("deltaswarm: control.mode")
+    assert said in line
+    assert not (module / "run").exists()

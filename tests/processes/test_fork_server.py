@@ -1,0 +1,53 @@
+"""A fork server that is killed or stopped: what it has started goes on, and ends as it should."""
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from tests.processes.test_endings import IMPATIENT, ends_by_itself, pid_of
+from tests.support.swarms import UNHURRIED, is_running, parent_of, running, wait_until
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_fork_server_that_is_gone_keeps_nobody(number: signal.Signals, tmp_path: Path) -> None:
+    """Killed or stopped in mid-run: Ctrl-C still ends all that it started, and it."""
+    with running(tmp_path / "run", *IMPATIENT) as swarm:
+        pids = swarm.wait_until_under_way()
+        fork_server = parent_of(pids["world"])
+        os.kill(fork_server, number)
+        swarm.wait_for_steps(1)
+        swarm.interrupt()
+        code, _ = ends_by_itself(swarm)
+    assert code == 130
+    assert swarm.manifest()["exit_reason"] == "stopped by SIGINT"
+    wait_until(lambda: not any(map(is_running, (*pids.values(), fork_server))), "the end of all")
+
+
+def test_a_fork_server_killed_as_it_starts_is_replaced(tmp_path: Path) -> None:
+    """Those who are still to be started come from a new one, and the run goes on as if nothing had been."""
+    with running(tmp_path / "run", "--set", "run.duration_s=50") as swarm:
+        world = wait_until(lambda: pid_of(swarm, "world-0.log"), "the world")
+        os.kill(parent_of(world), signal.SIGKILL)
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    assert swarm.summary()["valid"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
+    number: signal.Signals, tmp_path: Path
+) -> None:
+    """An agent that is killed later is called killed; the others, the operator too, end in order with the world."""
+    with running(tmp_path / "run", "--set", "run.duration_s=100", *UNHURRIED) as swarm:
+        pids = swarm.wait_until_under_way()
+        os.kill(parent_of(pids["world"]), number)
+        swarm.signal("agent 3", signal.SIGKILL)
+        code, _, errors = swarm.finish()
+    assert code == 0, errors
+    [why] = swarm.manifest()["why"]
+    assert why.startswith("agent 3 was killed by SIGKILL at step ")
+    assert swarm.summary()["agents_lost"] == [3]

@@ -1,0 +1,117 @@
+"""A simulated operator by real processes: the same acts, figures and digest as in one process, also after a kill."""
+
+import csv
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.console_server import ConsoleServer
+from deltaswarm_orchestrator.results.run_tables import summary
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, PersonSettings
+from deltaswarm_wire.checked import SettingsError
+from deltaswarm_wire.commands import Turn
+from deltaswarm_wire.operator_messages import Clock, Workload
+from tests.support.swarms import run, running, wait_until
+
+READER = ("operator.person.policy=none",)
+COMMANDER = (
+    *("operator.person.policy=threshold", "operator.threshold_hz=0.5", "operator.person.command_every_s=20"),
+    *("control.delta=4", "run.duration_s=300"),
+)
+
+
+def inside(*overrides: str) -> dict[str, Any]:
+    """The summary of a run of `smoke` in one process."""
+    scenario = load_scenario("smoke", ["record=off", *overrides])
+    return summary(run_in_process(scenario), scenario)
+
+
+def flags(overrides: tuple[str, ...]) -> list[str]:
+    """The same overrides on the command line."""
+    return [word for override in overrides for word in ("--set", override)]
+
+
+def test_one_who_only_reads_does_not_touch_the_swarm() -> None:
+    """The digest is that of the run without a person, which has no figures of one."""
+    alone, read = inside(), inside(*READER)
+    assert alone["digest"] == read["digest"]
+    assert "person" not in alone
+    person = read["person"]
+    assert person["read"] > 0
+    assert person["commands"] == 0
+    assert person["items"] == person["read"] + person["missed"] + person["replaced"] + person["unread"]["last"]
+
+
+def test_one_who_commands_changes_the_run_and_does_it_again() -> None:
+    """From the seed alone; another seed makes other acts."""
+    first, again, other = inside(*COMMANDER), inside(*COMMANDER), inside(*COMMANDER, "seed=2")
+    assert first["digest"] == again["digest"]
+    assert first["person"] == again["person"]
+    assert first["person"]["commands"] > 0
+    assert first["digest"] != inside("control.delta=4", "run.duration_s=300")["digest"]
+    assert other["person"] != first["person"]
+
+
+def test_a_controller_must_accept_what_the_policy_commands() -> None:
+    """It is told before anything runs."""
+    with pytest.raises(SettingsError, match=r"operator\.person\.policy"):
+        load_scenario("smoke", ["control.mode=potential", "operator.person.policy=threshold"])
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("overrides", [READER, COMMANDER], ids=["none", "threshold"])
+def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> None:
+    """Digest and figures of the person; what it did is in the run folder, a row per act."""
+    outside, alone = run(tmp_path / "run", "--record", "off", *flags(overrides)), inside(*overrides)
+    assert outside["digest"] == alone["digest"]
+    assert outside["person"] == alone["person"]
+    with (tmp_path / "run" / "operator.csv").open(newline="") as table:
+        kinds = [row["kind"] for row in csv.DictReader(table)]
+    assert kinds.count("read") == outside["person"]["read"]
+    assert kinds.count("command") == outside["person"]["commands"]
+
+
+def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: Path) -> None:
+    """The last two: the world began its newest step with the one before them."""
+    briefing = Briefing(operator=OperatorSettings(person=PersonSettings(policy="threshold")))
+    first: list[Turn] = []
+    second: list[Turn] = []
+
+    def console(sent: list[Turn], go_on: bool) -> ConsoleServer:
+        return ConsoleServer(
+            *("run", Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
+            is_awaited=briefing.is_awaited,
+            go_on=go_on,
+        )
+
+    before = console(first, go_on=False)
+    for step in range(5):
+        workload = Workload(step, float(step), 0, 0, 0.0, 0.0, 0.0, 0, 0, 0)
+        before.close(Clock(step, float(step), False), workload, ())
+    after = console(second, go_on=True)
+    after.go_on(4, before.state())
+    after.begin()
+    assert [turn.step for turn in first] == [0, 1, 2, 3, 4]
+    assert second == first[-2:]
+
+
+@pytest.mark.processes
+def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) -> None:
+    """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
+    with running(tmp_path / "run", "--record", "off", *flags(COMMANDER)) as swarm:
+        operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
+        swarm.wait_for_steps(30)
+        os.kill(operator, signal.SIGKILL)
+        code, printed, errors = swarm.finish()
+        assert code == 0, errors + printed
+        outside = swarm.summary()
+    alone = inside(*COMMANDER)
+    assert outside["operator_restarts"] == 1
+    assert outside["digest"] == alone["digest"]
+    assert outside["person"] == alone["person"]

@@ -1,0 +1,109 @@
+"""Whole runs with real processes: the same digest as in one process, true figures, nothing left behind."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.support.swarms import COMMAND, is_running, run, running, wait_until
+
+pytestmark = pytest.mark.processes
+
+BUSY = "while True: pass"
+
+
+def test_three_runs_with_processes_and_one_without_have_one_digest(tmp_path: Path) -> None:
+    """Scheduling does not matter: not under load, and not at all in one process."""
+    short = ("--set", "run.duration_s=150")
+    quiet = run(tmp_path / "quiet", *short, "--record", "off")
+    again = run(tmp_path / "again", *short)
+    burners = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(3)]
+    try:
+        loaded = run(tmp_path / "loaded", *short)
+    finally:
+        for burner in burners:
+            burner.kill()
+            burner.wait()
+    inside = run(tmp_path / "inside", *short, "--in-process")
+    assert len({summary["digest"] for summary in (quiet, again, loaded, inside)}) == 1
+    assert {summary["waiting_time_s"]["mean"] for summary in (quiet, inside)} == {quiet["waiting_time_s"]["mean"]}
+
+
+@pytest.mark.parametrize("mode", ["decentralised", "hierarchical"])
+def test_every_mode_has_the_same_digest_with_and_without_processes(tmp_path: Path, mode: str) -> None:
+    """Also with loss on the air, which draws from the radio's own generator."""
+    options = ["--set", f"control.mode={mode}", "--set", "radio.loss=0.2", "--set", "run.duration_s=200"]
+    outside = run(tmp_path / "outside", *options)
+    inside = run(tmp_path / "inside", "--in-process", *options)
+    assert outside["digest"] == inside["digest"]
+    assert outside["frames_dropped"]["loss"] > 0
+
+
+def test_a_run_is_valid_and_leaves_no_process(tmp_path: Path) -> None:
+    """All parts have ended when the command returns, and no message was lost on the way."""
+    with running(tmp_path / "run") as swarm:
+        pids = wait_until(lambda: swarm.pids, "process ids")
+        code, printed, _ = swarm.finish()
+        assert code == 0
+        assert "digest" in printed
+        assert not [name for name, pid in pids.items() if is_running(pid)]
+        summary = swarm.summary()
+        assert summary["valid"]
+        assert summary["transport_lost"] == 0
+        assert summary["steps"] == 300
+        assert len(pids) == 6 + 2
+        assert len(set(pids.values())) == len(pids)
+
+
+def test_the_run_folder_is_whole(tmp_path: Path) -> None:
+    """The files that the design names are there, and nothing half-written."""
+    run(tmp_path / "run", "--record", "wire")
+    names = {path.name for path in (tmp_path / "run").iterdir()}
+    assert names >= {
+        "manifest.json",
+        "scenario.toml",
+        "summary.json",
+        "events.csv",
+        "series.csv",
+        "recording.mcap",
+        "wire.mcap",
+        "layout.json",
+        "logs",
+    }
+    assert not [name for name in names if name.endswith(".part")]
+    assert not (tmp_path / "run.part").exists()
+    assert {path.name for path in (tmp_path / "run" / "logs").glob("*.log")} == {
+        "world-0.log",
+        "operator-0.log",
+        *(f"agent-{agent}.log" for agent in range(6)),
+    }
+
+
+def test_nothing_is_overwritten_without_force(tmp_path: Path) -> None:
+    """A folder that is there stays as it is, and the command says how to replace it."""
+    run(tmp_path / "run", "--in-process", "--record", "off")
+    before = (tmp_path / "run" / "summary.json").read_text()
+    refused = [*COMMAND, "run", "smoke", "--in-process", "--out", str(tmp_path / "run"), "--seed", "2"]
+    done = subprocess.run(refused, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "--force" in done.stderr
+    assert (tmp_path / "run" / "summary.json").read_text() == before
+    done = subprocess.run([*refused, "--force", "--json"], capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["seed"] == 2
+
+
+@pytest.mark.parametrize(("factor", "can_be_held"), [(50, True), (10_000, False)])
+def test_real_time_is_never_faster_than_its_factor(tmp_path: Path, factor: int, can_be_held: bool) -> None:
+    """100 simulated seconds take 100 s over the factor at least; where the machine is slower, the run says so."""
+    options = ["--set", "run.clock=realtime", "--set", f"run.real_time_factor={factor}", "--set", "run.duration_s=100"]
+    with running(tmp_path / "run", "--record", "off", *options) as swarm:
+        code, _, errors = swarm.finish()
+        assert code == 0, errors
+        summary = swarm.summary()
+    assert (summary["complete"], summary["steps"]) == (True, 100)
+    assert summary["wall_s"] >= 100 / factor
+    overruns = summary["realtime_overruns"]
+    assert overruns > 0 or can_be_held, "a step in 0.1 ms"
+    assert (f"{overruns} steps" in errors) == (overruns > 0)

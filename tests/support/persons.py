@@ -1,0 +1,96 @@
+"""A person at the station of a run by the command line, as the page speaks for one."""
+
+import json
+import os
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+from urllib.parse import urlsplit
+
+from websockets.sync.client import ClientConnection, connect
+
+from tests.support.swarms import PATIENCE_S, RunningSwarm, wait_until
+
+Message = dict[str, Any]
+
+HANDS = 4
+"""Browsers: of each the station takes only so many messages in a second."""
+
+CONSENT = "operator.probes.consent=Yes"
+"""With this a run does not begin before the person says so."""
+
+
+class Person:
+    """Sees the pictures of a run's station, and gives it intents."""
+
+    def __init__(self, swarm: RunningSwarm) -> None:
+        file = swarm.part / "station.json"
+        self._is_over = lambda: swarm.process.poll() is not None
+        found = wait_until(lambda: self._is_over() or (file.exists() and file.read_text().endswith("\n")), "the page")
+        assert found
+        assert not self._is_over(), swarm.process.communicate()
+        self.url = urlsplit(json.loads(file.read_text())["url"])
+        self._stack = ExitStack()
+        self._browsers = [self._stack.enter_context(self._browser()) for _ in range(HANDS)]
+        self._told = 0
+        self.picture: Message = self.hear("picture")
+
+    def _browser(self) -> ClientConnection:
+        live = f"ws://{self.url.netloc}{self.url.path}live"
+        return connect(live, origin=f"http://{self.url.netloc}", max_size=1 << 22, close_timeout=1, ping_interval=None)  # type: ignore[arg-type]
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, where: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def say(self, kind: str, **intent: Any) -> None:
+        """Give an intent, each time by another browser."""
+        self._told += 1
+        self._browsers[self._told % HANDS].send(json.dumps({"type": kind, **intent}))
+
+    def hear(self, *kinds: str) -> Message:
+        """The next message of these types to the browser that spoke last."""
+        while True:
+            message: Message = json.loads(self._browsers[self._told % HANDS].recv(PATIENCE_S))
+            if message["type"] == "picture":
+                self.picture = message
+            if message["type"] in kinds:
+                return message
+
+    def see(self, is_it: Callable[[Message], bool]) -> Message:
+        """The first picture that is it."""
+        while not is_it(picture := self.hear("picture")):
+            pass
+        return picture
+
+    def ask(self, kind: str, **intent: Any) -> Message:
+        """Give an intent that is answered; the answer."""
+        self.say(kind, **intent)
+        return self.hear("accepted", "refused", "read", "catch_up")
+
+    def command(self, name: str, kind: str = "all", arguments: Message | None = None, **target: float) -> Message:
+        """Give a command; what the operator's process says to it."""
+        return self.ask("command", id="c", name=name, target={"kind": kind, **target}, arguments=arguments or {})
+
+    def begin(self, speed: float = 0.0) -> None:
+        """Consent, and let the run go at a speed."""
+        self.see(lambda picture: picture["probe"] == {"kind": "sheet"})
+        self.say("pace", speed=speed)
+        self.say("sheet", consent=True, participant="P1", condition="a")
+        self.see(lambda picture: picture["probe"] is None and picture["pace"] == {"paused": False, "speed": speed})
+
+    def pause(self) -> int:
+        """Pause, and wait until nothing moves any more; the newest step."""
+        self.say("pace", paused=True)
+        held = self.see(lambda picture: bool(picture["pace"]["paused"] and picture["probe"] is None))
+        return int(held["step"])
+
+
+def headless() -> dict[str, str]:
+    """An environment without windows."""
+    return {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}

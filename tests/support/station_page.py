@@ -1,0 +1,93 @@
+"""The station's page in a browser, as a person has it, for tests."""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import pytest
+from selenium import webdriver
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+from selenium.webdriver.remote.webelement import WebElement
+from selenium.webdriver.support.ui import WebDriverWait
+
+from tests.support.station_feed import PATIENCE_S, Feed, Message, Player, Swarm
+
+CHROMIUM, DRIVER = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+MISSING = "chromium and chromedriver are not installed (Debian: chromium, chromium-driver)"
+NEEDS_BROWSER = [pytest.mark.processes, pytest.mark.skipif(not (CHROMIUM and DRIVER), reason=MISSING)]
+
+
+@contextmanager
+def browser() -> Iterator[webdriver.Chrome]:
+    """Chromium without a window, and without the temporary folder that it leaves behind."""
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM or ""
+    for switch in ("--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--window-size=1366,768"):
+        options.add_argument(switch)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    with TemporaryDirectory(ignore_cleanup_errors=True) as folder:  # short: it takes a socket, whose path is limited
+        service = webdriver.ChromeService(DRIVER, env={**os.environ, "TMPDIR": folder})
+        with webdriver.Chrome(options=options, service=service) as made:
+            yield made
+
+
+DRAWN = (
+    "requestAnimationFrame(() => requestAnimationFrame(() => arguments[0](document.querySelector('#map').toDataURL())))"
+)
+"""A script that calls back with the map's picture, once it is painted."""
+
+
+class Page:
+    """The page as a person has it, and the operator behind it."""
+
+    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed) -> None:
+        self.driver = driver
+        self.feed = feed
+        self.player = Player(feed, swarm)
+        driver.get(feed.url)
+        self.until(lambda: self.text("status") != "connecting")
+
+    def until(self, holds: Callable[[], Any]) -> Any:
+        """Wait for something to hold."""
+        return WebDriverWait(self.driver, PATIENCE_S, 0.05).until(lambda _: holds())
+
+    def at(self, name: str) -> WebElement:
+        """An element by its id."""
+        return self.driver.find_element(By.ID, name)
+
+    def all(self, selector: str) -> list[WebElement]:
+        """Elements by a CSS selector."""
+        return self.driver.find_elements(By.CSS_SELECTOR, selector)
+
+    def text(self, name: str) -> str:
+        """An element's text, whether or not it is on the screen."""
+        return str(self.at(name).get_property("textContent"))
+
+    def texts(self, selector: str) -> list[str]:
+        """The texts of all elements, at one moment."""
+        script = "return [...document.querySelectorAll(arguments[0])].map((found) => found.textContent)"
+        return list(self.driver.execute_script(script, selector))  # type: ignore[no-untyped-call]
+
+    def drawn(self) -> str:
+        """The map as it is painted."""
+        return str(self.driver.execute_async_script(DRAWN))
+
+    def press(self, *keys: str) -> None:
+        """Keys, to whatever has the focus."""
+        ActionChains(self.driver).send_keys(*keys).perform()
+
+    def asked(self, kind: str) -> Message:
+        """What the page sent, without the browser's number."""
+        intent = self.player.heard(lambda intent: intent["type"] == kind)
+        return {name: value for name, value in intent.items() if name not in ("from", "id")}
+
+    def click_map(self, x_m: float, y_m: float) -> None:
+        """Click at a place of the arena, by the scale that the fitted map has."""
+        size = self.at("map").size
+        scale = min((size["width"] - 52) / 100, (size["height"] - 52) / 100)
+        x, y = round((x_m - 50) * scale), round((50 - y_m) * scale)
+        ActionChains(self.driver).move_to_element_with_offset(self.at("map"), x, y).click().perform()

@@ -1,0 +1,207 @@
+"""The operator's commands in small swarms under the paper's control structures, in one process."""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import Any
+
+import pytest
+
+from deltaswarm_agent.controllers.paper.states import State
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_scenario.truth import StepRecord
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Clock
+from tests.support.commanding import script
+from tests.support.cores import controllers_of, swarm
+
+QUIET = ("events.rate_hz=0", "record=off")
+BUSY = ("agents.count=12", "events.rate_hz=0.06", "control.delta=2", "record=off")
+
+
+def play(found: InProcess, steps: int) -> Iterator[tuple[int, StepRecord]]:
+    """The steps, each answered by the scripted operator."""
+    for step in range(steps):
+        record = found.step(step, step == steps - 1)
+        yield step, record
+        found.close(Clock(step, record.time_s, step == steps - 1))
+
+
+def places(found: InProcess) -> list[list[float]]:
+    made: list[list[float]] = found.world.environment.positions_m.tolist()
+    return made
+
+
+def roots(found: InProcess) -> dict[int, int]:
+    """The tree of each agent that is in one."""
+    standings = found.world._tree_statuses.items()
+    return {agent: status.root for agent, status in standings if status.root >= 0}
+
+
+def states(found: InProcess) -> list[int]:
+    """What each agent says of command 0; -1: it does not know it."""
+    known = [{answer.command: answer.state for answer in core.commands.answers()} for core in found.agents]
+    return [answers.get(0, -1) for answers in known]
+
+
+def test_another_delta_changes_who_becomes_a_root() -> None:
+    """With a delta that no place reaches there is no tree, before the command; after it there are some."""
+    found = swarm("smoke", "control.delta=60", script([120, "set delta", "all", [], {"delta": 1}]))
+    trees = {step: record.trees for step, record in play(found, 240)}
+    assert all(trees[step] == 0 for step in range(120))
+    assert any(trees[step] for step in range(121, 240))
+    assert states(found) == [DONE] * 6
+
+
+def test_a_tree_and_a_circle_have_their_own_delta() -> None:
+    """Who is not meant keeps what it had."""
+    circle = script([10, "set delta", "circle", [0, 20, 20], {"delta": 9}])
+    found = swarm("smoke", *QUIET, circle)
+    for step, _ in play(found, 12):
+        if step == 10:
+            near = {agent for agent, place in enumerate(places(found)) if math.dist(place, (0, 20)) <= 20}
+    changed = {agent for agent, one in controllers_of(found).items() if one.agent.strategy.founds_at == 9}
+    assert changed == near
+    assert 0 < len(near) < 6
+    assert states(found) == [DONE if agent in near else HEARD for agent in range(6)]
+
+
+@pytest.mark.parametrize("mode", ["decentralised", "hierarchical"])
+def test_only_hybrid_control_has_a_delta(mode: str) -> None:
+    """The others refuse it."""
+    found = swarm("smoke", *QUIET, f"control.mode={mode}", script([5, "set delta", "all", [], {"delta": 1}]))
+    assert list(play(found, 8))
+    assert states(found) == [REFUSED] * 6
+
+
+def test_a_tree_that_is_recalled_dissolves_and_founds_no_new_one_for_the_pause() -> None:
+    """Neither its root nor its members, whatever they sense."""
+    busy = ("agents.count=12", "events.rate_hz=0.3", "control.delta=1", "record=off", "control.gamma_max=500")
+    at, pause, root, tree = 0, 70, -1, set[int]()
+    free = swarm("smoke", *busy)
+    for step, _ in play(free, 250):
+        trees = roots(free)
+        largest = max(set(trees.values()), key=list(trees.values()).count, default=-1)
+        if step > 60 and list(trees.values()).count(largest) >= 3:
+            at, root = step, largest
+            break
+    assert root >= 0
+    commanded = swarm("smoke", *busy, script([at, "recall", "tree", [root], {"pause_s": pause}]))
+    refounded = []
+    for step, _ in play(commanded, at + 200):
+        trees = roots(commanded)
+        if step == at - 1:
+            tree = {agent for agent, own in trees.items() if own == root}
+            assert len(tree) >= 2
+        if at + 15 <= step < at + pause:
+            assert root not in trees.values()
+        if step >= at and (new := {agent for agent in tree if trees.get(agent) == agent}):
+            refounded += [step] if step > at else []
+            assert step == at or step >= at + pause, new
+    assert refounded
+
+
+def test_free_agents_near_a_place_go_there() -> None:
+    """And tell that they have been there; those farther away go on as before."""
+    found = swarm("smoke", *QUIET, script([20, "attend", "place", [8, 30], {"within_m": 18}, 200]))
+    least = [math.inf] * 6
+    for step, _ in play(found, 120):
+        if step == 20:
+            near = {agent for agent, place in enumerate(places(found)) if math.dist(place, (8, 30)) <= 18}
+        if step > 20:
+            least = [min(before, math.dist(place, (8, 30))) for before, place in zip(least, places(found), strict=True)]
+    assert 0 < len(near) < 6
+    assert all(least[agent] < 1 for agent in near)
+    assert states(found) == [DONE if agent in near else REFUSED for agent in range(6)]
+    assert all(one.state is State.WALKING for one in controllers_of(found).values())
+
+
+def test_a_place_outside_the_arena_is_refused() -> None:
+    """Nobody could get there."""
+    found = swarm("smoke", *QUIET, script([5, "attend", "place", [-9, 30], {"within_m": 1000}]))
+    assert list(play(found, 10))
+    assert states(found) == [REFUSED] * 6
+
+
+@pytest.mark.parametrize("resumed", [False, True])
+def test_who_is_held_stands_still_until_its_time_or_resume(resumed: bool) -> None:
+    """Then it walks on."""
+    rows: list[Sequence[Any]] = [[10, "hold", "all", [], {"for_s": 40}]]
+    rows += [[30, "resume", "agent", [2], {}]] if resumed else []
+    found = swarm("smoke", *QUIET, script(*rows))
+    where = [places(found) for _, _ in play(found, 70)]
+    still = [[before[agent] == after[agent] for before, after in pairwise(where)] for agent in range(6)]
+    for agent in range(6):
+        end = 30 if resumed and agent == 2 else 50
+        assert all(still[agent][10:end])
+        assert not any(still[agent][:10] + still[agent][end:])
+
+
+def test_commands_spread_from_agent_to_agent() -> None:
+    """One agent in the base's reach is enough: in time all know it, though the base reaches few."""
+    near = ("downlink.base_m=[0, 0]", "downlink.range_m=12", "radio.loss=0.3", "agents.count=12")
+    found = swarm("smoke", *QUIET, *near, script([5, "hold", "agent", [3], {"for_s": 5}, 280]))
+    knows = []
+    for _, _ in play(found, 280):
+        knows.append(sum(state >= 0 for state in states(found)))
+    assert knows == sorted(knows)
+    assert knows[4] == 0
+    assert knows[-1] == 12
+    assert found.world.downlink.totals["dropped"]["range"] > 0
+
+
+COMMANDS = script(
+    [0, "set delta", "all", [], {"delta": 1}],
+    [60, "hold", "circle", [20, 20, 12], {"for_s": 45}],
+    [100, "attend", "place", [10, 30], {"within_m": 30}],
+    [110, "resume", "all", [], {}],
+    [150, "recall", "tree", [1], {"pause_s": 30}],
+    [151, "recall", "tree", [2], {"pause_s": 30}],
+    [180, "set delta", "all", [], {"delta": 3}, 20],
+    [200, "hold", "tree", [4], {"for_s": 300}],
+)
+
+
+@pytest.mark.parametrize(
+    "sets",
+    [
+        ["control.mode=hybrid"],
+        ["control.mode=decentralised"],
+        ["control.mode=hierarchical", "downlink.range_m=15", "downlink.base_m=[0, 0]"],
+        ["control.mode=hybrid", "downlink.loss=0.6", "downlink.latency_s=2", "downlink.jitter_s=4", "radio.loss=0.3"],
+        ["control.mode=hybrid", "radio.latency_s=2", "radio.jitter_s=3", "run.step_s=0.5"],
+    ],
+    ids=" ".join,
+)
+def test_commanded_agents_decide_the_same_with_and_without_sleep(sets: list[str]) -> None:
+    """Frames on the air, roles, places and reports; and the sleep saves work. The books of frames close."""
+
+    def states_of(*more: str) -> Iterator[tuple[tuple[Any, ...], int]]:
+        found = swarm("smoke", *BUSY, COMMANDS, *sets, *more)
+        sent = arrived = 0
+        for _, record in play(found, 320):
+            world = found.world
+            sent += 11 * record.frames_sent
+            dropped = sum(count for name, count in record._asdict().items() if name.startswith("dropped_"))
+            arrived += record.frames_received + dropped - record.frames_duplicated
+            assert sent == arrived + record.frames_in_flight
+            reports = [forwarded.report for forwarded in world.forwarded]
+            yield (world.inbox.transmitted, world._tree_statuses, places(found), reports), record.agents_asked
+        assert len(found.world.turns.log) >= 6
+
+    asleep = awake = 0
+    for step, ((one, few), (other, many)) in enumerate(
+        zip(states_of(), states_of("run.ask_every_step=true"), strict=True)
+    ):
+        assert one == other, step
+        asleep, awake = asleep + few, awake + many
+    assert asleep < awake
+
+
+def test_a_swarm_without_commands_does_not_notice_a_downlink() -> None:
+    """Its digest is that of the same run without one."""
+    digests = set()
+    for sets in ((), ("downlink.loss=0.5", "downlink.jitter_s=3", "downlink.base_m=[1, 1]", "downlink.range_m=9")):
+        found = swarm("smoke", *BUSY, *sets)
+        assert list(play(found, 60))
+        digests.add((found.world.digest.hex(), found.operator.digest_hex))
+    assert len(digests) == 1

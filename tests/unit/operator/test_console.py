@@ -1,0 +1,305 @@
+"""The operator's console: commands and their fate, what somebody at the station may want, a script, what is asked."""
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.action_log import ActionLog
+from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
+from deltaswarm_wire.messages import Event
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Answer, Clock, Report, Workload
+from tests.support.commanding import FORM, GO, RIGHT, briefing
+
+CONSENT = {"operator": {"probes": {"consent": "Please"}}}
+TLX = {"operator": {"probes": {"tlx": True, "tlx_weights": True}}}
+
+
+def close(console: Console, step: int, *reports: Report, last: bool = False, wall_s: float = 0.0) -> Turn:
+    workload = Workload(step, float(step), len(reports), 0, 0.0, 0.0, 0.0, 0, 0, 0)
+    return console.close(Clock(step, float(step), last), workload, reports, wall_s)
+
+
+def report(agent: int, step: int, *answers: Answer) -> Report:
+    return Report(agent, step, step, "root", 1.0, 2.0, 0, (Event(step + 1, 1.0, 1.0),), (), answers)
+
+
+ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
+
+
+def say(console: Console, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
+    answers = console.intend(json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
+    return [json.loads(answer) for answer in answers]
+
+
+def shown(console: Console, wall_s: float = 0.0) -> dict[str, Any]:
+    return dict(json.loads(console.show(wall_s)))
+
+
+def numbers(turn: Turn) -> list[int]:
+    return [decode_command(signed.body).number for signed in turn.commands]
+
+
+# CommandLog
+
+
+def command_log() -> CommandLog:
+    return CommandLog((GO, FORM))
+
+
+def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
+    """Sent, heard, done or expired; a late answer takes nothing back."""
+    one = command_log()
+    one.give("go", Target(), {}, 10.0, 50.0)
+
+    def fate(now_s: float) -> tuple[Any, ...]:
+        *_, heard, done, refused, _, state = one.rows(now_s)[0]
+        return heard, done, refused, state
+
+    assert fate(10.0) == (0, 0, 0, "sent")
+    one.hear(report(1, 12, Answer(0, HEARD), Answer(7, DONE)))
+    assert fate(12.0) == (1, 0, 0, "heard")
+    one.hear(report(2, 13, Answer(0, REFUSED)))
+    one.hear(report(1, 14, Answer(0, DONE)))
+    assert fate(14.0) == (2, 1, 1, "done")
+    one.hear(report(1, 12, Answer(0, HEARD)))
+    assert fate(90.0) == (2, 1, 1, "done")
+    one.give("go", Target(), {}, 20.0, 50.0)
+    assert one.rows(71.0)[1][-1] == "expired"
+
+
+def test_only_what_the_controller_accepts_is_given() -> None:
+    """The refusal is for the operator, and leaves no trace."""
+    one = command_log()
+    wrong: Sequence[tuple[str, Any]] = [("fly", {}), ("go", {"a": 1}), ("test", {**RIGHT, "whole": True}), ("test", [])]
+    for name, arguments in wrong:
+        with pytest.raises(ValueError, match=r".+"):
+            one.give(name, Target(), arguments, 0.0)
+    with pytest.raises(ValueError, match=r".+"):
+        one.give("go", Target(CIRCLE, (1.0, 1.0, -1.0)), {}, 0.0)
+    assert one.sent == []
+    assert one.take() == ()
+    assert one.give("test", Target(), RIGHT, 0.0).number == 0
+
+
+def test_commands_wait_for_their_turn_in_order_and_not_without_bound() -> None:
+    """Also those that are on their way to the world, which lets only so many leave in a step."""
+    one = command_log()
+    for _ in range(MAX_QUEUE):
+        one.give("go", Target(), {}, 0.0)
+    with pytest.raises(ValueError, match=str(MAX_QUEUE)):
+        one.give("go", Target(), {}, 0.0)
+    taken = [decode_command(signed.body).number for _ in range(9) for signed in one.take()]
+    assert taken == list(range(MAX_QUEUE))
+    assert not one.has_room
+    one.close_step()
+    for _ in range(MAX_IN_TURN):
+        one.give("go", Target(), {}, 0.0)
+    assert not one.has_room
+
+
+# A script
+
+
+def at(at_s: float, **more: Any) -> dict[str, Any]:
+    return {"at_s": at_s, "name": "go", **more}
+
+
+def test_a_script_gives_each_command_two_steps_before_it_leaves() -> None:
+    """Those of the first steps in the first turn, and of many at once so many in a turn as it holds."""
+    console = Console(briefing(at(7.4), at(0), at(3), *[at(12)] * 20))
+    given = {step: numbers(close(console, step)) for step in range(14)}
+    assert {step: count for step, count in given.items() if count} == {
+        0: [0],
+        1: [1],
+        5: [2],
+        10: [*range(3, 19)],
+        11: [*range(19, 23)],
+    }
+
+
+def test_a_script_of_very_many_commands_at_once_is_given_bit_by_bit() -> None:
+    """In their order, and none is left out."""
+    console = Console(briefing(*[at(0)] * 300))
+    given = [number for step in range(30) for number in numbers(close(console, step))]
+    assert given == list(range(300))
+
+
+@pytest.mark.parametrize("killed_after", [0, 2, 3, 4, 9])
+def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None:
+    """It gives the same turns, as if nothing had happened."""
+    script = briefing(at(2), *[at(5)] * 40, at(9))
+    one, kept = Console(script), ""
+    turns = []
+    for step in range(12):
+        turns.append(encode_turn(close(one, step, report(1, step, Answer(0, DONE)))))
+        if step == killed_after:
+            kept = json.dumps(one.state())
+    other = Console(script)
+    other.go_on(killed_after, json.loads(kept))
+    other.begin(0.0)
+    for step in range(killed_after + 1, 12):
+        assert decode_turn(encode_turn(close(other, step, report(1, step)))) == decode_turn(turns[step])
+    assert [row[0] for row in other.command_log.rows(12.0)] == [row[0] for row in one.command_log.rows(12.0)]
+    now, before = shown(other), shown(one)
+    assert [now[field] for field in ON_THE_PAGE] == [before[field] for field in ON_THE_PAGE]
+    assert say(other, "catch_up") == say(one, "catch_up")
+
+
+def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
+    """A new console does not ask for what was answered, nor for questions that are past."""
+    one = Console(briefing(**CONSENT))
+    one.begin(0.0)
+    say(one, "sheet", consent=True)
+    for step in range(500):
+        close(one, step, wall_s=float(step))
+    say(one, "pace", paused=True)
+    say(one, "pace", speed=5)
+    other = Console(briefing(**CONSENT))
+    other.go_on(499, json.loads(json.dumps(one.state())))
+    other.begin(0.0)
+    assert other.pace == one.pace
+    assert shown(other)["probe"] is None
+    assert next(step for step in range(500, 700) if close(other, step) and shown(other)["probe"]) == 600
+
+
+# Intents
+
+
+def test_a_command_is_accepted_or_refused_with_a_reason() -> None:
+    """And leaves with the next turn."""
+    console = Console(briefing())
+    circle = {"kind": "circle", "x_m": 1, "y_m": 2, "radius_m": 3}
+    answer = say(console, "command", id="c1", name="test", target=circle, arguments=RIGHT)
+    assert answer == [{"type": "accepted", "to": 3, "id": "c1", "number": 0}]
+    (refused,) = say(console, "command", id="c2", name="test", target=circle, arguments={})
+    assert (refused["type"], refused["to"], refused["id"]) == ("refused", 3, "c2")
+    command = decode_command(console.turn().commands[0].body)
+    assert command.target == Target(CIRCLE, (1.0, 2.0, 3.0))
+    assert command.arguments == RIGHT
+    assert [action.kind for action in console.actions] == ["command"]
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["all", "go", "tree", "isa", "1e999"]),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["kind", "root", "x_m", "mental"]), inner)
+    ),
+    max_leaves=6,
+)
+FIELDS = ["name", "target", "arguments", "id", "speed", "steps", "paused", "all", "items", "number", "answer"]
+FIELDS += ["scales", "weights", "text", "consent"]
+NASTY = [{}, [1], None, "x", 10**400, -1, math.inf, math.nan, "\ud800", {"kind": "tree", "root": 10**400}]
+
+
+@given(
+    st.sampled_from([*Console._intents, "seek", 3]),
+    st.dictionaries(st.sampled_from(FIELDS), JSON | st.sampled_from(NASTY), max_size=4),
+)
+def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
+    """Whatever somebody sends: the console goes on, its picture can be shown, and its turn can be sent."""
+    console = Console(briefing(**TLX))
+    close(console, 0, report(1, 0))
+    for given_fields in (fields, {"name": "go", "target": {"kind": "all"}, **fields}):
+        say(console, kind, **given_fields)
+        shown(console)
+        decode_turn(encode_turn(console.turn()))
+    assert math.isfinite(console.pace.speed)
+
+
+@given(st.binary(max_size=40) | st.sampled_from([b"{", b"[]", b"3", b"null", b'{"type":[]}', b'{"type":"pace"}']))
+def test_what_is_no_intent_is_counted(data: bytes) -> None:
+    """And changes nothing."""
+    console = Console(briefing())
+    before = console.pace
+    console.intend(data, 0.0)
+    assert console.rejected == 1
+    assert console.pace == before
+
+
+@pytest.mark.parametrize(
+    "fields",
+    [{"speed": 10**400}, {"speed": "nan"}, {"speed": -1}, {"steps": math.inf}, {"steps": 0}, {"steps": 10**9}, {}],
+    ids=repr,
+)
+def test_a_wrong_pace_is_refused(fields: dict[str, Any]) -> None:
+    """The pace stays."""
+    console = Console(briefing(speed=2.0))
+    assert say(console, "pace", **fields)[0]["type"] == "refused"
+    assert (console.pace.speed, console.pace.hold_step) == (2.0, -1)
+
+
+def test_pause_step_and_speed() -> None:
+    """A pause holds the next step, a number of steps a later one."""
+    console = Console(briefing(speed=2.0))
+    close(console, 4)
+    say(console, "pace", paused=True)
+    assert console.pace.hold_step == 5
+    assert shown(console)["pace"] == {"paused": True, "speed": 2.0}
+    say(console, "pace", steps=3)
+    assert console.pace.hold_step == 8
+    say(console, "pace", speed=0)
+    assert console.pace == (0.0, 8)
+    say(console, "pace", paused=False)
+    assert console.pace == (0.0, -1)
+
+
+def test_a_page_that_comes_late_catches_up() -> None:
+    """With items, what was read of them, and the rates so far."""
+    console = Console(briefing())
+    for step in range(30):
+        close(console, step, report(1, step))
+        shown(console)
+    assert say(console, "read", items=[0, 5, 5, 99]) == [{"type": "read", "items": [0, 5]}]
+    assert say(console, "read", items=[5]) == [{"type": "read", "items": []}]
+    (told,) = say(console, "catch_up")
+    assert (told["to"], len(told["inbox"]), told["read"], len(told["history"])) == (3, 30, [0, 5], 30)
+    assert shown(console)["unread"] == 28
+    assert len(say(console, "read", all=True)[0]["items"]) == 28
+    assert shown(console)["unread"] == 0
+
+
+def test_a_run_waits_for_consent() -> None:
+    """Nothing else lets it go: neither a pause that ends, nor steps, nor a sheet without consent."""
+    console = Console(briefing(**CONSENT))
+    console.begin(0.0)
+    assert shown(console)["probe"] == {"kind": "sheet"}
+    for kind, fields in (("pace", {"paused": False}), ("pace", {"steps": 5}), ("sheet", {}), ("sheet", {"consent": 1})):
+        assert say(console, kind, **fields)[0]["type"] == "refused"
+        assert console.pace.hold_step == 0
+    say(console, "pace", speed=5)
+    assert console.pace == (5.0, 0)
+    assert say(console, "sheet", consent=True, participant="P" * 99) == []
+    assert console.pace == (5.0, -1)
+    assert shown(console)["probe"] is None
+    assert say(console, "sheet", consent=True)[0]["type"] == "refused"
+
+
+def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
+    """At once on disk, whatever is in it; who goes on adds to the table."""
+    console = Console(briefing(operator={"probes": {"isa_every_s": 1}}))
+    text = 'ä, "quoted"\nline\r\n\x00'
+    tables = ActionLog(tmp_path, go_on=False)
+    for step in range(2):
+        close(console, step)
+    say(console, "isa", number=0, answer=2)
+    say(console, "note", text=text)
+    tables.write(console)
+    with (tmp_path / "actions.csv").open(newline="") as stream:
+        rows = list(csv.DictReader(stream))
+    assert [(row["kind"], json.loads(row["detail"])) for row in rows] == [("isa", 2), ("note", text)]
+    more = ActionLog(tmp_path, go_on=True)
+    say(console, "note", text="x" * 9999)
+    more.close(console)
+    with (tmp_path / "actions.csv").open(newline="") as stream:
+        assert len(list(csv.reader(stream))) == 4
+    with (tmp_path / "probes.csv").open(newline="") as stream:
+        assert next(csv.DictReader(stream))["value"] == "2"

@@ -1,0 +1,156 @@
+"""A run once more: any time of it is as it was when the run was played straight."""
+
+import json
+import math
+from functools import cache
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_operator.core import replay as module
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.replay import RecordedStep, Replay
+from deltaswarm_operator.io.replaying import read
+from deltaswarm_wire.operator_messages import Clock
+from tests.support.commanding import script
+from tests.support.cores import swarm
+
+STEPS = 260
+SETS = (
+    "control.delta=2",
+    "uplink.latency_s=3",
+    "uplink.jitter_s=9",
+    "run.duration_s=260",
+    "operator.threshold_hz=1",
+    "operator.person.policy=threshold",
+    "operator.person.delta_limit=1",
+    script([5, "set delta", "all", [], {"delta": 1}], [90, "hold", "circle", [20, 20, 9], {"for_s": 20}]),
+)
+
+
+@cache
+def recorded() -> tuple[Any, list[RecordedStep]]:
+    """A commanded run, as it reached its operator."""
+    played = swarm("smoke", *SETS)
+    assert played.console is not None
+    steps = []
+    for step in range(STEPS):
+        record = played.step(step, step == STEPS - 1)
+        clock = Clock(step, record.time_s, step == STEPS - 1)
+        workload = played.close(clock)
+        steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
+    assert sum(len(step.reports) for step in steps) > 100
+    return played.console._briefing, steps
+
+
+def a_replay() -> Replay:
+    return Replay(*recorded())
+
+
+def seen(console: Console) -> tuple[Any, ...]:
+    """What a console knows."""
+    picture = console.picture
+    known = picture.rows(), picture.inbox, picture.unread, picture.now_s
+    return *known, console.command_log.rows(picture.now_s), console._messages, list(console._history)
+
+
+@cache
+def straight(time_s: int) -> tuple[Any, ...]:
+    """What the operator knew at a time of the run itself."""
+    briefing, steps = recorded()
+    console = Console(briefing)
+    for step in steps[: time_s + 1]:
+        console.close(*step, 0.0)
+    return seen(console)
+
+
+@given(st.lists(st.integers(0, STEPS - 1) | st.floats(-50, STEPS + 50), min_size=1, max_size=6))
+def test_a_jump_shows_what_the_run_had_shown(times_s: list[float]) -> None:
+    """Back and forth, beyond the ends, and between the consoles that are kept."""
+    kept = module.KEPT_EVERY_STEPS
+    module.KEPT_EVERY_STEPS = 37
+    try:
+        replay = a_replay()
+        for time_s in times_s:
+            replay.seek(time_s)
+            json.loads(replay.show())
+            assert seen(replay._console) == straight(int(min(max(math.floor(time_s), 0), STEPS - 1)))
+    finally:
+        module.KEPT_EVERY_STEPS = kept
+
+
+def test_time_passes_at_the_speed_that_is_asked_for() -> None:
+    """And stands still in a pause; a step goes on by one, or back."""
+    replay = a_replay()
+    replay.tick(100.0)
+    replay.intend(b'{"type":"pace","speed":4}')
+    replay.tick(110.0)
+    assert json.loads(replay.show())["time_s"] == 40
+    replay.intend(b'{"type":"pace","paused":true}')
+    replay.tick(150.0)
+    picture = json.loads(replay.show())
+    assert (picture["time_s"], picture["replay"]["paused"], picture["pace"]["paused"]) == (40, True, True)
+    replay.intend(b'{"type":"pace","steps":1}')
+    assert json.loads(replay.show())["time_s"] == 41
+    replay.intend(b'{"type":"pace","steps":-11}')
+    assert json.loads(replay.show())["time_s"] == 30
+    replay.intend(b'{"type":"pace","paused":false}')
+    replay.intend(b'{"type":"seek","time_s":9999}')
+    assert json.loads(replay.show())["time_s"] == STEPS - 1
+
+
+def test_time_passes_backwards() -> None:
+    """At each moment the page sees what was known then, and the beginning is the end."""
+    replay = a_replay()
+    assert min(json.loads(replay.hello("run"))["speeds"]) < 0
+    replay.seek(200)
+    replay.intend(b'{"type":"pace","speed":-5}')
+    for wall_s in range(30):
+        replay.tick(wall_s)
+        assert seen(replay._console) == straight(max(200 - 5 * wall_s, 0))
+
+
+HARM = [
+    {"type": "seek", "time_s": math.nan},
+    {"type": "seek", "time_s": 10**400},
+    {"type": "pace", "speed": math.inf},
+    {"type": "pace", "speed": math.nan},
+    {"type": "pace", "steps": math.inf},
+    {"type": "pace", "steps": 10**400},
+    {"type": "pace"},
+    {"type": "read", "items": [math.inf]},
+    {"type": []},
+    [],
+    "seek",
+    3,
+]
+
+
+@pytest.mark.parametrize("intent", HARM, ids=lambda intent: f"{intent}"[:40])
+def test_no_intent_stops_a_replay(intent: Any) -> None:
+    """It goes on, and can be shown."""
+    replay = a_replay()
+    replay.tick(0.0)
+    replay.intend(json.dumps(intent).encode())
+    replay.tick(3.0)
+    assert json.loads(replay.show())["time_s"] == 3
+
+
+@pytest.mark.parametrize("kind", ["command", "isa", "tlx", "sheet", "note"])
+def test_nothing_can_be_commanded_in_a_replay(kind: str) -> None:
+    """Who tries is told so."""
+    (answer,) = a_replay().intend(json.dumps({"type": kind, "from": 4, "id": "c"}).encode())
+    told = json.loads(answer)
+    assert (told["type"], told["to"], told["id"]) == ("refused", 4, "c")
+
+
+def test_a_file_without_steps_is_refused(tmp_path: Any) -> None:
+    """As is one that is no such file."""
+    for data in (b"", msgpack.packb({}), b"\xff\xff", msgpack.packb({}) + msgpack.packb(3), msgpack.packb({"x": 1})):
+        file = tmp_path / "steps"
+        file.write_bytes(data)
+        with pytest.raises(ValueError, match=r".+"):
+            read(file)

@@ -1,0 +1,168 @@
+"""A swarm at work: every agent and every event drawn, roots in blue, lines to parents, and the snapshot's own truth."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex
+
+from deltaswarm_orchestrator.report.plots import style
+from deltaswarm_orchestrator.report.plots.density import phi
+from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_orchestrator.studies.snapshot import Snapshot, snapshot
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, EventState
+from deltaswarm_wire.messages import NOBODY
+from tests.support.truths import ROLES
+
+BODIES = (
+    Body(0, 50, 50, "root", 0, NOBODY),
+    Body(1, 57, 50, "member", 1, 0),
+    Body(2, 64, 50, "member", 2, 1),
+    Body(3, 71, 50, "orphan", 3, 2),
+    Body(4, 20, 20, "free", 0, NOBODY),
+    Body(5, 30, 80, "attending", 0, NOBODY),
+    Body(6, 40, 40, "relocating", 0, NOBODY),
+    Body(7, 78, 50, "member", 9, 2),
+    Body(8, 5, 95, "dead", 0, NOBODY),
+    Body(9, 44, 56, "member", 1, 77),  # its parent is hearsay
+    Body(10, 60, 10, "leaving", 0, NOBODY),
+)
+EVENTS = tuple(EventState(i, 10.0 * i, 5.0 * i + 30, 0.0, None, None, 0.0) for i in range(1, 8))
+
+
+def shot(bodies: tuple[Body, ...] = BODIES, events: tuple[EventState, ...] = EVENTS) -> Snapshot:
+    return Snapshot(600.0, 100.0, 100.0, 5.0, bodies, events, phi(Scenario(), 50))
+
+
+def places(axes: Axes, name: str) -> np.ndarray:
+    """What was drawn under a name (n, 2)."""
+    (line,) = [line for line in axes.lines if line.get_label() == name]
+    return np.column_stack(line.get_data())
+
+
+def segments(axes: Axes) -> list[np.ndarray]:
+    (drawn,) = [c for c in axes.collections if isinstance(c, LineCollection) and c.get_label() == "edges"]
+    return drawn.get_segments()
+
+
+def test_every_agent_is_drawn_once() -> None:
+    """Whatever its role, at its place."""
+    assert set(ROLES) == {body.role for body in BODIES}
+    axes = swarm({"hybrid 3": shot()}).axes[0]
+    drawn = np.concatenate([np.column_stack(line.get_data()) for line in axes.lines if line.get_label() != "events"])
+    assert sorted(map(tuple, drawn.tolist())) == sorted((body.x_m, body.y_m) for body in BODIES)
+
+
+def test_roots_are_blue_and_levels_have_their_colours() -> None:
+    """Square roots in the root's colour; what is deeper than the last colour has the last."""
+    axes = swarm({"hybrid 3": shot()}).axes[0]
+    (root,) = [line for line in axes.lines if line.get_label() == "root"]
+    assert to_hex(root.get_markerfacecolor()) == style.LEVELS[0]
+    assert places(axes, "root").tolist() == [[50, 50]]
+    faces = {body.agent: kind_of(body).face for body in BODIES}
+    assert (faces[1], faces[2], faces[3]) == style.LEVELS[1:4]
+    assert faces[7] == style.LEVELS[-1]
+    assert places(axes, "level 5 or deeper").tolist() == [[78, 50]]
+
+
+def test_free_attending_and_relocating_agents_have_markers_of_their_own() -> None:
+    """And none of a tree's; an agent that leaves its tree is free."""
+    kinds = {body.role: kind_of(body) for body in BODIES}
+    markers = [kinds[role].marker for role in ("free", "attending", "relocating", "root", "member", "dead")]
+    assert len(set(markers)) == 6
+    assert kinds["leaving"] == kinds["free"]
+
+
+def test_lines_go_from_children_to_parents() -> None:
+    """Of members; an orphan has lost its parent, and one that nobody has seen has no place."""
+    expected = [((57, 50), (50, 50)), ((64, 50), (57, 50)), ((78, 50), (64, 50))]
+    assert list(edges(BODIES)) == expected
+    drawn = [tuple(map(tuple, segment.tolist())) for segment in segments(swarm({"hybrid 3": shot()}).axes[0])]
+    assert drawn == expected
+
+
+def test_every_event_is_drawn() -> None:
+    """As a black circle; none at all is no mistake."""
+    axes = swarm({"hybrid 3": shot()}).axes[0]
+    assert places(axes, "events").tolist() == [[event.x_m, event.y_m] for event in EVENTS]
+    (line,) = [line for line in axes.lines if line.get_label() == "events"]
+    assert (line.get_marker(), line.get_color()) == ("o", style.BLACK)
+    assert len(places(swarm({"hybrid 3": shot(events=())}).axes[0], "events")) == 0
+
+
+def test_panels_are_aligned_and_the_legend_shared() -> None:
+    """Three panels of one size, lettered; one legend with what is drawn in any of them, nothing cut off."""
+    free = tuple(body for body in BODIES if body.role in ("free", "attending"))
+    figure = swarm({"decentralised": shot(free), "hierarchical": shot(), "hybrid 3": shot(BODIES[:2])})
+    with style.drawing():
+        figure.draw_without_rendering()
+    boxes = [axes.bbox for axes in figure.axes]
+    assert [axes.get_title() for axes in figure.axes] == [
+        "(a) decentralised",
+        "(b) hierarchical",
+        r"(c) hybrid $\delta = 3$",
+    ]
+    assert len({(round(box.y0, 3), round(box.width, 3), round(box.height, 3)) for box in boxes}) == 1
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names[:4] == ["free", "attending", "root", "level 1"]
+    assert {"level 5 or deeper", "event", "95 % of events"} <= set(names)
+    assert "level 4" not in names
+    page, legend = figure.bbox, figure.legends[0].get_window_extent()
+    assert page.x0 <= legend.x0 < legend.x1 <= page.x1
+    assert page.y0 <= legend.y0 < legend.y1 <= min(axes.get_tightbbox().y0 for axes in figure.axes) + 1
+    assert all(axes.get_tightbbox().y1 <= page.y1 for axes in figure.axes)
+
+
+def test_the_density_is_shown_in_place() -> None:
+    """As an image over the whole arena, its first row at the bottom, and a line around 95 % unless it is uniform."""
+    tilted = np.outer(np.arange(1.0, 51.0), np.ones(50))
+    image = swarm({"one": dataclasses.replace(shot(), phi=tilted)}).axes[0].images[0]
+    assert image.origin == "lower"
+    assert list(image.get_extent()) == [0, 100, 0, 100]
+    assert np.array_equal(image.get_array(), tilted)
+    with_line = len(swarm({"one": shot()}).axes[0].collections)
+    flat = dataclasses.replace(shot(), phi=np.full((50, 50), 1e-4))
+    assert len(swarm({"one": flat}).axes[0].collections) == with_line - 1
+
+
+def test_no_snapshots_is_said() -> None:
+    """Rather than an empty page."""
+    with pytest.raises(ValueError, match="no snapshots"):
+        swarm({})
+
+
+def test_the_figure_gives_the_same_bytes_twice(tmp_path: Path) -> None:
+    """With image, contour and markers, made anew."""
+    first = style.save(swarm({"hybrid 3": shot()}), tmp_path / "first")
+    second = style.save(swarm({"hybrid 3": shot()}), tmp_path / "second")
+    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
+
+
+def test_a_snapshot_is_the_truth_of_its_time() -> None:
+    """The world's own truth of that step, taken in every step up to it, with complete events left out."""
+    scenario = load_scenario("smoke", ["control.delta=2"], seed=8)
+    taken = snapshot(scenario, 200.0)
+    whole = InProcess(scenario)
+    for step in range(201):
+        truth = whole.world.truth(whole.step(step, False))
+    assert taken.time_s == truth.time_s == 200.0
+    assert taken.bodies == truth.bodies
+    assert any(body.role == "root" for body in taken.bodies)
+    assert taken.events == tuple(event for event in truth.events if event.completed_s is None)
+    completed = [event for event in whole.world.environment.states() if event.completed_s is not None]
+    assert completed
+    assert not {event.event for event in completed} & {event.event for event in taken.events}
+    assert (taken.width_m, taken.sensing_range_m) == (40.0, 5.0)
+
+
+@pytest.mark.parametrize("time_s", [-1.0, 300.0])
+def test_a_time_outside_the_run_is_said(time_s: float) -> None:
+    """Before anything is run."""
+    with pytest.raises(ValueError, match="300 s"):
+        snapshot(load_scenario("smoke"), time_s)

@@ -1,0 +1,239 @@
+"""`deltaswarm study` and `deltaswarm report` with real runs, as somebody with a question of their own uses them."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from tests.support.studying import OWN
+
+FINDING = "Loss is no matter to those who do not listen."
+
+QUESTION = """
+schema = 1
+name = "own"
+base = "smoke"
+scenario.run.duration_s = 100.0
+scenario.metrics.horizon_s = 50.0
+
+[sweep]
+repeats = 7
+prove = 0
+series_every_s = 50.0
+
+[sweep.axes]
+radio.loss = [0.0, 0.9]
+
+[[sweep.paired]]
+label = ["decentralised", "potential"]
+control.mode = ["decentralised", "potential"]
+""" + OWN.replace("100.0", "50.0") + """
+[[contrast]]
+id = "limit"
+text = "Loss against no loss"
+factor = "loss"
+reference = "loss=0.0"
+
+[[claim]]
+id = "alike"
+text = "Decentralised swarms report as much with loss as without"
+kind = "alike"
+metric = "messages"
+a = "loss=0.0, decentralised"
+b = "loss=0.9, decentralised"
+margin = 1.5
+
+[[figure]]
+name = "waiting"
+x = "mode"
+hue = "loss"
+metric = "waiting_all"
+caption = "Waiting."
+
+[[finding]]
+text = "Loss is no matter to those who do not listen."
+because = [{ claim = "alike", is = "holds" }]
+"""  # fmt: skip
+
+Printed = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a study that was done."""
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "own.toml").write_text(QUESTION)
+    assert main(["study", str(folder / "own.toml"), "--out", str(folder / "out")]) == 0
+    return folder
+
+
+def test_a_question_becomes_a_page(done: Path) -> None:
+    """With verdicts, figures, tables and the finding that the runs carry; two controllers and a limit."""
+    page = (done / "out" / "page.md").read_text()
+    assert FINDING in page
+    claims = pd.read_csv(done / "out" / "claims.csv")
+    assert claims["verdict"].tolist() == ["holds"]
+    runs = pd.read_csv(done / "out" / "runs.csv")
+    assert len(runs) == 28
+    assert {f"waiting.{kind}" for kind in ("png", "svg", "pdf")} <= {
+        file.name for file in (done / "out/figures").iterdir()
+    }
+
+
+def test_it_is_rendered_again_without_a_run(done: Path, capsys: Printed) -> None:
+    """The same page from the same tables, even where the sweep is gone."""
+    command = ["study", str(done / "own.toml"), "--out", str(done / "out"), "--render", "--json"]
+    before = (done / "out" / "page.html").read_bytes()
+    (done / "out" / "sweep").rename(done / "elsewhere")
+    try:
+        assert main(command) == 0
+    finally:
+        (done / "elsewhere").rename(done / "out" / "sweep")
+    assert json.loads(capsys.readouterr().out)["claims"] == [{"claim": "alike", "verdict": "holds"}]
+    assert (done / "out" / "page.html").read_bytes() == before
+
+
+def test_a_page_says_that_compared_runs_saw_the_same_arrivals(done: Path) -> None:
+    """By what was recorded of both, for times and places."""
+    page = (done / "out" / "page.md").read_text()
+    assert "number and times of arrivals are the same in 21 of 21 pairs of runs" in page
+    assert "places of arrivals are the same in 21 of 21 pairs of runs" in page
+
+
+@pytest.mark.parametrize(
+    ("more", "told"),
+    [
+        (("metrics = [", 'metrics = ["trees", '), "trees"),
+        (("repeats = 7", "repeats = 9"), "8 of 36 runs are missing: loss=0.0, decentralised (replicates 7 to 8)"),
+        (("radio.loss = [0.0, 0.9]", "radio.loss = [0.0, 0.9, 0.5]"), "14 of 42 runs are missing"),
+    ],
+)
+def test_what_tables_lack_stands_at_the_top_of_the_page(
+    done: Path, more: tuple[str, str], told: str, tmp_path: Path, capsys: Printed
+) -> None:
+    """As after the study file has gained a metric, replicates or variants: the page is made, with exit code 1."""
+    tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (tmp_path / "more.toml").write_text(QUESTION.replace(*more, 1))
+    assert main(["study", str(tmp_path / "more.toml"), "--out", str(tables), "--render"]) == 1
+    assert told in capsys.readouterr().err
+    assert told in (tables / "page.md").read_text().partition("## ")[0]
+
+
+def test_a_published_run_is_repeated_and_compared(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """Exit code 0 if every number is the same, 3 if one differs in its last digit, 1 without tables."""
+    command = ["study", str(done / "own.toml"), "--check", "--out"]
+    assert main([*command, str(done / "out")]) == 0
+    assert "as published" in capsys.readouterr().out
+    tables = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    runs = pd.read_csv(tables / "runs.csv")
+    runs.assign(messages=runs["messages"] * (1 + 1e-15)).to_csv(tables / "runs.csv", index=False)
+    assert main([*command, str(tables)]) == 3
+    assert "messages was" in capsys.readouterr().out
+    assert main([*command, str(tmp_path / "nowhere")]) == 1
+    assert "runs.csv" in capsys.readouterr().err
+
+
+def test_a_finding_that_is_not_carried_fails_the_build(done: Path, capsys: Printed) -> None:
+    """Exit code 3, and the sentence is named."""
+    (done / "wrong.toml").write_text(QUESTION.replace('is = "holds"', 'is = "refuted"'))
+    assert main(["study", str(done / "wrong.toml"), "--out", str(done / "out"), "--render"]) == 3
+    assert FINDING in capsys.readouterr().err
+    assert main(["study", str(done / "own.toml"), "--out", str(done / "out"), "--render"]) == 0
+
+
+def test_a_claim_refuted_against_expectation_fails_the_build(done: Path, capsys: Printed) -> None:
+    """Exit code 3; expected to be refuted, it does not."""
+    text = "It waits for ever"
+    value = 'kind = "value"\nmetric = "waiting_all"\nof = "loss=0.0, decentralised"\nwithin = [9000.0, 9001.0]\n'
+    for expect, code in (("holds", 3), ("refuted", 0)):
+        claim = f'[[claim]]\nid = "v"\ntext = "{text}"\nexpect = "{expect}"\n{value}\n[[figure]]'
+        (done / "value.toml").write_text(QUESTION.replace("[[figure]]", claim))
+        assert main(["study", str(done / "value.toml"), "--out", str(done / "out"), "--render"]) == code
+    assert text in capsys.readouterr().err
+
+
+def test_studies_share_the_runs_that_they_have_in_common(done: Path, capsys: Printed) -> None:
+    """A second study beside the first takes what it needs from it."""
+    (done / "other.toml").write_text(QUESTION.replace('"own"', '"other"'))
+    assert main(["study", str(done / "other.toml"), "--out", str(done / "other")]) == 0
+    assert "28 runs are taken" in capsys.readouterr().err
+
+
+def test_a_bare_sweep_gets_all_that_a_study_has(done: Path, capsys: Printed) -> None:
+    """Contrasts of every factor, figures, a page; another reference and further metrics if asked for."""
+    sweep = str(done / "out" / "sweep")
+    command = [
+        "report",
+        sweep,
+        "--out",
+        str(done / "report"),
+        "--metric",
+        "samples_rejected",
+        "--reference",
+        "loss=0.9",
+    ]
+    assert main([*command, "--json"]) == 0
+    assert str(done / "report" / "page.html") in json.loads(capsys.readouterr().out)
+    contrasts = pd.read_csv(done / "report" / "contrasts.csv")
+    assert {"loss", "mode"} == set(contrasts["contrast"])
+    assert set(contrasts[contrasts["contrast"] == "loss"]["reference"]) == {"loss=0.9"}
+    assert "samples_rejected" in set(contrasts["metric"])
+
+
+@pytest.mark.parametrize("wrong", [["--reference", "loss=0.7"], ["--metric", "no_such_column"]])
+def test_a_report_names_what_is_not_there(done: Path, wrong: list[str], capsys: Printed) -> None:
+    """With exit code 2."""
+    assert main(["report", str(done / "out" / "sweep"), *wrong]) == 2
+    assert wrong[1] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "content"), [("table.csv", "a,b\n1,2\n"), ("manifest.json", '{"swept": []}')])
+def test_a_report_of_a_damaged_sweep_says_so(
+    done: Path, name: str, content: str, tmp_path: Path, capsys: Printed
+) -> None:
+    """With exit code 2, instead of a traceback."""
+    damaged = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
+    (damaged / name).write_text(content)
+    assert main(["report", str(damaged)]) == 2
+    assert name.partition(".")[0] in capsys.readouterr().err
+
+
+def test_a_report_of_a_sweep_with_missing_runs_says_so(done: Path, tmp_path: Path, capsys: Printed) -> None:
+    """At the top of its page, with exit code 1."""
+    sweep = shutil.copytree(done / "out" / "sweep", tmp_path / "sweep")
+    table = pd.read_csv(sweep / "table.csv", dtype=str)
+    table.drop(index=[0, 5]).to_csv(sweep / "table.csv", index=False)
+    assert main(["report", str(sweep)]) == 1
+    assert "2 of 28 runs are missing" in capsys.readouterr().err
+    assert "2 of 28 runs are missing" in (sweep / "page.md").read_text().partition("## ")[0]
+
+
+@pytest.mark.parametrize("name", ["runs.csv", "provenance.csv"])
+def test_a_study_with_a_damaged_table_says_so(done: Path, name: str, tmp_path: Path, capsys: Printed) -> None:
+    """With exit code 1, instead of a traceback."""
+    damaged = shutil.copytree(done / "out", tmp_path / "out", ignore=shutil.ignore_patterns("sweep"))
+    (damaged / name).write_text("a,b\n1,2\n")
+    assert main(["study", str(done / "own.toml"), "--out", str(damaged), "--render"]) == 1
+    assert name in capsys.readouterr().err
+
+
+def test_what_is_no_study_is_said(tmp_path: Path, capsys: Printed) -> None:
+    """A name that is not known, a folder without tables."""
+    assert main(["study", "papre"]) == 2
+    assert "papre" in capsys.readouterr().err
+    assert main(["study", "paper", "--render", "--out", str(tmp_path)]) == 1
+    assert "runs.csv" in capsys.readouterr().err
+
+
+def test_the_table_has_the_same_columns_whatever_the_swarm_is(done: Path) -> None:
+    """What is counted for each sender stands in a table of its own; code and commit stand beside each run."""
+    table = pd.read_csv(done / "out" / "sweep" / "table.csv")
+    assert not [column for column in table if "per_sender" in column or "by_agent" in column]
+    assert table["code"].nunique() == 1
+    assert "commit" in table
+    senders = pd.read_csv(done / "out" / "sweep" / "senders.csv")
+    assert {"variant", "replicate", "sender", "name", "value"} <= set(senders)
+    assert senders["sender"].nunique() == 6

@@ -1,0 +1,266 @@
+"""Study files: those that come with deltaswarm are sound, and mistakes are told by name before anything runs."""
+
+import re
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
+from deltaswarm_orchestrator.studies.plan import plan, text
+from deltaswarm_orchestrator.studies.study import default_factors
+from deltaswarm_orchestrator.studies.tables import runs_of
+from deltaswarm_orchestrator.sweeps.load import BUILT_IN, load_sweep
+from deltaswarm_orchestrator.sweeps.table import write_table
+from deltaswarm_wire.checked import SettingsError
+from tests.support.studying import LEVELS, OWN, SWEEP, made, spread, table
+
+STUDIES = [name for names in COLLECTIONS.values() for name in names]
+
+
+@pytest.mark.parametrize("name", STUDIES)
+def test_a_built_in_study_can_show_what_it_asks(name: str) -> None:
+    """Enough replicates for its contrasts; every figure has a caption."""
+    study = load_study(name)
+    assert study.repeats >= 10 or not study.file.contrast
+    assert study.file.figure or study.file.grid or study.file.fit
+    assert all(figure.caption and figure.name for figure in study.file.figure)
+    assert all(contrast.text and contrast.id for contrast in study.file.contrast)
+    assert len({claim.id for claim in study.file.claim}) == len(study.file.claim)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_every_built_in_sweep_can_be_studied(name: str) -> None:
+    """A study file is a sweep file, and a bare sweep a study that asks nothing."""
+    assert load_study(name).sweep.variants
+    assert len(set(default_factors(load_sweep(name)))) == len(load_sweep(name).factors)
+
+
+def test_the_plan_says_what_so_many_replicates_could_show(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before hours are spent: six replicates can show nothing under Holm over seven comparisons or more."""
+    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    monkeypatch.chdir(tmp_path)
+    assert main(["study", "jamming", "--repeats", "6", "--plan"]) == 0
+    few = capsys.readouterr().out
+    assert "9 replicates are needed" in few
+    assert "cores" in few
+    assert main(["study", "jamming", "--plan"]) == 0
+    assert "needed" not in capsys.readouterr().out
+
+
+def test_with_a_pilot_the_plan_says_which_effect_it_could_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The smaller the spread and the more replicates, the smaller the effect; on the contrast's scale."""
+    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    limit = '[[contrast]]\nid = "limit"\nfactor = "loss"\nreference = "loss=0.0"\n'
+
+    def effect(noise: float, repeats: int) -> float:
+        def value(level: str, mode: str, replicate: int) -> float:
+            return spread(level, mode, replicate) * (1 + noise) ** ((replicate * 7 + LEVELS.index(level)) % 5)
+
+        study = made(OWN + limit, SWEEP.replace("repeats = 10", f"repeats = {repeats}"))
+        write_table(tmp_path / "runs", runs_of(study, table(value), pd.DataFrame()))
+        (line,) = [line for line in text(plan(study, tmp_path, 2)).splitlines() if "waiting_all" in line]
+        return float(re.findall(r"shows (\S+) times", line)[0])
+
+    assert 1 < effect(0.02, 40) < effect(0.02, 20) < effect(0.2, 20)
+
+
+DRAWN = '[[figure]]\nname = "f"\nkind = "time"\nmetric = "trees"\n'
+TIMED = OWN.replace("window_s", "from_s = 500.0\nwindow_s").replace('"waiting_all"', '"trees"')
+CONTRAST = '[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "loss=0.0"\n'
+CLAIM = '[[claim]]\nid = "a"\ntext = "t"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.5, hybrid 3"\n'
+FINDING = '[[finding]]\ntext = "t"\nbecause = [{ contrast = "a", metric = "messages", level = "loss=0.5", '
+FINDING += 'within = "hybrid 3", is = "higher" }]\n'
+
+
+def test_sound_tables_are_taken() -> None:
+    """From which the mistakes below differ by one word each."""
+    assert made(OWN + CONTRAST + CLAIM + FINDING)
+    assert made(TIMED)
+
+
+@pytest.mark.parametrize(
+    ("own", "path"),
+    [
+        (CONTRAST + CLAIM + CLAIM, "claim.id"),
+        (CONTRAST + CONTRAST, "contrast.id"),
+        (CONTRAST + FINDING.replace(', is = "higher"', ""), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace("higher", "hihger"), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace("higher", "holds"), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.6"), "finding[0].because[0].level"),
+        (CONTRAST + FINDING.replace("loss=0.5", "loss=0.0"), "finding[0].because[0].level"),
+        (CONTRAST + FINDING.replace('"messages"', '"mesages"'), "finding[0].because[0].metric"),
+        (CONTRAST + FINDING.replace('"messages"', '"trees"'), "finding[0].because[0].metric"),
+        (CONTRAST + FINDING.replace("hybrid 3", "hybrid"), "finding[0].because[0].within"),
+        (CONTRAST + FINDING.replace('"loss=0.5"', '["loss=0.5", "loss=0.6"]'), "finding[0].because[0].level"),
+        (CONTRAST + FINDING.replace('"higher"', '["higher", "hihger"]'), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace('"higher"', "[]"), "finding[0].because[0].is"),
+        (CONTRAST + FINDING.replace('"a"', '["a"]').replace("loss=0.5", "loss=0.6"), "finding[0].because[0].level"),
+        (CONTRAST + FINDING.replace("within", "whitin"), "finding[0].because[0].whitin"),
+        (CONTRAST + FINDING.replace('contrast = "a"', 'contrast = "b"'), "finding[0].because[0].contrast"),
+        (CONTRAST + FINDING.replace('contrast = "a", ', ""), "finding[0].because[0]"),
+        ('[[finding]]\ntext = "t"\n', "finding[0].because"),
+        ('[[finding]]\ntext = "t"\nbecause = []\n', "finding[0].because"),
+        (CONTRAST + "margin = 0.9\n", "contrast[0].margin"),
+        (CONTRAST + "margin = 1.0\n", "contrast[0].margin"),
+        (CONTRAST.replace('reference = "loss=0.0"', 'pairs = [["loss=0.0"]]'), "contrast[0].pairs[0]"),
+        (CONTRAST.replace('reference = "loss=0.0"', 'pairs = [["loss=0.5", "loss=0.5"]]'), "contrast[0].pairs[0]"),
+        (CONTRAST.replace('reference = "loss=0.0"\n', ""), "contrast[0].reference"),
+        (CONTRAST + 'across = "mode"\n', "contrast[0].across_pairs"),
+        (CONTRAST + 'across_pairs = [["hybrid 3", "decentralised"]]\n', "contrast[0].across"),
+        (CONTRAST + 'across = "loss"\nacross_pairs = [["loss=0.5", "loss=0.9"]]\n', "contrast[0].across"),
+        (CLAIM.replace("loss=0.5", "loss=0.0"), "claim[0].more"),
+        (CLAIM + 'kind = "value"\nof = "loss=0.0, hybrid 3"\nwithin = [1.0, 2.0]\nabove = 1.0\n', "claim[0].within"),
+        (CLAIM + 'kind = "value"\nof = "loss=0.0, hybrid 3"\nwithin = [1.0, 2.0]\niqr = 1.0\n', "claim[0].iqr"),
+        (OWN.replace("window_s = 100.0", "window_s = 150.0") + DRAWN, "study.window_s"),
+        (TIMED.replace("500.0", "550.0"), "study.from_s"),
+        (TIMED.replace("500.0", "1000.0"), "study.from_s"),
+        (TIMED.replace("window_s", "until_s = 300.0\nwindow_s"), "study.until_s"),
+        (TIMED.replace('"trees"', '"waiting"'), "study.from_s"),
+        (OWN + '[[metric]]\nname = "w"\nkind = "window"\nof = "trees"\nfrom_s = 130.0\n', "metric[0].from_s"),
+        ('[[metric]]\nname = "waiting"\ncolumn = "steps"\n', "metric.name"),
+        (OWN.replace('"waiting_all"', '"person_load"'), "metric 'person_load'"),
+        (OWN.replace('"waiting_all"', '"w"') + '[[metric]]\nname = "w"\ncolumn = "trees.maen"\n', "metric 'w'"),
+        ('[[recovery]]\nmetric = "trees"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\nafter_s = 1e4\n',
+         "recovery[0].after_s"),
+        ('[[recovery]]\nmetric = "waiting"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n',
+         "recovery[0].metric"),
+        ('[[figure]]\nname = "f"\nx = "mode"\npublished = { "hybrid 4" = [1, 2] }\n', "figure[0].published"),
+        ('[[figure]]\nname = "f"\nx = "mode"\npublished = { "hybrid 3" = 1 }\n', "figure[0].published.hybrid 3"),
+        ('[[figure]]\nname = "f"\nx = "mode"\nlines = { here = "there" }\n', "figure[0].lines"),
+        ('[[figure]]\nname = "f"\nx = "mode"\nlines = { here = [1] }\n', "figure[0].lines.here"),
+        ('[[fit]]\nfactor = "mode"\n', "fit[0].targets"),
+        ('[[fit]]\nfactor = "mod"\ntargets = [{ level = "hybrid 3", metric = "waiting" }]\n', "fit[0].factor"),
+        ('[[fit]]\nfactor = "mode"\ntargets = [{ level = "hybrid 4", metric = "waiting" }]\n', "fit[0].targets"),
+        ('[[fit]]\nfactor = "mode"\ntargets = [{ level = "hybrid 3", metric = "w" }]\n', "fit[0].targets"),
+        ('[[grid]]\nrows = "loss"\nfactor = "mode"\n', "grid[0].columns"),
+        ('[[grid]]\nrows = "loss"\nfactor = "mode"\ncolumns = { a = "hybrid 3" }\n', "grid[0].columns.a"),
+        ('[[grid]]\nrows = "loss"\nfactor = "mode"\ncolumns = { a = ["hybrid 4"] }\n', "grid[0].columns"),
+        ('[[grid]]\nrows = "los"\nfactor = "mode"\ncolumns = { a = ["hybrid 3"] }\n', "grid[0]"),
+        ('[[figure]]\nname = "f"\nkind = "frontier"\nx = "messages"\n', "figure[0].paths"),
+        ('[[figure]]\nname = "f"\nkind = "frontier"\nx = "messages"\npaths = { a = ["b"] }\n', "figure[0].variants"),
+        ('[[figure]]\nname = "f"\nx = "mode"\n[[figure]]\nname = "f"\nx = "mode"\n', "figure.name"),
+        ('[[contrast]]\nid = "a"\nfactor = "los"\nreference = "loss=0.0"\n', "contrast[0].factor"),
+        ('[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "0.0"\n', "contrast[0].reference"),
+        ('[[contrast]]\nid = "a"\nfactor = "loss"\nreference = "loss=0.0"\nmetrics = ["w"]\n', "contrast[0].metrics"),
+        ('[[claim]]\nid = "a"\ntext = "t"\nless = "x"\nmore = "loss=0.0, hybrid 3"\n', "claim[0] (a)"),
+        ('[[claim]]\nid = "a"\ntext = "t"\nkind = "value"\nof = "loss=0.0, hybrid 3"\n', "claim[0].within"),
+        ('[[claim]]\nid = "a"\ntext = "t"\nkind = "alike"\na = "b"\nb = "c"\nmargin = 0.9\n', "claim[0].margin"),
+        ('[[recovery]]\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "no loss"\n', "recovery[0].level"),
+        ('[[figure]]\nname = "f"\nkind = "boxes"\nx = "modes"\n', "figure[0]"),
+        ('[[figure]]\nname = "f"\nkind = "pie"\n', "figure[0].kind"),
+        ('[[figure]]\nname = "f"\nkind = "plane"\nx = "mode"\n', "figure[0].x"),
+        ('[[finding]]\ntext = "t"\nbecause = [{ claim = "none", is = "holds" }]\n', "finding[0].because[0].claim"),
+        (
+            '[[fit]]\ntext = "f"\nfactor = "mode"\ntargets = [{ level = "hybrid 3", metric = "waiting" }]\n'
+            '[[finding]]\ntext = "t"\nbecause = [{ fit = "f", within = "loss=0.6", is = "closest" }]\n',
+            "finding[0].because[0].within",
+        ),
+        ('[[finding]]\ntext = "t"\nbecause = [{ fit = "none", is = "closest" }]\n', "finding[0].because[0].fit"),
+        ('[[metric]]\nname = "m"\nkind = "window"\nof = "waiting"\n', "metric[0].of"),
+        ('[[metric]]\nname = "m"\n', "metric[0].column"),
+        ("[study]\nfactors = { loss = \"one\" }\n", "study.factors"),
+        ("[study]\ntitel = \"t\"\n", "study.titel"),
+    ],
+)  # fmt: skip
+def test_a_mistake_is_told_by_name(own: str, path: str) -> None:
+    """Where it stands, before anything runs."""
+    with pytest.raises(SettingsError) as caught:
+        made(own if own.lstrip().startswith("[study]") else OWN + own)
+    assert path in [problem.path for problem in caught.value.problems]
+
+
+STEPS = SWEEP.replace("[sweep.axes]\nradio.loss = [0.0, 0.5, 0.9]", "[sweep.axes]\nrun.step_s = [0.5, 1.0, 2.0]")
+BY_STEP = OWN.replace("loss =", "step =").replace('"messages"', '"waiting"')
+
+
+@pytest.mark.parametrize(
+    ("metric", "reference", "is_refused"),
+    [
+        ("waiting_all", "step_s=0.5", False),
+        ("frames_sent", "step_s=0.5", True),
+        ("messages", "step_s=0.5", True),
+    ],
+)
+def test_numbers_that_depend_on_the_step_are_not_compared_between_steps(
+    metric: str, reference: str, is_refused: bool
+) -> None:
+    """Frames go out once a step; reports every second, unless a step is longer."""
+    contrast = f'[[contrast]]\nid = "a"\nfactor = "step"\nreference = "{reference}"\nmetrics = ["{metric}"]\n'
+    if not is_refused:
+        assert made(BY_STEP + contrast, STEPS)
+        return
+    with pytest.raises(SettingsError, match="step_s"):
+        made(BY_STEP + contrast, STEPS)
+    if metric == "messages":
+        fits = STEPS.replace("0.5, 1.0, 2.0", "0.5, 1.0")
+        assert made(BY_STEP + contrast, fits)
+
+
+@pytest.mark.parametrize(
+    ("sweep", "path"),
+    [
+        (SWEEP.replace("series_every_s = 100.0", "series_every_s = 100.5"), "sweep.series_every_s"),
+        (SWEEP.replace("metrics.horizon_s = 100.0", "metrics.horizon_s = 1000.0"), "metrics.horizon_s"),
+        (SWEEP.replace("series_every_s = 100.0", "series_every_s = 0.0"), "sweep.series_every_s"),
+    ],
+)
+def test_a_sweep_that_cannot_answer_is_told_too(sweep: str, path: str) -> None:
+    """Windows that are no whole steps, events that nobody follows long enough, a figure over time without a series."""
+    with pytest.raises(SettingsError) as caught:
+        made(OWN + DRAWN, sweep)
+    assert path in [problem.path for problem in caught.value.problems]
+
+
+def test_only_times_of_events_need_a_horizon_within_the_run() -> None:
+    """Messages need none; waiting and completion do, over the part of the run that they are taken of."""
+    longer = SWEEP.replace("metrics.horizon_s = 100.0", "metrics.horizon_s = 700.0")
+    late = OWN.replace("window_s", "from_s = 300.0\nwindow_s")
+    assert made(OWN, longer)
+    assert made(late.replace('"waiting_all", "messages"', '"messages", "trees"'), longer)
+    assert made(OWN.replace('"waiting_all", "messages"', '"messages"'), longer.replace("700.0", "1000.0"))
+    for metric in ("waiting_all", "completion_s"):
+        with pytest.raises(SettingsError) as caught:
+            made(late.replace('"waiting_all", "messages"', f'"{metric}"'), longer)
+        assert [problem.path for problem in caught.value.problems] == ["metrics.horizon_s"]
+
+
+@pytest.mark.parametrize("horizons", ["[100.0, 1000.0]", "[1000.0, 100.0]"])
+def test_the_longest_horizon_of_all_variants_counts(horizons: str) -> None:
+    """In some variant no event could be followed for so long."""
+    sweep = SWEEP.replace("metrics.horizon_s = 100.0", "").replace(
+        "[sweep.axes]\nradio.loss = [0.0, 0.5, 0.9]", f"[sweep.axes]\nmetrics.horizon_s = {horizons}"
+    )
+    with pytest.raises(SettingsError) as caught:
+        made(OWN.replace("loss =", "horizon_s ="), sweep)
+    assert "metrics.horizon_s" in [problem.path for problem in caught.value.problems]
+
+
+@pytest.mark.parametrize("window_s", [0.1, 0.3, 0.7, 1.1])
+def test_windows_are_counted_in_whole_numbers(window_s: float) -> None:
+    """Multiples that floating-point numbers do not have exactly are multiples all the same."""
+    sweep = SWEEP.replace("series_every_s = 100.0", f"series_every_s = {window_s!r}")
+    sweep = sweep.replace("run.duration_s = 1000.0", "run.duration_s = 400.0\nrun.step_s = 0.1")
+    for factor in (3, 7, 29):
+        own = OWN.replace("window_s = 100.0", f"from_s = {factor * window_s!r}\nwindow_s = {factor * window_s!r}")
+        study = made(own.replace('"waiting_all"', '"trees"'), sweep)
+        assert study.timing.windows(factor * window_s) == factor
+        times_s = pd.Series([index * window_s for index in range(200)])
+        assert study.timing.index(times_s).tolist() == list(range(200))
+
+
+def test_a_misspelt_table_is_told_with_the_right_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a study's tables as well as of a sweep's."""
+    (tmp_path / "own.toml").write_text(SWEEP + OWN + "[[contrasts]]\n")
+    assert main(["study", str(tmp_path / "own.toml"), "--plan"]) == 2
+    assert "'contrast'" in capsys.readouterr().err
+
+
+def test_a_study_file_is_a_sweep_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`deltaswarm sweep` leaves out what is asked of it."""
+    (tmp_path / "own.toml").write_text(SWEEP + OWN)
+    assert main(["sweep", str(tmp_path / "own.toml"), "--dry-run"]) == 0
+    assert "6 variants x 10 replicates" in capsys.readouterr().out

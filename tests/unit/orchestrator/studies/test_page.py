@@ -1,0 +1,194 @@
+"""A study's page: whole in one file, the same from its tables, and honest about what cannot be shown."""
+
+import base64
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from jinja2 import UndefinedError
+from markdown_it import MarkdownIt
+
+from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.report.page import render, table
+from deltaswarm_orchestrator.studies.evidence import Evidence
+from deltaswarm_orchestrator.studies.origin import CODE, QUESTIONS, RUNS
+from deltaswarm_orchestrator.studies.page import pages, write, write_index
+from deltaswarm_orchestrator.sweeps.table import read_table, write_table
+from tests.support.studying import OWN, SWEEP, made, series, spread
+from tests.support.studying import table as runs_table
+
+ASKED = OWN + (
+    '[[contrast]]\nid = "limit"\ntext = "Loss <b>against</b> none"\nfactor = "loss"\nreference = "loss=0.0"\n'
+    'metrics = ["waiting_all", "messages"]\n'
+    '[[claim]]\nid = "c"\ntext = "Hybrid | waits less"\nless = "loss=0.0, hybrid 3"\nmore = "loss=0.0, decentralised"\n'
+    '[[recovery]]\nmetric = "waiting_all"\nfactor = "loss"\nlevel = "loss=0.5"\nreference = "loss=0.0"\n'
+    'after_s = 300.0\n'
+    '[[fit]]\ntext = "Fit"\nfactor = "mode"\n'
+    'targets = [{ level = "hybrid 3", metric = "messages", says = 26.0, iqr = 4.0 }]\n'
+    '[[grid]]\ntext = "Grid"\nmetric = "messages"\nrows = "loss"\nfactor = "mode"\n'
+    'columns = { own = ["hybrid 3"], best = ["hybrid 3", "decentralised"] }\n'
+    '[[finding]]\ntext = "Nothing follows."\nbecause = [{ claim = "c", is = "undecided" }]\n'
+)  # fmt: skip
+DRAWN = ASKED + (
+    '[[figure]]\nname = "boxes"\nx = "mode"\nhue = "loss"\ncaption = "Boxes."\n'
+    '[[figure]]\nname = "levels"\nkind = "levels"\nx = "loss"\nhue = "mode"\ncaption = "Levels."\n'
+    '[[figure]]\nname = "time"\nkind = "time"\nmetric = "waiting_all"\nhue = "mode"\nfacet = "loss"\n'
+    'spans = [{ text = "fault", from_s = 100.0, until_s = 300.0 }]\ncaption = "Time."\n'
+    '[[figure]]\nname = "plane"\nkind = "plane"\nx = "waiting"\nmetric = "messages"\nhue = "mode"\ncaption = "Plane."\n'
+    '[[figure]]\nname = "frontier"\nkind = "frontier"\nx = "waiting"\nmetric = "messages"\ncaption = "Frontier."\n'
+    'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.9, hybrid 3"] }\n'
+)
+PROVENANCE = pd.DataFrame({"what": ["runs"], "value": ["60"]})
+
+
+@pytest.fixture(scope="module")
+def evidence() -> Evidence:
+    return Evidence.of_sweep(made(DRAWN), runs_table(), series(lambda level, mode, replicate, time_s: 20.0 + replicate))
+
+
+def test_the_html_page_needs_nothing_else(evidence: Evidence) -> None:
+    """No script, nothing fetched; figures are in it; what a file says is text, not markup."""
+    html, _, pictures = pages(made(DRAWN), evidence, PROVENANCE)
+    assert [picture.name for picture in pictures] == ["boxes", "levels", "time", "plane", "frontier"]
+    assert html.count("data:image/") == 5
+    assert not re.search(r"<script|<link|(?:src|href)=\"(?!data:|#)", html)
+    assert "Loss &lt;b&gt;against&lt;/b&gt; none" in html
+    assert "<b>against" not in html
+
+
+def test_the_markdown_page_has_the_same_tables(evidence: Evidence) -> None:
+    """As many, each as wide as its heading, whatever stands in a cell."""
+    html, markdown, pictures = pages(made(DRAWN), evidence, PROVENANCE)
+    rendered = MarkdownIt("commonmark").enable("table").render(markdown)
+    assert rendered.count("<table>") == html.count("<table>") >= 5
+    assert rendered.count("<tr>") == len(re.findall(r"<tr[ >]", html))
+    for row in re.findall(r"<tr>(.*?)</tr>", rendered, flags=re.DOTALL):
+        assert "<td></td>" * 3 not in row
+    assert [f"figures/{picture.name}.png" in markdown for picture in pictures] == [True] * 5
+
+
+def test_the_page_can_be_made_again_from_its_tables(evidence: Evidence, tmp_path: Path) -> None:
+    """Byte for byte, without a run; figures too, as PNG, SVG and PDF, and the same within the page as beside it."""
+    study = made(DRAWN)
+    first = write(study, evidence, PROVENANCE, tmp_path)
+    before = {file.name: file.read_bytes() for file in first}
+    again = write(study, Evidence.of_folder(study, tmp_path), PROVENANCE, tmp_path)
+    assert [file.name for file in again] == list(before)
+    for file in again:
+        if file.suffix != ".parquet":
+            assert file.read_bytes() == before[file.name], file.name
+    assert {f"time.{kind}" for kind in ("png", "svg", "pdf")} <= set(before)
+    drawings = {
+        base64.b64decode(data) for data in re.findall(r"data:image/svg\+xml;base64,([^\"]+)", first[0].read_text())
+    }
+    assert drawings == {data for name, data in before.items() if name.endswith(".svg")}
+
+
+def test_a_finding_stands_on_the_page_only_while_it_is_carried(evidence: Evidence) -> None:
+    """Else it is named to whoever made the page."""
+    assert "Nothing follows." in pages(made(ASKED), evidence, PROVENANCE)[1]
+    study = made(ASKED.replace('is = "undecided"', 'is = "holds"'))
+    broken = Evidence.of(study, evidence.runs, evidence.courses, evidence.recovery)
+    assert "Nothing follows." not in pages(study, broken, PROVENANCE)[1]
+    assert "Nothing follows." in broken.unsupported[0]
+
+
+def test_a_surprise_is_a_claim_refuted_against_expectation() -> None:
+    """One that is expected to be refuted is none."""
+    slow = runs_table(lambda level, mode, replicate: spread(level, mode, replicate) * (2 if mode == "hybrid 3" else 1))
+    for expect, count in (("holds", 1), ("refuted", 0)):
+        study = made(ASKED.replace('text = "Hybrid', f'expect = "{expect}"\ntext = "Hybrid'))
+        found = Evidence.of_sweep(study, slow, series(lambda *_: 20.0))
+        assert len(found.surprises) == count
+
+
+def test_too_few_replicates_are_told(evidence: Evidence) -> None:
+    """With how many are needed."""
+    few = evidence.runs[evidence.runs["replicate"] < 3]
+    study = made(ASKED, SWEEP.replace("repeats = 10", "repeats = 3"))
+    found = Evidence.of(study, few, evidence.courses, evidence.recovery)
+    assert len(found.doubts) == 1
+    assert "at least 8" in found.doubts[0]
+    assert found.doubts[0] in pages(study, found, PROVENANCE)[1]
+
+
+def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
+    """Runs by variant and replicate, and metrics that the tables do not have; the rest of the page is there."""
+    part = evidence.runs[evidence.runs["replicate"] < 7].drop(columns="messages")
+    found = Evidence.of(made(ASKED), part, evidence.courses, evidence.recovery)
+    _, markdown, _ = pages(made(ASKED), found, PROVENANCE)
+    top, _, rest = markdown.partition("## ")
+    assert "18 of 60 runs are missing" in top
+    assert "replicates 7 to 9" in top
+    assert "messages" in top
+    assert "no data" in rest
+
+
+def test_a_page_says_which_code_made_it_and_whether_the_study_changed(evidence: Evidence) -> None:
+    """What it runs and what it asks are told apart; a provenance of before says nothing of it."""
+    study = made(ASKED)
+    runs, questions = study.digests
+    known = pd.DataFrame({"what": [CODE, RUNS, QUESTIONS], "value": [provenance.code_digest(), runs, questions]})
+    assert pages(study, evidence, known)[1].count("unchanged since the runs") == 1
+    assert "not that of the runs" in pages(study, evidence, known.assign(value="0"))[1]
+    other_question = made(ASKED.replace("Nothing follows.", "Something follows."))
+    text = pages(other_question, evidence, known)[1]
+    assert "what it asks" in text
+    assert "what it runs" not in text.replace(RUNS, "")
+    other_runs = made(ASKED, SWEEP.replace("0.9]", "0.8]").replace("repeats = 10", "repeats = 9"))
+    assert other_runs.digests[0] != runs
+    assert "not known" in pages(study, evidence, PROVENANCE)[1]
+
+
+def test_a_number_of_fewer_replicates_says_so(evidence: Evidence) -> None:
+    """Beside the estimate that it is about."""
+    holed = evidence.runs.copy()
+    holed.loc[(holed["variant"] == holed["variant"].iloc[0]) & (holed["replicate"] > 5), "messages"] = float("nan")
+    found = Evidence.of(made(ASKED), holed, evidence.courses, evidence.recovery)
+    assert pages(made(ASKED), found, PROVENANCE)[1].count("(n = 6)") == 1
+
+
+def test_labels_that_look_like_something_else_are_text(tmp_path: Path) -> None:
+    """`10`, `true` and `None` as labels of variants."""
+    frame = pd.DataFrame({"variant": ["10", "true", "None", "1e3"], "value": [1.0, 2.0, None, 4.0]})
+    write_table(tmp_path / "t", frame)
+    found = read_table(tmp_path / "t.csv")
+    assert found["variant"].tolist() == ["10", "true", "None", "1e3"]
+    assert found["value"].isna().tolist() == [False, False, True, False]
+
+
+def test_a_table_shows_few_digits_and_marks_verdicts() -> None:
+    """Numbers with the decimals of a typical one, missing ones as a dash, a colour beside the word."""
+    frame = pd.DataFrame({"name": ["a", "b"], "value": [12.3456, None], "verdict": ["holds", "refuted"]})
+    found = table(frame, {"name": "Name", "value": "Value"})
+    assert found.rows == [("a", "12.3"), ("b", "-")]
+    assert found.marks == ["good", "bad"]
+    assert found.numeric == [False, True]
+
+
+def test_nothing_is_left_out_silently_in_a_template() -> None:
+    """A name that a template lacks is an error."""
+    with pytest.raises(UndefinedError):
+        render("page.md.jinja", {"title": "t"})
+
+
+def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None:
+    """The page says which, and why."""
+    nothing = evidence.runs.assign(waiting=float("nan"))
+    found = Evidence.of(made(DRAWN), nothing, evidence.courses, evidence.recovery)
+    _, markdown, pictures = pages(made(DRAWN), found, PROVENANCE)
+    assert "boxes" not in [picture.name for picture in pictures]
+    assert "'boxes' is missing" in markdown
+
+
+def test_an_index_links_the_pages_that_are_there(evidence: Evidence, tmp_path: Path) -> None:
+    """As HTML and as Markdown, with each study's question; a study without a page is left out."""
+    study = made(ASKED)
+    write(study, evidence, PROVENANCE, tmp_path / study.name)
+    index = write_index("mine", [study, replace(study, name="other")], tmp_path)
+    for file in (index, index.with_suffix(".md")):
+        links = re.findall(r"(?:href=\"|\]\()([^#\")]+)", file.read_text())
+        assert links == [f"{study.name}/page{file.suffix}"]
+        assert (tmp_path / links[0]).exists()

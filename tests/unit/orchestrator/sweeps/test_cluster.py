@@ -1,0 +1,257 @@
+"""A sweep on a real Dask cluster: a scheduler and two workers, each a process of its own."""
+
+import gc
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.sweeps.job import work
+from tests.support.swarms import BOUND_S, PATIENCE_S, wait_until
+from tests.support.sweeping import MARK, RunningSweep, all_gone, made, marked, sweep, sweeping, tasks_of, written
+
+distributed = pytest.importorskip("distributed")
+
+from deltaswarm_orchestrator.base import provenance  # noqa: E402  # nothing of it without Dask
+from deltaswarm_orchestrator.sweeps.cluster import DaskEngine, attempt_with  # noqa: E402
+from deltaswarm_orchestrator.sweeps.engine import EngineError  # noqa: E402
+
+
+class Cluster:
+    """A scheduler and its workers."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.mark = uuid.uuid4().hex
+        self.scheduler = self._start("scheduler", "--host", "127.0.0.1", "--port", "0", "--scheduler-file", self.file)
+        wait_until(self._address, "the scheduler")
+        self.workers: list[subprocess.Popen[bytes]] = []
+
+    @property
+    def file(self) -> str:
+        """Where the scheduler says where it is."""
+        return str(self.folder / "scheduler.json")
+
+    @property
+    def address(self) -> str:
+        """Of the scheduler."""
+        return str(self._address())
+
+    def _address(self) -> str | None:
+        try:
+            return str(json.loads(Path(self.file).read_text())["address"])
+        except (OSError, ValueError):
+            return None
+
+    def add_worker(self, **environment: str) -> subprocess.Popen[bytes]:
+        """One more worker, which nobody starts again."""
+        place = ["--local-directory", str(self.folder)]
+        worker = self._start("worker", self.address, "--nthreads", "1", "--no-nanny", *place, **environment)
+        self.workers.append(worker)
+        with distributed.Client(self.address, timeout=PATIENCE_S) as client:
+            client.wait_for_workers(len(self.workers), timeout=PATIENCE_S)
+        return worker
+
+    def _start(self, part: str, *arguments: str, **environment: str) -> subprocess.Popen[bytes]:
+        with (self.folder / f"{part}.log").open("ab") as log:
+            return subprocess.Popen(
+                [sys.executable, "-m", f"distributed.cli.dask_{part}", "--no-dashboard", *arguments],
+                stdout=log,
+                stderr=log,
+                cwd=self.folder,
+                env={**os.environ, MARK: self.mark, **environment},
+            )
+
+    def end(self) -> None:
+        """Every process of it, and what they started."""
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+        for pid in marked(self.mark):
+            os.kill(pid, signal.SIGKILL)
+
+
+@pytest.fixture
+def cluster(tmp_path: Path) -> Iterator[Cluster]:
+    """A scheduler without workers; nothing of it is left, whatever the test does."""
+    (tmp_path / "cluster").mkdir()
+    made_here = Cluster(tmp_path / "cluster")
+    try:
+        yield made_here
+    finally:
+        made_here.end()
+
+
+@contextmanager
+def on(cluster: Cluster, file: Path, out: Path) -> Iterator[RunningSweep]:
+    """A sweep on a cluster, under way."""
+    with sweeping(file, out, "--engine", "dask", "--scheduler", cluster.address) as running:
+        yield running
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_loss_of_a_worker_costs_only_what_ran_there(cluster: Cluster, tmp_path: Path) -> None:
+    """Killed with -9 in mid-sweep: the other does its runs, and the table is the local one's, bit for bit."""
+    file = written(tmp_path, duration_s=150.0, repeats=3, prove=1)
+    victim, _ = cluster.add_worker(), cluster.add_worker()
+    with on(cluster, file, tmp_path / "out") as running:
+        running.wait_for_runs(2)
+        victim.kill()
+        code, printed, errors = running.finish()
+    assert code == 0, errors
+    assert "9 of 9 runs" in printed
+    assert cluster.workers[1].poll() is None
+    sweep(file, tmp_path / "local")
+    assert (tmp_path / "out" / "table.csv").read_bytes() == (tmp_path / "local" / "table.csv").read_bytes()
+
+
+@pytest.mark.processes
+@pytest.mark.slow
+def test_the_loss_of_the_scheduler_is_said_and_costs_only_what_is_missing(cluster: Cluster, tmp_path: Path) -> None:
+    """In one line and exit code 1; what is finished is in the table, and the next call does the rest."""
+    file = written(tmp_path, duration_s=300.0, repeats=20)
+    cluster.add_worker()
+    with on(cluster, file, tmp_path / "out") as running:
+        running.wait_for_runs(2)
+        cluster.scheduler.kill()
+        code, printed, errors = running.finish()
+        assert code == 1
+        assert re.search(f"{cluster.address} .*lost", errors)
+        assert "Traceback" not in errors
+        assert f"{running.finished()} of 60 runs" in printed
+        assert 2 <= running.finished() < 60
+
+
+@pytest.mark.processes
+def test_a_cluster_without_workers_is_waited_for(cluster: Cluster, tmp_path: Path) -> None:
+    """And that is said: they may be in a queue. Ctrl-C ends the waiting."""
+    with on(cluster, written(tmp_path), tmp_path / "out") as running:
+        assert running.process.stderr is not None
+        said = running.process.stderr.readline()
+        assert re.match(f"deltaswarm: .*{cluster.address} .*no workers", said)
+        running.process.send_signal(signal.SIGINT)
+        code, _, errors = running.finish(BOUND_S)
+        assert code == 130
+        assert "0 of 6 runs" in errors
+        assert "Traceback" not in errors
+
+
+@pytest.mark.processes
+def test_a_worker_with_other_code_is_refused(cluster: Cluster, tmp_path: Path) -> None:
+    """Its results would be another version's: each run is reported with the two codes."""
+    shadow = tmp_path / "shadow" / "deltaswarm_wire"
+    origin = Path(sys.modules["deltaswarm_wire"].__path__[0])
+    shadow.mkdir(parents=True)
+    for source in origin.glob("*.py"):
+        (shadow / source.name).write_text(source.read_text() + "# changed\n")
+    cluster.add_worker(PYTHONPATH=str(shadow.parent))
+    with on(cluster, written(tmp_path, repeats=1), tmp_path / "out") as running:
+        code, _, errors = running.finish()
+    assert code == 1
+    assert errors.count("another version of deltaswarm") == 3
+    assert provenance.code_digest() in errors
+    assert running.finished() == 0
+
+
+def test_only_the_same_code_does_a_run() -> None:
+    """By a digest of all sources."""
+    (task,) = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
+    result, reason = attempt_with(provenance.code_digest(), task)
+    assert reason == ""
+    assert result is not None
+    assert result["summary"] == work(task)["summary"]
+    result, reason = attempt_with("0" * 16, task)
+    assert result is None
+    assert provenance.code_digest() in reason
+    assert "0" * 16 in reason
+
+
+@pytest.mark.processes
+def test_a_result_of_other_code_that_a_scheduler_still_has_is_not_taken(
+    cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two versions may share a scheduler, and ask it for the same run."""
+    cluster.add_worker()
+    tasks = tasks_of(made({"axes": {"control.delta": [2]}, "repeats": 1}))
+    with monkeypatch.context() as other:
+        other.setattr(provenance, "code_digest", lambda: "0" * 16)
+        theirs = DaskEngine(cluster.address, 1).run(tasks)
+        assert next(theirs).result is None
+    try:
+        (ours,) = DaskEngine(cluster.address, 1).run(tasks)  # while the scheduler keeps what they got
+    finally:
+        theirs.close()
+    assert ours.reason == ""
+    assert ours.result is not None
+
+
+def clients() -> int:
+    """How many of Dask's clients are not closed, in use or not."""
+    found = [one for one in gc.get_objects() if issubclass(type(one), distributed.Client)]  # `isinstance` asks proxies
+    return sum(client.status != "closed" for client in found)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "tcp://127.0.0.1:notaport", "ftp://127.0.0.1:9"])
+def test_no_scheduler_at_the_address_is_an_error(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whether it is nobody's address or none at all; no client is left that would be closed in a thread of the next."""
+    before = clients()
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.CONNECT_WITHIN_S", 0.5)
+    with pytest.raises(EngineError, match=address):
+        list(DaskEngine(address, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))
+    assert clients() == before
+
+
+def test_the_command_ends_with_2_without_a_scheduler(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In one line; the folder can be used again."""
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.CONNECT_WITHIN_S", 0.5)
+    arguments = ["sweep", str(written(tmp_path, repeats=1)), "--out", str(tmp_path / "out")]
+    assert main([*arguments, "--engine", "dask", "--scheduler", "tcp://127.0.0.1:9"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("deltaswarm: ")
+    assert "tcp://127.0.0.1:9" in line
+    assert main([*arguments, "-j", "1"]) == 0
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGKILL])
+def test_nothing_is_left_of_a_local_cluster(tmp_path: Path, number: signal.Signals) -> None:
+    """Whether the sweep is interrupted or killed in mid-run."""
+    file = written(tmp_path, duration_s=1e7)
+    with sweeping(file, tmp_path / "out", "--engine", "dask", "-j", "2") as running:
+        wait_until(lambda: len(marked(running.mark)) >= 3, "the workers")
+        running.process.send_signal(number)
+        code, _, errors = running.finish(BOUND_S)
+        assert code == (130 if number == signal.SIGINT else -9)
+        if number == signal.SIGINT:  # workers whose sweep was killed may complain of it
+            assert "Traceback" not in errors
+        all_gone(running.mark)
+
+
+@pytest.mark.parametrize(
+    ("scheduler", "workers", "is_told"),
+    [("tcp://there:8786", {}, True), ("tcp://there:8786", {"one": 1}, False), (None, {}, False)],
+)
+def test_a_scheduler_without_workers_is_told(
+    scheduler: str | None, workers: dict[str, int], is_told: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """So that nobody waits for what nobody does; a local cluster starts its own."""
+    told = list[str]()
+    engine = DaskEngine(scheduler, 1)
+    monkeypatch.setattr(engine, "_client", lambda _: SimpleNamespace(nthreads=lambda: workers))
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.notice", told.append)
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
+    assert list(engine.run([])) == []
+    assert bool(told) == is_told

@@ -1,0 +1,80 @@
+"""What a machine needs for runs and for studies, and how `deltaswarm doctor` and other commands say so."""
+
+import json
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+
+from deltaswarm_orchestrator.bench import doctor
+from deltaswarm_orchestrator.cli import main
+
+Printed = pytest.CaptureFixture[str]
+
+
+def test_doctor_tells_what_this_machine_has(capsys: Printed) -> None:
+    """As JSON: each thing looked at, what was found, whether it is well, and else what to do."""
+    code = main(["doctor", "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert all(finding.keys() == {"name", "found", "is_well", "advice"} for finding in found)
+    assert {"Python", "cores", "loopback", "file descriptors", *doctor.needed()} <= {
+        finding["name"] for finding in found
+    }
+    assert code == (0 if all(finding["is_well"] for finding in found) else 1)
+    packages = {finding["name"]: finding["is_well"] for finding in found}
+    assert all(packages[name] for name in doctor.needed()), "these tests could not run without them"
+
+
+def test_doctor_looks_for_all_that_is_required(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every dependency in pyproject.toml, in the version that it asks for; each extra apart."""
+    project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text())["project"]
+    extra = project["optional-dependencies"]["study"]
+    texts = [*project["dependencies"], *(f"{text}; extra == 'study'" for text in extra)]
+    monkeypatch.setattr(doctor, "requires", lambda _: texts)
+    for wanted, found in ((project["dependencies"], doctor.needed()), (extra, doctor.needed("study"))):
+        assert [str(Requirement(text)) for text in wanted] == [f"{name}>={least}" for name, least in found.items()]
+
+
+def test_a_lean_installation_runs_and_says_what_studies_need(tmp_path: Path) -> None:
+    """Without the extra `study`: runs, info and doctor work; a study names the package and how to get it."""
+    hidden = "import sys; sys.modules.update(dict.fromkeys(sys.argv.pop(1).split(',')))\n"
+    code = f"{hidden}from deltaswarm_orchestrator.cli import main; sys.exit(main(sys.argv[1:]))"
+
+    def lean(*arguments: str) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-c", code, ",".join(doctor.needed("study")), *arguments]
+        return subprocess.run(command, cwd=tmp_path, capture_output=True, text=True)
+
+    run = ("run", "smoke", "--in-process", "--set", "run.duration_s=5", "--set", "agents.count=150", "--out", "a")
+    plan, check = ("study", "lose-the-roots", "--plan"), ("sweep", "modes", "--dry-run")
+    for arguments in (
+        run,
+        ("info", "a"),
+        ("doctor",),
+        ("list",),
+        ("study", "paper", "--render", "--help"),
+        plan,
+        check,
+    ):
+        done = lean(*arguments)
+        assert done.returncode == 0, done.stderr
+    (tmp_path / "runs.csv").write_text("variant,replicate,seed\n")
+    done = lean(*plan, "--pilot", ".")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.splitlines()[-1].endswith(doctor.INSTALL_STUDY)
+    done = lean("sweep", "smoke")
+    assert done.returncode == 2
+    assert doctor.INSTALL_STUDY in done.stderr
+
+
+def test_doctor_says_what_to_do_where_something_is_missing(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    """With the command that gets it, and exit code 1."""
+    monkeypatch.setattr(doctor, "requires", lambda _: ["no-such-package>=3.1", "msgpack>=999.0"])
+    assert main(["doctor"]) == 1
+    lines = {line.split()[1]: line for line in capsys.readouterr().out.splitlines()}
+    assert lines["no-such-package"].startswith("MISSING")
+    assert lines["no-such-package"].endswith("'no-such-package>=3.1'")
+    assert lines["msgpack"].startswith("MISSING")
+    assert lines["Python"].startswith("ok")

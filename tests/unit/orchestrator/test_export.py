@@ -1,0 +1,218 @@
+"""Exports of a recording: each is opened by the library of its format, and holds what was recorded."""
+
+import csv
+import shutil
+import sys
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import pytest
+from rerun.chunk import RrdReader
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import Stores, get_typestore
+
+from deltaswarm_orchestrator.cli import export as command
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.export.formats import FORMATS
+from deltaswarm_orchestrator.recording.recorder import Recorder
+from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Body, Truth
+from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.messages import NOBODY
+from tests.support.truths import recorded, steps, truth
+
+STEPS = 12
+OBSTACLE = {"corners_m": [[10, 10], [30, 10], [20, 40]]}
+SCENARIO = load(Scenario, {"agents": {"count": 9}, "arena": {"obstacles": [OBSTACLE]}})
+TOLD = list(steps(SCENARIO, STEPS))
+TRUTHS = [truth for truth, _, _ in TOLD]
+MM = 0.001
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """A run's folder with a recording."""
+    (tmp_path / "run").mkdir()
+    recorded(tmp_path / "run", SCENARIO, STEPS)
+    return tmp_path / "run"
+
+
+def export(run: Path, name: str, *more: str) -> int:
+    return main(["export", str(run), "--format", name, *more])
+
+
+def near(place: tuple[float, float], body: Any) -> bool:
+    return abs(place[0] - body.x_m) < MM and abs(place[1] - body.y_m) < MM
+
+
+def test_tables_hold_poses_events_and_workload(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A row per view and agent, per event, per step; the folder is beside the run, and is printed."""
+    assert export(run, "csv") == 0
+    out = run.with_name("run-csv")
+    assert capsys.readouterr().out.strip() == str(out)
+    rows = {file.stem: list(csv.DictReader(file.open())) for file in out.iterdir()}
+    assert set(rows) == {"poses", "events", "workload"}
+    bodies = [(one.step, body) for one in TRUTHS for body in one.bodies]
+    assert len(rows["poses"]) == len(bodies)
+    for row, (step, body) in zip(rows["poses"], bodies, strict=True):
+        assert near((float(row["x_m"]), float(row["y_m"])), body)
+        said = ["" if agent == NOBODY else str(agent) for agent in (body.parent, body.root)]
+        assert [row["parent"], row["root"]] == said
+        assert (int(row["step"]), int(row["agent"]), row["role"]) == (step, body.agent, body.role)
+    assert len(rows["events"]) == len({event.event for one in TRUTHS for event in one.events})
+    assert [float(row["rate_60s_hz"]) for row in rows["workload"]] == [workload.rate_60s_hz for _, _, workload in TOLD]
+
+
+def test_a_bag_opens_with_its_library(run: Path) -> None:
+    """Poses of each role and of events, and the workload, at simulated times."""
+    assert export(run, "rosbag2") == 0
+    found: dict[str, list[Any]] = {}
+    with AnyReader([run.with_name("run-rosbag2")], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        for connection, time_ns, data in reader.messages():
+            found.setdefault(connection.topic, []).append((time_ns, reader.deserialize(data, connection.msgtype)))
+    roles = {body.role for body in TRUTHS[0].bodies}
+    assert set(found) == {
+        *(f"/swarm/{role}" for role in roles),
+        "/events",
+        "/operator/messages",
+        "/operator/rate_60s_hz",
+    }
+    for one, (time_ns, message) in zip(TRUTHS, found["/swarm/free"], strict=True):
+        assert time_ns == log_time_ns(one.time_s)
+        assert message.header.frame_id == "arena"
+        free = [body for body in one.bodies if body.role == "free"]
+        places = [(pose.position.x, pose.position.y) for pose in message.poses]
+        assert all(near(place, body) for place, body in zip(places, free, strict=True))
+    counts = [message.data for _, message in found["/operator/messages"]]
+    assert counts == [workload.messages for _, _, workload in TOLD]
+
+
+def test_rerun_opens_what_is_exported_to_it(run: Path) -> None:
+    """Agents by role, trees, events, walls; curves of the figures."""
+    assert export(run, "rrd") == 0
+    found: dict[str, list[Any]] = {}
+    for chunk in RrdReader(run.with_name("run.rrd")).stream().to_chunks():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            found.setdefault(f"{chunk.entity_path} {name}", []).extend(batch.column(name).to_pylist())
+    places = found["/arena/agents/free Points3D:positions"]
+    assert len(places) == STEPS
+    free = [body for body in TRUTHS[0].bodies if body.role == "free"]
+    assert all(near((x, y), body) for (x, y, _), body in zip(places[0], free, strict=True))
+    assert any(found["/arena/trees LineStrips3D:strips"])
+    assert [len(wall) for wall in found["/arena/walls LineStrips3D:strips"][0]] == [5, 4]
+    assert len(found["/arena/events Points3D:positions"]) == STEPS
+    rates = [value for (value,) in found["/operator/rate_60s_hz Scalars:scalars"]]
+    assert rates == [workload.rate_60s_hz for _, _, workload in TOLD]
+
+
+def test_a_video_has_a_frame_for_each_view(run: Path) -> None:
+    """What ffmpeg gets from us: seen by a stand-in that writes how many bytes came, so that it runs everywhere."""
+    stand_in = run.parent / "ffmpeg"
+    stand_in.write_text(
+        f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'w').write(str(len(sys.stdin.buffer.read())))"
+    )
+    stand_in.chmod(0o755)
+    with matplotlib.rc_context({"animation.ffmpeg_path": str(stand_in)}):
+        assert export(run, "mp4") == 0
+    assert int(run.with_name("run.mp4").read_text()) == STEPS * 720 * 720 * 4
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg on this machine")
+def test_ffmpeg_makes_a_video(run: Path) -> None:
+    """An MP4 file, by its first box."""
+    assert export(run, "mp4") == 0
+    assert run.with_name("run.mp4").read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_video_needs_ffmpeg(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is missing is named, and nothing is left behind."""
+    with matplotlib.rc_context({"animation.ffmpeg_path": "no-such-ffmpeg"}):
+        assert export(run, "mp4") == 2
+    assert "ffmpeg" in capsys.readouterr().err
+    assert [path.name for path in run.parent.iterdir()] == ["run"]
+
+
+@pytest.mark.parametrize(("name", "library"), [("rosbag2", "rosbags"), ("rrd", "rerun")])
+def test_a_missing_library_is_named_with_its_extra(
+    run: Path, name: str, library: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """As where deltaswarm was installed without the extra."""
+    monkeypatch.delitem(sys.modules, f"deltaswarm_orchestrator.export.{name}", raising=False)
+    for module in [module for module in sys.modules if module.partition(".")[0] == library]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, library, None)
+    assert export(run, name) == 2
+    assert "deltaswarm[export]" in capsys.readouterr().err
+
+
+def test_an_export_replaces_its_like_alone_and_with_force(run: Path) -> None:
+    """Nothing is overwritten without --force, and with it no folder that holds anything else."""
+    for name in ("csv", "rosbag2", "rrd"):
+        assert export(run, name) == 0
+        assert export(run, name) == 2
+        assert export(run, name, "--force") == 0
+    assert export(run, "csv", "--out", str(run), "--force") == 2
+    assert (run / "recording.mcap").exists()
+    assert export(run, "rrd", "--out", str(run), "--force") == 2
+    assert not list(run.parent.glob(".export-*"))
+
+
+def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(
+    run: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With a word about it; a file may be given instead of a folder."""
+    data = (run / "recording.mcap").read_bytes()
+    cut = run.parent / "cut.mcap.part"
+    cut.write_bytes(data[: len(data) // 2])
+    assert export(cut, "csv") == 0
+    assert "incomplete" in capsys.readouterr().err
+    assert (run.parent / "cut-csv" / "poses.csv").exists()
+
+
+def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder without one, a file that is none."""
+    (tmp_path / "notes.txt").write_text("no recording at all")
+    for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "nothing"):
+        assert export(path, "csv") == 2
+        assert str(path) in capsys.readouterr().err
+
+
+def test_a_recording_with_a_damaged_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Attachments are not compressed, so a bit may flip in the text itself."""
+    file = run / "recording.mcap"
+    file.write_bytes(file.read_bytes().replace(b"[arena]", b"[are=a]", 1))
+    assert export(run, "csv") != 0
+    assert str(file) in capsys.readouterr().err
+
+
+def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It was cut off after its first bytes."""
+    file = run / "recording.mcap"
+    file.write_bytes(file.read_bytes()[:8])
+    assert export(run, "csv") != 0
+    assert str(file) in capsys.readouterr().err
+
+
+def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
+    """ROS allows letters, digits and _ in a topic; a role may be any printable text."""
+    (tmp_path / "run").mkdir()
+    odd = [Body(0, 1.0, 2.0, "9 lives/day", 0, NOBODY), Body(1, 3.0, 4.0, "~", 0, NOBODY)]
+    told: list[Truth] = [truth(*odd), truth(odd[0])]
+    with Recorder(tmp_path / "run", plain(SCENARIO), SCENARIO) as recorder:
+        for one in told:
+            recorder.step(one, ())
+        recorder.close({})
+    for name in ("csv", "rosbag2", "rrd"):
+        assert export(tmp_path / "run", name) == 0
+    with AnyReader([tmp_path / "run-rosbag2"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+        counts = Counter(connection.topic for connection, _, _ in reader.messages())
+    assert counts == {"/swarm/_9_lives_day": 2, "/swarm/_": 2, "/events": 2}
+
+
+def test_the_command_line_offers_every_format() -> None:
+    """It names them itself, since it must not load what they need."""
+    assert set(command.FORMATS) == set(FORMATS)

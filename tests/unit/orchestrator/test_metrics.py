@@ -1,0 +1,213 @@
+"""The metrics of a run: from what happened, and again by a script that knows nothing but the tables."""
+
+import csv
+import math
+import tomllib
+from pathlib import Path
+from statistics import fmean, median
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.results.metrics import arrival_digests, followed, metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.run.in_process import run_in_process
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, EventState
+from deltaswarm_wire.checked import load
+from tests.support.swarms import run
+from tests.unit.orchestrator.test_results import STEP_S, whole, workload
+
+
+def event(number: int, arrived_s: float, sensed_s: float | None, completed_s: float | None = None) -> EventState:
+    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, completed_s, 0.0)
+
+
+def a_scenario(horizon_s: float = 1.0) -> Scenario:
+    return load(Scenario, {"run": {"step_s": STEP_S}, "metrics": {"horizon_s": horizon_s}})
+
+
+def test_waiting_times_are_until_first_sensed() -> None:
+    """Mean, median and number of those sensed, to the end of the run; the others are counted apart."""
+    outcome = whole()
+    outcome.events = [event(1, 0.0, 0.0), event(2, 0.5, 1.0), event(3, 0.5, 2.0), event(4, 1.0, None)]
+    assert metrics(outcome, a_scenario(2.0))["waiting_time_s"] == {
+        "mean": pytest.approx(2.0 / 3),
+        "median": 0.5,
+        "n": 3,
+        "never_sensed": 1,
+        "restricted_mean": (0.0 + 0.5 + 1.5 + 2.0) / 4,
+    }
+
+
+def test_restricted_means_follow_each_event_for_the_horizon() -> None:
+    """Neither more, nor less: an event younger than it is left out, what has not happened by then counts as it."""
+    outcome = whole(events_open=[1, 2, 2, 3, 1, 0])
+    outcome.events = [event(1, 0.0, 0.2, 0.5), event(2, 1.0, 1.5, 2.9), event(3, 2.0, None), event(4, 2.1, 2.2, 2.3)]
+    found = metrics(outcome, a_scenario(1.0))
+    assert found["completion_s"] == {"mean": pytest.approx((0.5 + 1.0 + 1.0) / 3), "median": 1.0}
+    assert found["waiting_time_s"]["restricted_mean"] == pytest.approx((0.2 + 0.5 + 1.0) / 3)
+    assert (found["completed"], found["open_events"]) == (3, {"mean": 1.5})
+    assert (found["arrivals"]["n"], found["arrivals"]["followed"]) == (4, 3)
+
+
+TIMES = st.lists(st.tuples(st.floats(0, 100), st.none() | st.floats(0, 50), st.none() | st.floats(0, 50)), max_size=20)
+
+
+@given(TIMES, st.floats(1, 40), st.floats(0, 60))
+def test_neither_late_arrivals_nor_a_longer_run_bend_the_means(
+    events: list[tuple[float, float | None, float | None]], horizon_s: float, longer_s: float
+) -> None:
+    """What a run of 100 s says of an event, a longer one says too; events that both follow have equal times."""
+
+    def seen_until(end_s: float) -> list[EventState]:
+        made = []
+        for number, (arrived_s, waits_s, works_s) in enumerate(events):
+            sensed_s = None if waits_s is None else arrived_s + waits_s
+            completed_s = None if sensed_s is None or works_s is None else sensed_s + works_s
+            times = [None if time_s is None or time_s > end_s else time_s for time_s in (sensed_s, completed_s)]
+            made.append(event(number, arrived_s, *times))
+        return made
+
+    short = followed(seen_until(100.0), 100.0, horizon_s)
+    long = followed(seen_until(100.0 + longer_s), 100.0 + longer_s, horizon_s)
+    assert [one for one in long if one.arrived_s + horizon_s <= 100.0] == short
+    assert all(0 <= one.waiting_s <= one.completion_s <= horizon_s for one in long)
+
+
+def test_rates_are_per_second_not_per_step() -> None:
+    """With steps of half a second each count is worth twice as much."""
+    outcome = whole(frames_sent=[3] * 6, frames_received=[0, 6] * 3, bytes_sent=[100] * 6)
+    outcome.workloads = [workload(step, messages=step, senders=2, time_above_s=step / 2) for step in range(6)]
+    found = metrics(outcome, a_scenario())
+    assert found["frames_sent_per_s"] == {"mean": 6.0}
+    assert found["frames_received_per_s"] == {"mean": 6.0}
+    assert found["bytes_sent_per_s"] == {"mean": 200.0}
+    assert found["operator_messages_per_s"] == {"mean": 5.0}
+    assert found["operator_senders"] == {"mean": 2.0}
+    assert found["operator_time_above_threshold_s"] == 2.5
+
+
+def test_drops_are_told_by_reason() -> None:
+    """Loss on the air is no loss on the fabric, and each reason has its own sum."""
+    outcome = whole(**{f"dropped_{reason}": [number] * 6 for number, reason in enumerate(DROP_REASONS, 1)})
+    found = metrics(outcome, a_scenario())
+    assert found["frames_dropped"] == {reason: 6 * number for number, reason in enumerate(DROP_REASONS, 1)}
+    assert found["transport_lost"] == 0
+
+
+def test_what_is_still_under_way_at_the_end_is_told() -> None:
+    """Sums over the run, but the newest number in flight, of frames and of reports; nothing without steps."""
+    sums = {"frames_sent": 5, "frames_received": 2, "frames_duplicated": 1, "reports_sent": 4, "reports_arrived": 3}
+    outcome = whole(
+        frames_in_flight=[1, 5, 2, 3, 4, 7],
+        reports_in_flight=[0, 1, 2, 3, 4, 2],
+        **{name: [number] * 6 for name, number in sums.items()},
+    )
+    found = metrics(outcome, a_scenario())
+    assert found["frames"] == {"sent": 30, "received": 12, "duplicated": 6, "in_flight": 7}
+    assert found["reports"] == {"sent": 24, "arrived": 18, "in_flight": 2}
+    nothing = metrics(Outcome(), a_scenario())
+    assert nothing["frames"] == {"sent": 0, "received": 0, "duplicated": 0, "in_flight": 0}
+    assert nothing["reports"] == {"sent": 0, "arrived": 0, "in_flight": 0}
+
+
+def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
+    """Area and distance over the steps in which they were measured, and the area over those of them with trees."""
+    areas, distances = [0.0, None, 60.0, None, 120.0, None], [None, None, 4.0, 6.0, 8.0, None]
+    outcome = whole(
+        agents_in_trees=[0, 0, 3, 6, 9, 12],
+        trees=[0, 0, 1, 2, 2, 1],
+        covered_area_m2=areas,
+        roots_from_densest_m=distances,
+    )
+    found = metrics(outcome, a_scenario())
+    assert found["agents_in_trees"] == {"mean": 5.0, "last_third_mean": 10.5}
+    assert found["trees"] == {"mean": 1.0}
+    assert found["covered_area_m2"] == {"mean": 60.0, "mean_while_trees": 90.0}
+    assert found["roots_from_densest_m"] == {"mean": 6.0}
+
+
+def test_nothing_is_no_number() -> None:
+    """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
+    found = metrics(Outcome(), a_scenario())
+    assert found["waiting_time_s"] == {
+        "mean": None,
+        "median": None,
+        "n": 0,
+        "never_sensed": 0,
+        "restricted_mean": None,
+    }
+    assert found["completion_s"] == {"mean": None, "median": None}
+    assert (found["completed"], found["open_events"]) == (0, {"mean": None})
+    assert found["operator_messages_per_s"] == {"mean": None}
+    assert found["covered_area_m2"] == {"mean": None, "mean_while_trees": None}
+    assert (found["steps"], found["transport_lost"], found["operator_time_above_threshold_s"]) == (0, 0, None)
+
+
+def test_digests_of_arrivals_do_not_depend_on_what_became_of_them() -> None:
+    """Nor on the order in which they are given; each time and each place counts."""
+    events = [event(1, 0.5, 1.0), event(2, 1.5, None)]
+    times, places = arrival_digests(events)
+    assert arrival_digests([event(2, 1.5, 3.0, 4.0), event(1, 0.5, None)]) == (times, places)
+    assert arrival_digests([events[0], events[1]._replace(arrived_s=1.6)]) != (times, places)
+    moved = arrival_digests([events[0], events[1]._replace(x_m=9.0)])
+    assert (moved[0] == times, moved[1] == places) == (True, False)
+
+
+Row = dict[str, float]
+
+
+def recomputed(folder: Path) -> dict[str, Any]:
+    """The outcome of the task by its definitions alone, from `events.csv` and `scenario.toml`."""
+    scenario = tomllib.loads((folder / "scenario.toml").read_text())
+    horizon_s, step_s = scenario["metrics"]["horizon_s"], scenario["run"]["step_s"]
+    end_s = scenario["run"]["duration_s"]
+    with (folder / "events.csv").open(newline="") as stream:
+        rows: list[Row] = [
+            {name: float(text) if text else math.inf for name, text in row.items()} for row in csv.DictReader(stream)
+        ]
+    old = [row for row in rows if end_s - row["arrived_s"] >= horizon_s]
+    waits, works = (
+        [min(horizon_s, row[then] - row["arrived_s"]) for row in old] for then in ("sensed_s", "completed_s")
+    )
+    ends_s = [step * step_s for step in range(round(end_s / step_s))]
+    still_open = [sum(row["arrived_s"] <= now_s < row["completed_s"] for row in rows) for now_s in ends_s]
+    return {
+        "waiting_time_s.restricted_mean": fmean(waits),
+        "completion_s.mean": fmean(works),
+        "completion_s.median": median(works),
+        "completed": sum(row["completed_s"] < math.inf for row in rows),
+        "open_events.mean": fmean(still_open),
+        "arrivals.followed": len(old),
+    }
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("step_s", [0.5, 1.0, 2.0])
+def test_the_outcome_is_that_of_the_events_table(tmp_path: Path, step_s: float) -> None:
+    """By real processes and in one process, whatever the step: equal to the last bit, and to the script's."""
+    own = ["run.duration_s=200", f"run.step_s={step_s}", "metrics.horizon_s=80", "events.work_agent_s=30"]
+    own += ["events.rate_hz=0.2", "seed=5", "record=off"]
+    summary = run(tmp_path / "run", *(text for one in own for text in ("--set", one)))
+    ours = metrics(run_in_process(load_scenario("smoke", own)), load_scenario("smoke", own))
+    assert {name: summary[name] for name in ours} == ours
+    for name, value in recomputed(tmp_path / "run").items():
+        top, _, part = name.partition(".")
+        assert (summary[top][part] if part else summary[top]) == pytest.approx(value, rel=1e-12)
+    assert summary["completed"] > 3
+    assert summary["arrivals"]["followed"] > 10
+
+
+def test_a_step_row_counts_completed_events() -> None:
+    """The counts of a record are those of the step in which they stand."""
+    outcome = run_in_process(load_scenario("smoke", ["events.work_agent_s=20", "events.rate_hz=0.3", "record=off"], 2))
+    done = [
+        sum(e.completed_s is not None and e.completed_s <= t.time_s for e in outcome.events)
+        for t in outcome.step_records
+    ]
+    assert [t.events_completed for t in outcome.step_records] == done
+    assert done[-1] > 5

@@ -1,0 +1,157 @@
+"""What commands print: with `--json` one document on standard output, and nothing else there."""
+
+import argparse
+import json
+import subprocess
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from deltaswarm_orchestrator.cli import COMMANDS, main, parser
+from deltaswarm_orchestrator.studies.load import COLLECTIONS
+from tests.support.swarms import COMMAND
+from tests.unit.orchestrator.test_session import a_file
+
+Printed = pytest.CaptureFixture[str]
+
+WITHOUT_JSON = {"completion", "replay"}
+"""Commands without a result, as the page of commands says."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a short run."""
+    out = tmp_path_factory.mktemp("runs") / "short"
+    command = ["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(out)]
+    subprocess.run([*COMMAND, *command], capture_output=True, check=True)
+    return out
+
+
+def leaves(made: argparse.ArgumentParser, words: tuple[str, ...]) -> Iterator[argparse.ArgumentParser]:
+    """The parsers of a command: its own, or those of its subcommands."""
+    choices = next((a.choices for a in made._actions if isinstance(a, argparse._SubParsersAction)), None)
+    if not words and choices is None:
+        yield made
+    elif words:
+        yield from leaves(choices[words[0]], words[1:])  # type: ignore[index]
+    else:
+        for one in choices.values():
+            yield from leaves(one, ())
+
+
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_command_with_a_result_has_json(command: str) -> None:
+    """Each of its subcommands too."""
+    for own in leaves(parser(command), (command,)):
+        assert ("--json" in own._option_string_actions) == (command not in WITHOUT_JSON), own.prog
+
+
+@pytest.mark.parametrize(
+    ("command", "keys"),
+    [
+        ("run smoke --dry-run", {"agents", "radio", "control"}),
+        ("sweep modes --dry-run", {"sweep", "repeats", "variants"}),
+        ("study smoke --plan", {"study", "variants", "families"}),
+        ("list", {"scenarios", "studies"}),
+        ("info {run}", {"manifest", "summary"}),
+        ("why {run} 0 1 --at 3", {"sender", "receiver"}),
+        ("export {run} --format csv --out {new}", {"out", "complete"}),
+        ("certificates --out {new} --agents 0-1 --operator-key {new}/operator.key", {"files", "operator_key"}),
+    ],
+)
+def test_json_is_all_on_standard_output(
+    command: str, keys: set[str], run: Path, tmp_path: Path, capsys: Printed
+) -> None:
+    """One document with what the text tells."""
+    assert main([*command.format(run=run, new=tmp_path / "new").split(), "--json"]) == 0
+    assert keys <= json.loads(capsys.readouterr().out).keys()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --out {run}",
+        "run smoke --boards 99 --listen tcp/10.0.0.1:7447",
+        "run smoke --set run.bound=everything",
+        "run smoke --station-listen nowhere --station",
+        "sweep smoke --scheduler tcp://127.0.0.1:9",
+        "sweep {sweep}/sweep.toml --seed 5 --out {sweep}",
+        "study smoke --engine local --scheduler tcp://127.0.0.1:9",
+        "session {tmp}/session.toml --participant 1",
+    ],
+)
+def test_a_dry_run_refuses_what_a_run_would_refuse(command: str, run: Path, tmp_path: Path, capsys: Printed) -> None:
+    """In the same words and with exit code 2, and neither writes anything."""
+    if "{sweep}" in command:
+        assert main(["sweep", "smoke", "--repeats", "1", "--prove", "0", "--out", str(tmp_path / "swept")]) == 0
+    wrong = 'scenario = "smoke"\nset = ["run.bound=everything"]\n'
+    (tmp_path / "session.toml").write_text(f'schema = 1\n[[session.condition]]\nlabel = "a"\n{wrong}')
+    words = command.format(run=run, sweep=tmp_path / "swept", tmp=tmp_path).split()
+    before = sorted(tmp_path.rglob("*"))
+    told = []
+    for more in ([], ["--dry-run"]):
+        capsys.readouterr()
+        with suppress(SystemExit):
+            assert main([*words, *more]) == 2
+        told.append(capsys.readouterr())
+    assert sorted(tmp_path.rglob("*")) == before
+    assert told[0].err.splitlines()[-1] == told[1].err.splitlines()[-1] != ""
+    assert told[1].out == ""
+
+
+@pytest.mark.parametrize("command", ["run smoke", "sweep smoke", "study smoke", "session {file} --participant 3"])
+def test_a_dry_run_starts_and_writes_nothing(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """It prints what would be run."""
+    monkeypatch.chdir(tmp_path)
+    words = command.format(file=a_file(tmp_path)).split()
+    before = sorted(tmp_path.rglob("*"))
+    assert main([*words, "--dry-run"]) == 0
+    assert capsys.readouterr().out
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run smoke --in-process --set run.duration_s=20 --out {new}",
+        "sweep smoke --repeats 1 --prove 0 --out {new}",
+        "session {file} --participant 3 --out {new}",
+    ],
+)
+def test_a_quiet_command_says_nothing_beside_its_result(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """No progress, no notices; without the option there are some."""
+    words = command.format(new=tmp_path / "new", file=a_file(tmp_path)).split()
+    if words[0] == "session":
+        monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", lambda arguments: 0 if arguments.quiet else 1)
+    assert main([*words, "--quiet"]) == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert printed.out
+    words[words.index(str(tmp_path / "new"))] = str(tmp_path / "other")
+    main(words)
+    assert capsys.readouterr().err
+
+
+def test_a_quiet_command_still_says_what_is_wrong(run: Path, capsys: Printed) -> None:
+    """And ends with 2."""
+    assert main(["run", "smoke", "-q", "--out", str(run)]) == 2
+    assert str(run) in capsys.readouterr().err
+
+
+def test_the_options_of_run_are_in_groups() -> None:
+    """None but help is left in argparse's own groups."""
+    (own,) = leaves(parser("run"), ("run",))
+    assert [len(group._group_actions) for group in own._action_groups[:2]] == [0, 1]
+
+
+def test_a_collection_is_a_list(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
+    """Of what each of its studies prints."""
+    monkeypatch.setattr("deltaswarm_orchestrator.studies.plan.MEASURED_S", 0.0)
+    assert main(["study", "beyond", "--plan", "--json"]) == 0
+    assert [one["study"] for one in json.loads(capsys.readouterr().out)] == COLLECTIONS["beyond"]

@@ -1,0 +1,255 @@
+"""The run folder: its summary, tables that read back, and the same from the recording alone."""
+
+import csv
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.results.metrics import metrics
+from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.run_tables import (
+    OPERATOR_COLUMNS,
+    read_outcome,
+    summary,
+    write_json,
+    write_tables,
+)
+from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
+from deltaswarm_orchestrator.run.reporter import Reporter
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import DROP_REASONS, EventState, StepRecord
+from deltaswarm_wire.checked import load
+from deltaswarm_wire.digest import combine
+from deltaswarm_wire.operator_messages import Workload
+from tests.support.strategies import event_states, step_records, workloads
+
+STEP_S = 0.5
+UNKNOWN = {"covered_area_m2": None, "roots_from_densest_m": None, "delta": None}
+
+
+def record(step: int, **more: Any) -> StepRecord:
+    zeros: dict[str, Any] = dict.fromkeys(StepRecord._fields, 0)
+    return StepRecord(**{**zeros, "step": step, "time_s": step * STEP_S, **UNKNOWN, **more})
+
+
+def workload(step: int, messages: int = 0, **more: Any) -> Workload:
+    zeros: dict[str, Any] = dict.fromkeys(Workload._fields, 0)
+    return Workload(**{**zeros, "step": step, "time_s": step * STEP_S, "messages": messages, **more})
+
+
+def event(number: int, arrived_s: float, sensed_s: float | None) -> EventState:
+    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, None, 0.0)
+
+
+def a_scenario(**run: Any) -> Scenario:
+    return load(Scenario, {"run": {"step_s": STEP_S, **run}})
+
+
+def whole(**more: Any) -> Outcome:
+    """A run of 6 steps that came to its end."""
+    return Outcome(
+        step_records=[record(step, **{name: value[step] for name, value in more.items()}) for step in range(6)],
+        world={"complete": True, "digest": "aa", "wall_s": 2.0, "agents_lost": [], "refused_claims": 0},
+        operator={"complete": True, "digest": "bb"},
+    )
+
+
+# The summary
+
+KEYS = {
+    "waiting_time_s": {"mean", "median", "n", "never_sensed", "restricted_mean"},
+    "completion_s": {"mean", "median"},
+    "completed": None,
+    "open_events": {"mean"},
+    "arrivals": {"n", "followed", "times", "places"},
+    "operator_messages_per_s": {"mean"},
+    "frames_sent_per_s": {"mean"},
+    "frames_received_per_s": {"mean"},
+    "bytes_sent_per_s": {"mean"},
+    "frames": {"sent", "received", "duplicated", "in_flight"},
+    "frames_dropped": set(DROP_REASONS),
+    "agents_in_trees": {"mean", "last_third_mean"},
+    "trees": {"mean"},
+    "roots_from_densest_m": {"mean"},
+    "delta": {"mean"},
+    "covered_area_m2": {"mean", "mean_while_trees"},
+    "transport_lost": None,
+    "steps": None,
+    "wall_s": None,
+    "steps_per_s": None,
+    "real_time_factor": None,
+    "digest": None,
+    "agents_lost": None,
+    "valid": None,
+}
+"""What others read from `summary.json`: these names must stay."""
+
+
+def test_a_summary_has_its_keys() -> None:
+    """With just these parts; further keys may come, none of these may go."""
+    found = summary(whole(), a_scenario())
+    assert KEYS.keys() <= found.keys()
+    for name, parts in KEYS.items():
+        if parts is not None:
+            assert found[name].keys() == parts, name
+    json.dumps(found, allow_nan=False)
+
+
+def test_speed_is_told_both_ways() -> None:
+    """Steps per wall second, and simulated per wall second."""
+    found = summary(whole(), a_scenario())
+    assert (found["steps"], found["wall_s"], found["steps_per_s"], found["real_time_factor"]) == (6, 2.0, 3.0, 1.5)
+
+
+def test_a_whole_run_is_valid_and_has_a_digest() -> None:
+    """Made of the world's and the operator's."""
+    found = summary(whole(), a_scenario())
+    assert (found["valid"], found["invalid_because"]) == (True, [])
+    assert found["digest"] == combine("aa", "bb") != combine("bb", "aa")
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"world": {}}, "did not reach its last step"),
+        ({"operator": {"complete": False, "digest": "bb"}}, "did not reach its last step"),
+        ({"step_records": [record(0, transport_lost=2)]}, "2 messages were lost on the fabric"),
+        ({"workloads": [workload(0, lost=3)]}, "3 messages were lost on the fabric"),
+    ],
+    ids=["no world", "operator ended early", "lost to the world", "lost to the operator"],
+)
+def test_a_run_is_not_valid_if_anything_is_missing(change: dict[str, Any], reason: str) -> None:
+    """And it says why."""
+    outcome = whole()
+    for name, value in change.items():
+        setattr(outcome, name, value)
+    found = summary(outcome, a_scenario())
+    assert not found["valid"]
+    assert any(reason in because for because in found["invalid_because"])
+
+
+def test_a_loss_names_its_agents() -> None:
+    """By the counts of world and operator, most first."""
+    outcome = whole()
+    outcome.step_records = [record(0, transport_lost=9)]
+    outcome.world |= {"transport_lost": {"3": 3, "5": 4}}
+    outcome.operator |= {"per_sender": {"5": {"lost": 2}, "9": {"lost": 0}}}
+    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    assert re.findall(r"\d+", reason) == ["9", "6", "5", "3", "3"]
+
+
+def test_an_agent_that_may_be_two_is_named() -> None:
+    """Also if nothing is lost; to fall back a few times is no sign of it."""
+    outcome = whole()
+    outcome.world |= {"fell_back": {"2": 4, "5": 5}}
+    (reason,) = summary(outcome, a_scenario())["invalid_because"]
+    assert "agent 5" in reason
+    assert "5 times" in reason
+
+
+# Tables
+
+
+def same(found: Outcome, outcome: Outcome) -> bool:
+    return (found.step_records, found.workloads, found.events) == (
+        outcome.step_records,
+        outcome.workloads,
+        outcome.events,
+    )
+
+
+@st.composite
+def outcomes(draw: st.DrawFn) -> Outcome:
+    """Any figures that the wire allows; the operator may have come less far than the world."""
+    steps = draw(st.integers(0, 5))
+    return Outcome(
+        [draw(step_records)._replace(step=step) for step in range(steps)],
+        draw(st.lists(event_states, max_size=3)),
+        [draw(workloads)._replace(step=step) for step in range(draw(st.integers(0, steps)))],
+    )
+
+
+@given(outcome=outcomes())
+@settings(max_examples=60)
+def test_tables_read_back_as_they_were_written(tmp_path_factory: pytest.TempPathFactory, outcome: Outcome) -> None:
+    """To the last bit; what is not yet is empty, and None again."""
+    folder = tmp_path_factory.mktemp("tables")
+    write_tables(folder, outcome)
+    found = read_outcome(folder)
+    steps = {workload.step: workload for workload in outcome.workloads}
+    outcome.workloads = [w._replace(time_s=outcome.step_records[step].time_s) for step, w in sorted(steps.items())]
+    assert same(found, outcome)
+
+
+def test_the_columns_are_named(tmp_path: Path) -> None:
+    """One row per step: the world's columns, then the operator's; one row per event."""
+    outcome = whole()
+    outcome.events = [event(1, 0.0, None)]
+    write_tables(tmp_path, outcome)
+    rows = list(csv.DictReader((tmp_path / "series.csv").open(newline="")))
+    assert list(rows[0]) == [*StepRecord._fields, *OPERATOR_COLUMNS.values()]
+    assert [row["step"] for row in rows] == list("012345")
+    assert (tmp_path / "events.csv").read_text().splitlines()[0] == ",".join(EventState._fields)
+
+
+def put(file: Path, fields: Sequence[str], rows: Iterable[Sequence[Any]]) -> bytes:
+    with file.open("w", newline="") as stream:
+        csv.writer(stream).writerows([fields, *rows])
+    return file.read_bytes()
+
+
+def test_a_row_that_was_cut_off_is_left_out(tmp_path: Path) -> None:
+    """Wherever a killed part's file ends: the whole rows before it count, half a number never does."""
+    told = [record(step, frames_sent=1000 + step, covered_area_m2=123.25) for step in range(3)]
+    data = put(tmp_path / "world.csv", StepRecord._fields, told)
+    counted = set()
+    for end in range(len(data) + 1):
+        (tmp_path / "world.csv").write_bytes(data[:end])
+        found = read_outcome(tmp_path).step_records
+        assert found == told[: len(found)]
+        counted.add(len(found))
+    assert counted == {0, 1, 2, 3}
+
+
+def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
+    """What an interrupted run left: the world's rows and the operator's, each as far as they go."""
+    outcome = whole()
+    outcome.workloads = [workload(step, messages=step) for step in range(4)]
+    put(tmp_path / "world.csv", StepRecord._fields, outcome.step_records)
+    put(tmp_path / "operator.csv", Workload._fields, outcome.workloads)
+    write_json(tmp_path / "world.json", outcome.world)
+    found = read_outcome(tmp_path)
+    assert same(found, outcome)
+    assert (found.is_complete, found.digest) == (False, None)
+    write_tables(tmp_path, found)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["events.csv", "series.csv"]
+    assert same(read_outcome(tmp_path), outcome)
+
+
+# A recording
+
+
+def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:
+    """Exactly: whoever has recording.mcap needs nothing else."""
+    scenario = load_scenario("smoke", ["radio.loss=0.1", "control.delta=2"])
+    result = run(scenario, RunOptions(tmp_path / "run", in_process=True), Reporter())
+    recorded = read_recording(result.folder)
+    assert recorded.complete
+    again = load(Scenario, tomllib.loads(recorded.scenario))
+    assert again == scenario
+    found = metrics(Outcome(recorded.step_records, recorded.events, recorded.workloads), again)
+    told = json.loads((result.folder / "summary.json").read_text())
+    assert found == {name: told[name] for name in found}
+    assert found["waiting_time_s"]["n"] > 10
+    assert told["valid"]
+    assert recorded.metadata["digest"] == told["digest"]
+    assert same(read_outcome(result.folder), Outcome(recorded.step_records, recorded.events, recorded.workloads))

@@ -1,0 +1,155 @@
+"""The radio's settings: what does not fit together is one clear message each, before anything starts."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
+from deltaswarm_orchestrator.scenarios.reference import reference
+from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import Problem, SettingsError, load, plain
+from deltaswarm_wire.envelope import Sample, encode_sample
+from tests.support.airs import EVERYTHING, radios
+
+
+def problems(**radio: Any) -> list[Problem]:
+    """The mistakes in a radio's table, for 5 agents in 100 m x 100 m."""
+    with pytest.raises(SettingsError) as caught:
+        load(Scenario, {"agents": {"count": 5}, "radio": radio})
+    return caught.value.problems
+
+
+@pytest.mark.parametrize(
+    ("radio", "said"),
+    [
+        ({"loss": -0.1}, ("radio.loss", "-0.1")),
+        ({"duplication": 1.5}, ("radio.duplication", "1.5")),
+        ({"burst": {"p_good_to_bad": 2}}, ("radio.burst.p_good_to_bad", "2")),
+        (
+            {"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}},
+            ("radio.burst.p_bad_to_good", "0"),
+        ),
+        ({"latency_s": -1}, ("radio.latency_s", "-1")),
+        ({"bandwidth": {"queue_bytes": -1}}, ("radio.bandwidth.queue_bytes", "-1")),
+        (
+            {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 4}},
+            ("radio.bandwidth.sender_bytes_per_s", "3"),
+        ),
+        ({"reception": "dics"}, ("radio.reception", "'dics'; did you mean 'disc'?")),
+        (
+            {"path_loss": {"sensitivity_dbm": -30}},
+            ("radio.path_loss.sensitivity_dbm", "-30"),
+        ),
+        ({"ranges": [{"agents": [5], "range_m": 3}]}, ("radio.ranges[0].agents", "5")),
+        ({"ranges": [{"agents": [1]}, {"agents": [1]}]}, ("radio.ranges[1].agents", "1 again")),
+        ({"ranges": [{}]}, ("radio.ranges[0].agents", "none")),
+        ({"ranges": [{"agents": [1], "range_m": 0}]}, ("radio.ranges[0].range_m", "0")),
+        ({"walls": [{"a_m": [5, 5], "b_m": [5, 5]}]}, ("radio.walls[0].b_m", "[5.0, 5.0]")),
+        ({"walls": [{"a_m": [-1, 0], "b_m": [-1, 100]}]}, ("radio.walls[0]", "[-1.0, 0.0] to [-1.0, 100.0]")),
+        (
+            {"walls": [{"a_m": [0, 0], "b_m": [5, 5], "from_s": 9, "until_s": 9}]},
+            ("radio.walls[0].until_s", "9"),
+        ),
+        ({"blackouts": [{}, {"from_s": 9, "until_s": 3}]}, ("radio.blackouts[1].until_s", "3")),
+        ({"jammers": [{"center_m": [108, 108]}]}, ("radio.jammers[0]", "[108.0, 108.0], 10 m")),
+        ({"jammers": [{"center_m": [5, 5], "radius_m": -3}]}, ("radio.jammers[0].radius_m", "-3")),
+        ({"jammers": [{"center_m": [5]}]}, ("radio.jammers[0].center_m", "[5]")),
+        (
+            {"jammers": [{"waypoints_m": [[1, 2], [3, 4]], "times_s": [5]}]},
+            ("radio.jammers[0].times_s", "1 for 2 waypoints"),
+        ),
+        (
+            {"jammers": [{"waypoints_m": [[1, 2], [3, 4]], "times_s": [5, 5]}]},
+            ("radio.jammers[0].times_s", "[5.0, 5.0]"),
+        ),
+        (
+            {"jammers": [{"from_s": 6, "waypoints_m": [[1, 2]], "times_s": [5]}]},
+            ("radio.jammers[0].times_s", "[5.0]"),
+        ),
+        (
+            {"jammers": [{"waypoints_m": [[1, 2, 3]], "times_s": [5]}]},
+            ("radio.jammers[0].waypoints_m[0]", "[1.0, 2.0, 3.0]"),
+        ),
+        ({"jammer": []}, ("radio.jammer", "unknown key")),
+        ({"walls": {}}, ("radio.walls", "{}")),
+    ],
+)
+def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[str, str]) -> None:
+    """It has the key's path and what was found."""
+    (problem,) = problems(**radio)
+    assert (problem.path, problem.found) == said
+
+
+def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On the command line, all mistakes at once."""
+    wrong = [
+        "radio.loss=-1",
+        "radio.burst.loss_bad=7",
+        'radio.walls=[{a_m=[0, 0], b_m=[1, "x"]}]',
+    ]
+    assert (
+        main(["run", "smoke", *(text for one in wrong for text in ("--set", one)), "--out", str(tmp_path / "r")]) == 2
+    )
+    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == [
+        "radio.loss",
+        "radio.burst.loss_bad",
+        "radio.walls[0].b_m[1]",
+    ]
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    "jammer",
+    [
+        {"center_m": [-6, -6], "radius_m": 9},
+        {"center_m": [-60, 50], "waypoints_m": [[160, 50]], "times_s": [9], "radius_m": 1},
+        {"center_m": [-60, 110], "waypoints_m": [[160, 110]], "times_s": [9], "radius_m": 10},
+    ],
+)
+def test_a_zone_that_touches_the_arena_is_none_outside(jammer: dict[str, Any]) -> None:
+    """At its edge, or on its way."""
+    assert load(Scenario, {"radio": {"jammers": [jammer]}}).radio.jammers
+
+
+@given(radios)
+def test_any_air_survives_the_way_through_a_table(table: dict[str, Any]) -> None:
+    """Reading what was written gives the same settings."""
+    scenario = load(Scenario, {"radio": table})
+    assert load(Scenario, plain(scenario)) == scenario
+
+
+def test_everything_at_once_is_a_scenario_file(tmp_path: Path) -> None:
+    """Tables in lists are written out as TOML, and read back."""
+    scenario = load_scenario("smoke", EVERYTHING)
+    (tmp_path / "all.toml").write_text(to_toml(scenario))
+    assert load_scenario(str(tmp_path / "all.toml")) == scenario
+
+
+def test_no_frame_is_shorter_than_the_least() -> None:
+    """By which a bandwidth is judged."""
+    assert len(encode_sample(Sample(0, b""))) == LEAST_FRAME_BYTES
+
+
+def test_the_reference_names_the_keys_of_tables_in_lists() -> None:
+    """What a wall or a jammer is made of can be looked up."""
+    page = reference()
+    for key in (
+        "radio.burst.p_good_to_bad",
+        "radio.walls[].a_m",
+        "radio.jammers[].waypoints_m",
+        "radio.ranges[].agents",
+    ):
+        assert f"| `{key}` |" in page
+
+
+def test_all_is_off_by_default() -> None:
+    """The plain disc."""
+    radio = RadioSettings()
+    assert (radio.ranges, radio.walls, radio.jammers, radio.blackouts) == ((), (), (), ())
+    assert (radio.burst.is_on, radio.asymmetry.dead_share, radio.asymmetry.range_factor_low) == (False, 0, 1)
+    assert (radio.loss, radio.latency_s, radio.jitter_s, radio.duplication, radio.contention_bytes_per_s) == (0,) * 5
+    assert (radio.bandwidth.sender_bytes_per_s, radio.bandwidth.receiver_bytes_per_s) == (0, 0)

@@ -1,0 +1,131 @@
+"""Truth: all of a step for the recorder, on an ordinary link."""
+
+from contextlib import suppress
+from typing import Any
+
+import msgpack
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from deltaswarm_scenario import truth
+from deltaswarm_scenario.truth import (
+    Body,
+    EventState,
+    Said,
+    StepRecord,
+    Truth,
+    decode_truth,
+    decode_wire,
+    encode_truth,
+    encode_wire,
+)
+from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
+from deltaswarm_wire.digest import RADIO, REPORT
+from tests.support.strategies import (
+    NASTY,
+    TRUTH,
+    assert_decodes_or_complains,
+    assert_field_is_named,
+    step_records,
+    strange,
+    truths,
+)
+
+TALLY = StepRecord(*([0] * len(StepRecord._fields)))
+
+
+@given(truths)
+def test_what_is_encoded_is_decoded(step: Truth) -> None:
+    """Truth comes out as it went in, with times that are not yet as None."""
+    assert decode_truth(encode_truth(step)) == step
+
+
+@given(strange(TRUTH))
+def test_what_is_strange_is_refused_by_name(data: bytes) -> None:
+    """Damaged or reshaped truth and random bytes decode to something valid or name a field."""
+    assert_decodes_or_complains(TRUTH, data)
+
+
+@given(truths, st.data())
+def test_a_wrong_field_is_named(step: Truth, data: st.DataObject) -> None:
+    """One bad value in one field: the error says which."""
+    for field in TRUTH.places:
+        assert_field_is_named(TRUTH, step, field, data.draw(st.sampled_from(NASTY)))
+
+
+@given(step_records, st.sampled_from(StepRecord._fields))
+def test_a_wrong_count_is_named(record: StepRecord, field: str) -> None:
+    """Every count of the record is checked under its own name."""
+    wrong: Any = {**record._asdict(), field: "many"}
+    raw = {
+        "v": PROTOCOL_VERSION,
+        "step": 0,
+        "time_s": 0.0,
+        "bodies": [],
+        "events": [],
+        "links": [],
+        "step_record": list(wrong.values()),
+    }
+    with pytest.raises(WireError, match=rf"^truth\.step_record\.{field} must"):
+        decode_truth(msgpack.packb(raw))
+
+
+@pytest.mark.parametrize(
+    ("place", "row", "field"),
+    [
+        ("bodies", Body(0, 0.0, 0.0, "a role of too many letters", 0, -1, -1), "role"),
+        ("bodies", Body(0, 0.0, 0.0, "free", 0, -2, -1), "parent"),
+        ("bodies", Body(0, float("nan"), 0.0, "free", 0, -1, -1), "x_m"),
+        ("events", EventState(0, 0.0, 0.0, 1.0, -1.0, None, 0.0), "sensed_s"),
+        ("events", EventState(0, 0.0, 0.0, 1.0, None, float("inf"), 0.0), "completed_s"),
+        ("links", (0, True), "receiver"),
+    ],
+)
+def test_a_wrong_value_in_a_row_is_named(place: str, row: Any, field: str) -> None:
+    """Unknown roles, negative times, NaN, a bool for an agent."""
+    step = Truth(0, 0.0, (), (), (), TALLY)._replace(**{place: (row,)})
+    with pytest.raises(WireError, match=rf"^truth\.{place}\.{field} must"):
+        decode_truth(encode_truth(step))
+
+
+def test_a_thousand_agents_fit_on_an_ordinary_link() -> None:
+    """Truth outgrows a low-latency link, and stays below its own limit."""
+    agents = tuple(Body(agent, agent / 7, agent / 3, "member", 3, 1, 0) for agent in range(1000))
+    events = tuple(EventState(event, 1 / 3, 1 / 7, 1 / 9, None, None, 0.1) for event in range(1000))
+    links = tuple((sender, receiver) for sender in range(1000) for receiver in range(0, 1000, 40))
+    step = Truth(1, 1.0, agents, events, links, TALLY)
+    data = encode_truth(step)
+    assert MAX_SAMPLE_BYTES < len(data) < MAX_ORDINARY_BYTES / 10
+    assert decode_truth(data) == step
+
+
+def test_oversized_truth_is_refused_at_both_ends() -> None:
+    """The sender gets an error; a receiver does not even look."""
+    body = Body(65535, 1 / 3, 1 / 3, "relocating", 1, 1, 0)
+    with pytest.raises(WireError, match=rf"^sample must .*{MAX_ORDINARY_BYTES}"):
+        encode_truth(Truth(1, 1.0, (body,) * 300_000, (), (), TALLY))
+    with pytest.raises(WireError, match=r"^sample must"):
+        decode_truth(bytes(MAX_ORDINARY_BYTES + 1))
+
+
+def test_every_drop_reason_is_counted_in_the_tally() -> None:
+    """Each reason for which a frame is not heard has its own column, in the same order."""
+    columns = [name for name in StepRecord._fields if name.startswith("dropped_")]
+    assert columns == [f"dropped_{reason}" for reason in truth.DROP_REASONS]
+
+
+SAID = st.tuples(st.integers(0, 0xFFFF), st.sampled_from([RADIO, REPORT]), st.binary(max_size=50))
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(SAID, max_size=20))
+def test_what_was_said_survives(step: int, said: list[Said]) -> None:
+    """As its senders encoded it."""
+    assert decode_wire(encode_wire(step, said)) == (step, said)
+
+
+@given(st.binary(max_size=60))
+def test_rubbish_was_said_by_nobody(data: bytes) -> None:
+    """One error, whatever is wrong."""
+    with suppress(WireError):
+        decode_wire(data)
