@@ -106,9 +106,9 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     """However the message of one that dies and of its successor come together."""
     fabric = Fabric([[COMES, *AGENTS], *batches])
     world = begun(fabric, tmp_path)
-    world._core.participants.step, world._has_begun = LAST, True
+    world._core.participants.step, world._loop.has_begun = LAST, True
     for step in range(LAST + 1):
-        world._buffer.close(ClosedStep(step, [], b"%d" % step), now=True)
+        world._loop.buffer.close(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
     lives = sum(message == GOES for batch in batches for message in batch)
@@ -130,7 +130,7 @@ def test_a_signal_ends_the_wait_for_who_is_far_behind(tmp_path: Path) -> None:
     """Without an error: the run goes on, and its next step is the last."""
     fabric = Fabric([[COMES, *AGENTS], []])
     world = begun(fabric, tmp_path)
-    world._taken = {RECORDER: 0}
+    world._loop.persisted = {RECORDER: 0}
     fabric.stop()
     world._let_catch_up(5000)
 
@@ -139,7 +139,7 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
     """An operator may be killed before it writes it, and its successor confirms the step."""
     fabric = Fabric([[COMES, *AGENTS]])
     world = begun(fabric, tmp_path)
-    world._core.participants.step, world._taken = LAST, {OPERATOR: LAST, RECORDER: LAST}
+    world._core.participants.step, world._loop.persisted = LAST, {OPERATOR: LAST, RECORDER: LAST}
     folder = tmp_path / checkpoint.FOLDER
     _, operators, *agents = checkpoint.files(folder / str(LAST), range(len(AGENTS)))
     folder.mkdir()

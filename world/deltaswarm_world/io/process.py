@@ -12,8 +12,8 @@ from deltaswarm_world.core.backoff import TimeoutBackoff
 from deltaswarm_world.core.pace import RealTimePace
 from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS, ClosedStep
 from deltaswarm_world.io import saving
-from deltaswarm_world.io.attention import Attention
 from deltaswarm_world.io.config import WorldConfig
+from deltaswarm_world.io.event_loop import EventLoop
 from deltaswarm_world.io.files import WorldOutput
 from deltaswarm_world.io.saving import SavedWorld
 from deltaswarm_world.io.transport import Transport
@@ -28,11 +28,16 @@ GOODBYE_S = 3.0
 """Time at the end for the other parts to leave [s]."""
 
 
-class WorldProcess(Attention):
+class WorldProcess:
     """One run of the world over its transport, or the rest of a run from a checkpoint."""
 
     def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
-        super().__init__(config, transport, wakeup, saved)
+        self._config = config
+        self._settings = config.scenario.run
+        self._core = saved.core
+        self._transport = transport
+        self._wakeup = wakeup
+        self._loop = EventLoop(config, transport, wakeup, saved)
         self._backoff = saved.backoff
         self._saving_backoff = TimeoutBackoff(SAVING_STEPS * self._settings.step_timeout_s)
         self._restarts = saved.restarts
@@ -48,14 +53,14 @@ class WorldProcess(Attention):
         """
         expected = {(AGENT, agent) for agent in self._core.participants.present}
         expected |= {(role, 0) for role in self._config.expect}
-        if not self._wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
-            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._there))
+        if not self._loop.wait_until(lambda: self._are_there(expected), self._settings.start_timeout_s):
+            missing = ", ".join(f"{role} {number}" for role, number in sorted(expected - self._loop.tokens))
             raise TimeoutError(f"all must be ready within {self._settings.start_timeout_s:g} s (missing: {missing})")
 
     def _are_there(self, expected: set[tuple[str, int]]) -> bool:
-        if time.monotonic() >= self._status_due:
-            self._send_status(-1, "waiting")
-        return expected <= self._there
+        if time.monotonic() >= self._loop.status_due:
+            self._loop.send_status(-1, "waiting")
+        return expected <= self._loop.tokens
 
     def run(self, output: WorldOutput) -> bool:
         """Run all steps; return True if none was cut off.
@@ -66,11 +71,11 @@ class WorldProcess(Attention):
         """
         settings = self._settings
         first = self._core.participants.step + 1
-        self._has_begun = True
+        self._loop.has_begun = True
         output.started()
-        self._send_status(first, "running")
+        self._loop.send_status(first, "running")
         if settings.clock == "realtime":
-            self._pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
+            self._loop.pace = RealTimePace(settings.step_s / settings.real_time_factor, time.monotonic, log.error)
         for step in range(first, settings.steps):
             self._await_operator(step)
             for order in self._core.inject(step):
@@ -81,8 +86,8 @@ class WorldProcess(Attention):
             record = self._core.end()
             output.write(record, self._core.environment.changed)  # a step is on file before it is announced
             self._close(record, last)
-            if time.monotonic() >= self._status_due:
-                self._send_status(step, "running")
+            if time.monotonic() >= self._loop.status_due:
+                self._loop.send_status(step, "running")
             if last:
                 break
             if is_due(step, self._config.checkpoint_steps):
@@ -91,7 +96,7 @@ class WorldProcess(Attention):
         # A complete run may have to resume, too, if the disk has no room for its results.
         may_resume = self._config.checkpoint_steps > 0
         output.finish(self._core, complete, self._overruns, may_resume=may_resume)
-        self._send_status(step, "ended")
+        self._loop.send_status(step, "ended")
         return complete
 
     def _await_operator(self, step: int) -> None:
@@ -100,24 +105,24 @@ class WorldProcess(Attention):
         Raises:
             TimeoutError, InterruptedError: as in `run`.
         """
-        gate, wakeup = self._gate, self._wakeup
-        self._take_control()
+        gate, wakeup = self._loop.gate, self._wakeup
+        self._loop.take_control()
         while not gate.may_begin(step) and not wakeup.stop_requested:
-            if self._operator_left:
+            if self._loop.operator_left:
                 self._welcome_operator()
             wait_s = gate.wait_s(step)
             patience_s = self._settings.start_timeout_s if wait_s is None else wait_s
 
             def is_over() -> bool:
-                return gate.may_begin(step) or wakeup.stop_requested or self._operator_left
+                return gate.may_begin(step) or wakeup.stop_requested or self._loop.operator_left
 
-            if not self._wait_until(is_over, patience_s) and wait_s is None:
+            if not self._loop.wait_until(is_over, patience_s) and wait_s is None:
                 raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
         gate.begin()
 
     @property
     def _overruns(self) -> int:
-        return self._overruns_before + (self._pace.overruns if self._pace else 0)
+        return self._overruns_before + (self._loop.pace.overruns if self._loop.pace else 0)
 
     def _save(self, step: int, output: WorldOutput) -> None:
         """Write a checkpoint if all processes can take part; otherwise keep the previous checkpoint.
@@ -130,10 +135,10 @@ class WorldProcess(Attention):
         others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
 
         def can_be_saved() -> bool:
-            return not self._operator_left and agents == participants.present
+            return not self._loop.operator_left and agents == participants.present
 
         def others_have() -> bool:
-            return all(self._taken.get(role, -1) >= step for role in others)
+            return all(self._loop.persisted.get(role, -1) >= step for role in others)
 
         backoff, began = self._saving_backoff, time.monotonic()
 
@@ -144,8 +149,8 @@ class WorldProcess(Attention):
         if can_be_saved():
             inbox.await_saved(agents)
             self._transport.save(agents, step)
-            self._wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
-            self._wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
+            self._loop.wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
+            self._loop.wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
         inbox.unsaved |= saving.missing(self._config.out, step, agents)
         is_whole = others_have() and saving.has_operator(self._config.out, step)
         if not can_be_saved() or inbox.unsaved or not is_whole:
@@ -171,22 +176,22 @@ class WorldProcess(Attention):
         """Order the orchestrator to act on processes, and wait until it has, before the next step begins.
 
         Raises:
-            TimeoutError: the order was not reception out in time.
+            TimeoutError: the order was not carried out in time.
             InterruptedError: a signal came first.
         """
         log.warning("%s", order.text)
         self._transport.order(order)
         if order.action == NOTE:
             return
-        self._in_hand = order
-        if not self._wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
+        self._loop.order_under_way = order
+        if not self._loop.wait_until(lambda: self._is_done(order), self._settings.start_timeout_s):
             raise TimeoutError(f"orders must be done within {self._settings.start_timeout_s:g} s (got {order.text})")
-        self._in_hand = None
+        self._loop.order_under_way = None
         if order.action == START:
             self._restarts.update(order.agents)
 
     def _is_done(self, order: ProcessOrder) -> bool:
-        tokens = [(AGENT, agent) in self._there for agent in order.agents]
+        tokens = [(AGENT, agent) in self._loop.tokens for agent in order.agents]
         as_told = {KILL: not any(tokens), START: all(tokens)}.get(order.action, True)
         return as_told and order.number in self._wakeup.done
 
@@ -195,16 +200,13 @@ class WorldProcess(Attention):
 
         Sleeping agents take part, so a step in which no agent is asked does not wait.
         """
-        participants, wakeup, pace = self._core.participants, self._wakeup, self._pace
+        participants, wakeup, pace = self._core.participants, self._wakeup, self._loop.pace
         began = time.monotonic()
         everyone_hangs = 0 if participants.taking_part() else len(participants.hung)
         soonest_s, _ = self._backoff.with_any(participants.asked, participants.step)
         wakeup.wake_at(pace.next_tick() if pace else began + soonest_s)
         while not participants.is_closed or (everyone_hangs and len(participants.hung) == everyone_hangs):
-            if self._transport.take(self._take):
-                continue
-            self._look_up()
-            if time.monotonic() < wakeup.deadline:
+            if self._loop.take_next() or time.monotonic() < wakeup.deadline:
                 continue
             _, latest_s = self._backoff.with_any(participants.asked, participants.step)
             if pace or wakeup.stop_requested or time.monotonic() >= began + latest_s:
@@ -214,9 +216,8 @@ class WorldProcess(Attention):
         if pace:
             wakeup.wake_at(pace.tick_ends_s)
             while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
-                if not self._transport.take(self._take):
-                    self._look_up()
-        self._transport.take_waiting(self._take)  # late agents take part again in the next step
+                self._loop.take_next()
+        self._transport.take_waiting(self._loop.take_sample)  # late agents take part again in the next step
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
@@ -236,36 +237,36 @@ class WorldProcess(Attention):
             transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
             transport.wire(encode_wire(record.step, core.said))
-        self._take_control()
+        self._loop.take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
-        self._buffer.close(ClosedStep(record.step, reports, clock, last), now=not self._operator_left)
-        if self._operator_left:
+        self._loop.buffer.close(ClosedStep(record.step, reports, clock, last), now=not self._loop.operator_left)
+        if self._loop.operator_left:
             self._welcome_operator()
-        self._is_over = last
-        if not last and any(record.step - taken > AHEAD_STEPS for taken in self._taken.values()):
+        self._loop.is_over = last
+        if not last and any(record.step - taken > AHEAD_STEPS for taken in self._loop.persisted.values()):
             self._let_catch_up(record.step)
 
     def _welcome_operator(self) -> None:
         """Wait for the operator that replaces the lost one, and send it what it missed."""
         step, patience_s = self._core.participants.step, self._settings.start_timeout_s
         log.warning("the operator is gone in step %d; waiting for it", step)
-        if not self._wait_until(lambda: OPERATOR in self._taken, patience_s):
+        if not self._loop.wait_until(lambda: OPERATOR in self._loop.persisted, patience_s):
             raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
-        self._operator_left = False
-        self._buffer.begin_anew(self._taken[OPERATOR])
-        log.warning("the operator is back; it had the steps up to %d", self._buffer.confirmed)
+        self._loop.operator_left = False
+        self._loop.buffer.begin_anew(self._loop.persisted[OPERATOR])
+        log.warning("the operator is back; it had the steps up to %d", self._loop.buffer.confirmed)
 
     def _let_catch_up(self, step: int) -> None:
         """Wait for parts that are far behind, unless a signal came: then the last step comes at once."""
 
         def behind() -> list[str]:
-            return [role for role, taken in self._taken.items() if step - taken > AHEAD_STEPS // 2]
+            return [role for role, taken in self._loop.persisted.items() if step - taken > AHEAD_STEPS // 2]
 
         def is_over() -> bool:
-            return self._wakeup.stop_requested or self._operator_left or not behind()
+            return self._wakeup.stop_requested or self._loop.operator_left or not behind()
 
-        if not self._wait_until(is_over, self._settings.start_timeout_s):
+        if not self._loop.wait_until(is_over, self._settings.start_timeout_s):
             raise TimeoutError(f"{', '.join(behind())} must take a step within {self._settings.start_timeout_s:g} s")
 
     def goodbye(self) -> None:
@@ -278,13 +279,15 @@ class WorldProcess(Attention):
         last = self._core.participants.step
 
         def has_all() -> bool:
-            return self._buffer.confirmed >= last
+            return self._loop.buffer.confirmed >= last
 
         while OPERATOR in self._config.expect and not has_all():
-            if self._operator_left:
+            if self._loop.operator_left:
                 self._welcome_operator()
-            elif not self._wait_until(lambda: self._operator_left or has_all(), self._settings.start_timeout_s):
+            elif not self._loop.wait_until(
+                lambda: self._loop.operator_left or has_all(), self._settings.start_timeout_s
+            ):
                 raise TimeoutError(f"the operator must take step {last} within {self._settings.start_timeout_s:g} s")
-        if not self._wait_until(lambda: not self._there & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
+        if not self._loop.wait_until(lambda: not self._loop.tokens & {(OPERATOR, 0), (RECORDER, 0)}, GOODBYE_S):
             log.warning("some parts did not leave within %g s", GOODBYE_S)
         self._transport.leave()

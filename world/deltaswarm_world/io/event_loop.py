@@ -1,4 +1,4 @@
-"""What the world takes in while it waits: samples, tokens, the operator's words; and its sign of life."""
+"""Waiting: samples, tokens and the operator's messages come in meanwhile, and the status goes out."""
 
 import logging
 import time
@@ -22,12 +22,12 @@ from deltaswarm_world.io.wakeup import Wakeup
 log = logging.getLogger("deltaswarm.world")
 
 STATUS_EVERY_S = 0.5
-MAX_TOLD = 100
+MAX_LOGGED = 100
 """Maximum number of logged arrivals and departures of one agent."""
 
 
-class Attention:
-    """The state of one run at the world's edge. The world's process decides by it what to do next."""
+class EventLoop:
+    """Waits for conditions, and knows which processes are there and what they have on disk."""
 
     def __init__(self, config: WorldConfig, transport: Transport, wakeup: Wakeup, saved: SavedWorld) -> None:
         self._config = config
@@ -35,30 +35,30 @@ class Attention:
         self._core = saved.core
         self._transport = transport
         self._wakeup = wakeup
-        self._buffer = RetransmitBuffer(transport.forwarded, transport.clock)
-        self._buffer.confirm(self._core.participants.step)
-        self._has_begun = False
-        self._pace: RealTimePace | None = None
+        self.buffer = RetransmitBuffer(transport.forwarded, transport.clock)
+        self.buffer.confirm(self._core.participants.step)
+        self.has_begun = False
+        self.pace: RealTimePace | None = None
         turns = self._core.turns
         if config.has_station and turns.mode == OFF:
             turns.mode = LIVE
-        self._gate = StepGate(turns, self._settings.step_s, time.monotonic)
-        self._in_hand: ProcessOrder | None = None
+        self.gate = StepGate(turns, self._settings.step_s, time.monotonic)
+        self.order_under_way: ProcessOrder | None = None
         """What is being done to processes, on order: their tokens come and go as planned."""
-        self._status_due = 0.0
-        self._there: set[tuple[str, int]] = set()
-        self._taken: dict[str, int] = {}
+        self.status_due = 0.0
+        self.tokens: set[tuple[str, int]] = set()
+        self.persisted: dict[str, int] = {}
         """By role, the newest step that operator and recorder have, since they came."""
-        self._is_over = False
+        self.is_over = False
         """The last clock has gone out."""
         self._phase = "waiting"
         """Phase of the newest status."""
-        self._operator_left = False
+        self.operator_left = False
         """The operator went, and has not been given what it missed."""
         self._warned: set[int] = set()
-        self._comings: Counter[int] = Counter()
+        self._changes: Counter[int] = Counter()
 
-    def _wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
+    def wait_until(self, condition: Callable[[], bool], within_s: float) -> bool:
         """Take what comes until a condition holds; False if it does not in time. Real time stands still meanwhile.
 
         Raises:
@@ -67,24 +67,26 @@ class Attention:
         began = time.monotonic()
         self._wakeup.wake_at(began + within_s)
         while not condition():
-            if self._transport.take(self._take):
+            if self.take_next():
                 continue
-            self._look_up()
             if not condition() and time.monotonic() >= self._wakeup.deadline:
                 if self._wakeup.stop_requested:
                     raise InterruptedError("stopped by a signal")
                 return False
-        if self._pace:
-            self._pace.pause(time.monotonic() - began)
+        if self.pace:
+            self.pace.pause(time.monotonic() - began)
         return True
 
-    def _look_up(self) -> None:
-        """What the world does each time that it is woken."""
-        self._take_control()
-        if time.monotonic() >= self._status_due:  # also where a step, or the end, takes long
-            self._send_status(self._core.participants.step, self._phase)
+    def take_next(self) -> bool:
+        """Block until a sample or a wake-up comes, and take it; return whether it was a sample."""
+        if self._transport.take(self.take_sample):
+            return True
+        self.take_control()
+        if time.monotonic() >= self.status_due:  # also where a step, or the end, takes long
+            self.send_status(self._core.participants.step, self._phase)
+        return False
 
-    def _take(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
+    def take_sample(self, agent: int, leaf: str, data: bytes, act: bytes | None) -> None:
         """Take one sample of an agent."""
         hung = self._core.participants.hung
         was_hung = agent in hung
@@ -95,16 +97,16 @@ class Attention:
             self._warned.add(agent)
             log.warning("dropped a sample on a key of agent %d: %s (more are only counted)", agent, reason)
 
-    def _take_control(self) -> None:
+    def take_control(self) -> None:
         """Take note of who came and who went, and of what operator and recorder have, in that order.
 
         What the operator counted is handed on to the recorder.
         """
         for message in self._wakeup.control.take():
             if isinstance(message, Persisted):
-                self._taken[message.role] = message.step
-                if message.role == OPERATOR and not self._operator_left:
-                    self._buffer.confirm(message.step)
+                self.persisted[message.role] = message.step
+                if message.role == OPERATOR and not self.operator_left:
+                    self.buffer.confirm(message.step)
                 continue
             if isinstance(message, Ack):
                 self._transport.workload(message.data)
@@ -113,46 +115,47 @@ class Attention:
                 self._take_operator_message(message.word)
                 continue
             role, number, is_there = message
-            (self._there.add if is_there else self._there.discard)((role, number))
+            (self.tokens.add if is_there else self.tokens.discard)((role, number))
             if role == RECORDER and is_there and self._config.publish_truth:  # what it has, it says only later
-                self._taken.setdefault(role, self._core.participants.step)
+                self.persisted.setdefault(role, self._core.participants.step)
             if role == AGENT and number < self._config.scenario.agents.count:
                 self._take_token(number, is_there)
             elif not is_there:
-                self._taken.pop(role, None)
-                self._operator_left |= role == OPERATOR and self._has_begun
+                self.persisted.pop(role, None)
+                self.operator_left |= role == OPERATOR and self.has_begun
 
-    def _take_operator_message(self, word: Turn | Pace) -> None:
+    def _take_operator_message(self, message: Turn | Pace) -> None:
         """The operator's turn, or the pace that it wants."""
-        if isinstance(word, Pace):
-            self._gate.take(word)
-        elif reason := self._core.turns.take(word):
+        if isinstance(message, Pace):
+            self.gate.take(message)
+        elif reason := self._core.turns.take(message):
             log.warning("dropped: %s", reason)
 
     def _take_token(self, agent: int, there: bool) -> None:
         """An agent came or went."""
         participants = self._core.participants
-        if self._in_hand is not None and agent in self._in_hand.agents:
+        if self.order_under_way is not None and agent in self.order_under_way.agents:
             return
         was_there = participants.is_present(agent)
         (participants.token_back if there else participants.token_gone)(agent)
         if agent in participants.boards:  # samples may overtake the token that tells of a return
             self._core.inbox.go_on_anywhere(agent)
         has_changed = was_there != participants.is_present(agent)
-        self._comings[agent] += has_changed
-        if has_changed and self._has_begun and not self._is_over and self._comings[agent] <= MAX_TOLD:
+        self._changes[agent] += has_changed
+        if has_changed and self.has_begun and not self.is_over and self._changes[agent] <= MAX_LOGGED:
             log.warning("agent %d %s in step %d", agent, "is back" if there else "is gone", participants.step)
 
-    def _send_status(self, step: int, phase: str) -> None:
+    def send_status(self, step: int, phase: str) -> None:
+        """Publish how far the run is."""
         self._phase = phase
-        self._status_due = time.monotonic() + STATUS_EVERY_S
+        self.status_due = time.monotonic() + STATUS_EVERY_S
         core = self._core
         self._transport.status(
             Status(
                 max(step, 0),
                 self._settings.steps,
                 max(step, 0) * self._settings.step_s,
-                len(core.participants.present) if phase != "waiting" else sum(role == AGENT for role, _ in self._there),
+                len(core.participants.present) if phase != "waiting" else sum(role == AGENT for role, _ in self.tokens),
                 core.agents_in_trees,
                 core.environment.mean_waiting_s(),
                 len(core.environment.active),
