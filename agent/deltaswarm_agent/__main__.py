@@ -25,22 +25,24 @@ BOARD = "board"
 def parser() -> argparse.ArgumentParser:
     """The command line of one agent."""
     name = program(AGENT)
-    made = Parser(
+    parser = Parser(
         prog=name,
         description="Run one agent in a world.",
         epilog=f"On a board with its own body: {name} board FILE; see its --help.",
     )
-    made.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE - 1}")
-    made.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
-    made.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
-    made.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
-    made.add_argument(
+    parser.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE - 1}")
+    parser.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
+    parser.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
+    parser.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
+    parser.add_argument(
         "--world-lost-s", type=float, default=5.0, help="exit after this long without a world [s] (default: 5)"
     )
-    made.add_argument("--checkpoints", type=Path, metavar="FOLDER", help="save the agent there at the world's request")
-    made.add_argument("--resume", type=int, metavar="STEP", help="resume the agent saved after this step")
-    add_link_arguments(made)
-    return made
+    parser.add_argument(
+        "--checkpoints", type=Path, metavar="FOLDER", help="save the agent there at the world's request"
+    )
+    parser.add_argument("--resume", type=int, metavar="STEP", help="resume the agent saved after this step")
+    add_link_arguments(parser)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -154,11 +154,11 @@ def make_controller(agent: int, settings: AgentSettings, restart: int = 0) -> Co
         ControllerError: its constructor raised.
     """
     control = settings.control
-    found = find_controller(control.mode)
-    own = controller_settings(control.mode, control.options, settings)
-    context = ControllerContext(agent, control.mode, own, settings, agent_rng(settings.seed, agent, restart))
+    cls = find_controller(control.mode)
+    own_settings = controller_settings(control.mode, control.options, settings)
+    context = ControllerContext(agent, control.mode, own_settings, settings, agent_rng(settings.seed, agent, restart))
     try:
-        controller: Controller = found(context)
+        controller: Controller = cls(context)
     except KeyboardInterrupt:
         raise
     except BaseException as error:  # SystemExit too: it would end a run in one process

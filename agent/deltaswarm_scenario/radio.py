@@ -222,11 +222,11 @@ def radio_problems(radio: RadioSettings, size_m: tuple[float, float], agents: in
 def _range_problems(ranges: Sequence[RangeSettings], agents: int) -> list[Problem]:
     problems = []
     known: set[int] = set()
-    for index, own in enumerate(ranges):
+    for index, entry in enumerate(ranges):
         path = f"radio.ranges[{index}].agents"
-        if not own.agents:
+        if not entry.agents:
             problems.append(Problem(path, "none", "must name at least one agent"))
-        for agent in own.agents:
+        for agent in entry.agents:
             if agent >= agents:
                 problems.append(Problem(path, f"{agent}", f"must be from 0 to {agents - 1}"))
             elif agent in known:

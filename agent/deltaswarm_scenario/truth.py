@@ -226,13 +226,13 @@ def _link(row: Any) -> tuple[int, int]:
 def _step_record(row: Any) -> StepRecord:
     array(row, len(StepRecord._fields), "truth.step_record")
     named = dict(zip(StepRecord._fields, row, strict=True))
-    found: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
+    values: dict[str, Any] = {"time_s": number(named.pop("time_s"), 0.0, MAX_TIME_S, "truth.step_record.time_s")}
     for name, most in _MEASURED.items():
         value = named.pop(name)
-        found[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
+        values[name] = None if value is None else number(value, 0.0, most, f"truth.step_record.{name}")
     for name, value in named.items():
-        found[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
-    return StepRecord(**found)
+        values[name] = integer(value, 0, MAX_ID, f"truth.step_record.{name}")
+    return StepRecord(**values)
 
 
 _MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_ABS_M, "delta": float(MAX_DELTA)}

@@ -34,9 +34,9 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
     world = keys.token(WORLD)
     for agent in agents:
         name = user_name(AGENT, agent)
-        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT, TAKEN)]
+        publishes = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, ACT, TAKEN)]
         inbox = keys.agent(agent, FRAME)
-        book.allow(name, own, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
+        book.allow(name, publishes, [inbox], heard_by=[keys.from_agents], token=keys.token(AGENT, agent), watches=world)
     book.allow(
         OPERATOR,
         sends=[keys.workload, keys.taken(OPERATOR), keys.turn, keys.pace],
@@ -66,8 +66,8 @@ def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     heard = [keys.all_radio, keys.all_reports, keys.all_health]
     names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE}
     for name, agent in names.items():
-        own = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
-        book.allow(name, own, [], heard_by=[], token=keys.token(AGENT, agent))
+        publishes = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
+        book.allow(name, publishes, [], heard_by=[], token=keys.token(AGENT, agent))
     # One rule for all agents: one rule each would cost a board 3 MB for 25 agents.
     book.allow("agents", [], [keys.all_radio], heard_by=heard, watched_by=keys.token(AGENT, "*"), names=[*names])
     book.allow(OPERATOR, [keys.all_radio], heard, heard_by=[keys.all_radio], watches=keys.token(AGENT, "*"))
@@ -111,7 +111,9 @@ class _RuleBook:
             self._rule(f"{user}-sees", ["liveliness_token"], ["egress"], [watches]),
             self._rule(f"{user}-is-watched", watching, ["egress"], [watched_by]),
         ]
-        self._policies.append({"rules": [rule for rule in rules if rule], "subjects": [one["id"] for one in subjects]})
+        self._policies.append(
+            {"rules": [rule for rule in rules if rule], "subjects": [subject["id"] for subject in subjects]}
+        )
 
     def _subjects_of(self, user: str, names: list[str]) -> list[dict[str, Any]]:
         """Zenoh requires all criteria of a subject to match, so user name and certificate are two subjects."""

@@ -77,7 +77,7 @@ def _endpoint(text: str, connects: bool) -> str:
 
 def agent_numbers(text: str) -> list[int]:
     """Parse numbers and ranges, separated by commas, into agents' numbers in ascending order."""
-    found: set[int] = set()
+    numbers: set[int] = set()
     for part in text.split(","):
         first, sign, last = part.partition("-")
         try:
@@ -86,8 +86,8 @@ def agent_numbers(text: str) -> list[int]:
             raise argparse.ArgumentTypeError(f"must be numbers such as 3,7 or 20-24 (got {text!r})") from None
         if not 0 <= low <= high < BASE:
             raise argparse.ArgumentTypeError(f"must be from 0 to {BASE - 1}, the lower first (got {part!r})")
-        found.update(range(low, high + 1))
-    return sorted(found)
+        numbers.update(range(low, high + 1))
+    return sorted(numbers)
 
 
 def add_boards_argument(parser: argparse.ArgumentParser) -> None:

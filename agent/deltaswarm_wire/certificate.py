@@ -9,12 +9,12 @@ from deltaswarm_wire.session import Tls
 def certificate_problem(tls: Tls, name: str) -> str:
     """What is wrong with a certificate, its key or its authority for a process called `name`; "" if nothing."""
     try:
-        found = _shown_name(tls)
+        shown_name = _shown_name(tls)
     except ssl.SSLCertVerificationError as error:
         return f"the other end would refuse it: {error.verify_message}"
     except ssl.SSLError as error:
         return f"it does not match its key or its authority: {error.reason or error}"
-    return "" if found == name else f"it must be the certificate of {name} (got that of {found})"
+    return "" if shown_name == name else f"it must be the certificate of {name} (got that of {shown_name})"
 
 
 def _shown_name(tls: Tls) -> str:

@@ -81,8 +81,8 @@ def rest(doc: str) -> Any:
 
 def check(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
     """Make an instance of `cls` from `table`; with mistakes, return None and all of them."""
-    made, problems = known(cls, table, path)
-    return (None if problems else made), problems
+    value, problems = known(cls, table, path)
+    return (None if problems else value), problems
 
 
 def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Problem]]:
@@ -97,15 +97,15 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
     problems = [] if values else [unknown_key(name, specs, path) for name in unknown]
     for name, spec in specs.items():
         if name in table:
-            value, found = _value(table[name], hints[name], spec.metadata, _join(path, name))
-            problems += found
+            value, inner_problems = _value(table[name], hints[name], spec.metadata, _join(path, name))
+            problems += inner_problems
             values[name] = value
     if None in values.values():
         return None, problems
-    made = cls(**values)
-    extra = getattr(made, "problems", None)
-    own = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
-    return (None if own else made), problems + own
+    instance = cls(**values)
+    extra = getattr(instance, "problems", None)
+    own_problems = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
+    return (None if own_problems else instance), problems + own_problems
 
 
 def load(cls: type[T], table: Any, path: str = "") -> T:
@@ -192,12 +192,12 @@ def _tuple(value: Any, item: Any, limits: Mapping[str, Any], path: str) -> tuple
         count = "" if length is None else f" of {length} items"
         return None, [Problem(path, _shown(value), f"must be a list{count}")]
     inner = {**limits, "length": limits.get("length") if typing.get_origin(item) is tuple else None}
-    made, problems = [], []
+    checked_values, problems = [], []
     for index, entry in enumerate(value):
-        one, found = _value(entry, item, inner, f"{path}[{index}]")
-        made.append(one)
-        problems += found
-    return (None if None in made else tuple(made)), problems
+        checked_value, inner_problems = _value(entry, item, inner, f"{path}[{index}]")
+        checked_values.append(checked_value)
+        problems += inner_problems
+    return (None if None in checked_values else tuple(checked_values)), problems
 
 
 def _within(value: Any, limits: Mapping[str, Any]) -> bool:

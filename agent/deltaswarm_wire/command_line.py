@@ -24,8 +24,8 @@ class Parser(argparse.ArgumentParser):
 
     def _refuse_unknown(self, args: Sequence[str]) -> None:
         commands = next((a.choices for a in self._actions if isinstance(a, argparse._SubParsersAction)), None)
-        own = args if commands is None else takewhile(lambda word: word.startswith("-"), args)
-        for name in _long_options(own):
+        before_command = args if commands is None else takewhile(lambda word: word.startswith("-"), args)
+        for name in _long_options(before_command):
             if name not in self._option_string_actions:
                 self._refuse("option", name, self._option_string_actions)
         command = next((word for word in args if not word.startswith("-")), None)

@@ -184,10 +184,10 @@ def _argument(value: Any) -> Value:
 
 
 def _printable(value: Any, field: str) -> str:
-    found = text(value, field, MAX_TEXT)
-    if not found.isprintable():
-        raise WireError(field, "be printable", ascii(found))
-    return found
+    name = text(value, field, MAX_TEXT)
+    if not name.isprintable():
+        raise WireError(field, "be printable", ascii(name))
+    return name
 
 
 class Signed(NamedTuple):

@@ -23,15 +23,15 @@ def host_and_port(endpoint: str) -> tuple[str, int]:
         ValueError: host and port are missing, or the IPv4 address is malformed.
     """
     address = re.split("[?#]", endpoint.partition("/")[2], maxsplit=1)[0]
-    found = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
-    if not found or int(found[2]) > 0xFFFF:
+    match = re.fullmatch(r"(?a:(\[[^\s\[\]]+\]|[^\s:\[\]]+):(\d{1,5}))", address)
+    if not match or int(match[2]) > 0xFFFF:
         raise ValueError("must have HOST:PORT after the protocol, as in tcp/10.0.0.3:7447 or tcp/[::1]:7447")
-    if re.fullmatch(r"[0-9.]+", found[1]):
+    if re.fullmatch(r"[0-9.]+", match[1]):
         try:
-            ipaddress.IPv4Address(found[1])
+            ipaddress.IPv4Address(match[1])
         except ValueError:
             raise ValueError("must have a valid IPv4 address") from None
-    return found[1].strip("[]"), int(found[2])
+    return match[1].strip("[]"), int(match[2])
 
 
 def endpoint_problem(endpoint: str, *, connects: bool = False) -> str:

@@ -68,18 +68,18 @@ def find_class(
     target = name if ":" in name else shipped.get(name) or _entry_point(name, what, path, shipped, group, others)
     module, _, attribute = target.partition(":")
     try:
-        found: Any = getattr(importlib.import_module(module), attribute)
+        attribute_value: Any = getattr(importlib.import_module(module), attribute)
     except (Exception, SystemExit) as error:  # a plug-in may raise anything; a script ends by SystemExit
-        told = f"must name a class that can be imported: {described(error)}"
+        must = f"must name a class that can be imported: {described(error)}"
         if isinstance(error, ModuleNotFoundError) and error.name == module.partition(".")[0]:
-            told += "; PYTHONPATH must name the folder of the module"
-        raise SettingsError([Problem(path, repr(name), told)]) from None
-    missing = [attribute for attribute in needed if not hasattr(found, attribute)]
+            must += "; PYTHONPATH must name the folder of the module"
+        raise SettingsError([Problem(path, repr(name), must)]) from None
+    missing = [attribute for attribute in needed if not hasattr(attribute_value, attribute)]
     if missing:
         raise SettingsError([Problem(path, repr(name), f"must be a {what} with {', '.join(missing)}")])
-    if not (isinstance(found.Settings, type) and is_dataclass(found.Settings)):
+    if not (isinstance(attribute_value.Settings, type) and is_dataclass(attribute_value.Settings)):
         raise SettingsError([Problem(path, repr(name), f"must be a {what} whose Settings is a dataclass")])
-    cls: type[Any] = found
+    cls: type[Any] = attribute_value
     return cls
 
 
@@ -135,9 +135,9 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
     Raises:
         SettingsError: with every mistake, including those of the class itself.
     """
-    found = find_controller(mode, f"{path}.mode")
+    controller = find_controller(mode, f"{path}.mode")
     try:
-        settings: Any = checked.load(found.Settings, options, path)
+        settings: Any = checked.load(controller.Settings, options, path)
         check = getattr(settings, "problems_with", None)
         problems = [Problem(f"{path}.{p.path}", p.found, p.allowed) for p in (check(shared) if check else None) or ()]
         if "mode" in checked.plain(settings):
@@ -150,8 +150,8 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
         raise
     except Exception as error:  # a third-party class may raise anything
         needs = "every field has a default and the type bool, int, float, str or tuple[one of these, ...]"
-        told = f"must name a controller with valid Settings: {described(error)}; {needs}"
-        raise SettingsError([Problem(f"{path}.mode", repr(mode), told)]) from None
+        must = f"must name a controller with valid Settings: {described(error)}; {needs}"
+        raise SettingsError([Problem(f"{path}.mode", repr(mode), must)]) from None
     if problems:
         raise SettingsError(problems)
     return settings

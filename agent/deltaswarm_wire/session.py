@@ -103,12 +103,12 @@ def configured(config: type[C], pairs: Pairs, link: RouterLink) -> C:
         ValueError: Zenoh refuses the file or an override.
     """
     path = os.environ.get(CONFIG_VARIABLE)
-    made = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
+    session_config = _accepted(f"{CONFIG_VARIABLE}={path}", config.from_file, path) if path else config()
     for key, value in [*NO_SHARED_MEMORY, *pairs]:
-        made.insert_json5(key, json.dumps(value))
+        session_config.insert_json5(key, json.dumps(value))
     for key, text in link.overrides:
-        _accepted(f"--zenoh {key}={text}", made.insert_json5, key, text)
-    return made
+        _accepted(f"--zenoh {key}={text}", session_config.insert_json5, key, text)
+    return session_config
 
 
 def _accepted(what: str, call: Callable[..., R], *arguments: str) -> R:

@@ -43,47 +43,47 @@ AGENT_SETTINGS = "agents"
 
 def parser() -> argparse.ArgumentParser:
     """The command line of the world."""
-    made = Parser(prog="deltaswarm world", description="Run the world and its router.")
-    made.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
-    made.add_argument("--run", required=True, type=run_name, help="name of the run")
-    made.add_argument(
+    parser = Parser(prog="deltaswarm world", description="Run the world and its router.")
+    parser.add_argument("--scenario", type=Path, required=True, metavar="FILE", help="the whole scenario (TOML)")
+    parser.add_argument("--run", required=True, type=run_name, help="name of the run")
+    parser.add_argument(
         "--listen",
         action="append",
         type=listens_on,
         metavar="ENDPOINT",
         help=f"may be repeated; port 0: any free port (default: {DEFAULT_ENDPOINT})",
     )
-    add_tls_arguments(made)
-    made.add_argument(
+    add_tls_arguments(parser)
+    parser.add_argument(
         "--credentials",
         type=Path,
         required=True,
         metavar="FILE",
         help="user:password lines of all participants; created with random passwords if it does not exist",
     )
-    made.add_argument(
+    parser.add_argument(
         "--out",
         type=Path,
         required=True,
         metavar="FOLDER",
         help="for its tables, and for the agents' settings, agents/N.toml",
     )
-    made.add_argument(
+    parser.add_argument(
         "--expect",
         action="append",
         choices=(OPERATOR, RECORDER),
         help="part that must be ready before the first step, besides the agents (default: operator)",
     )
-    made.add_argument(
+    parser.add_argument(
         "--checkpoint", type=int, default=0, metavar="STEPS", help="save world and agents every STEPS steps"
     )
-    made.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
-    made.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
-    add_boards_argument(made)
-    made.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
-    made.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
-    add_zenoh_argument(made)
-    return made
+    parser.add_argument("--resume", type=int, metavar="STEP", help="resume from the checkpoint after this step")
+    parser.add_argument("--station", action="store_true", help="accept commands and pace from a person at the station")
+    add_boards_argument(parser)
+    parser.add_argument("--truth", action="store_true", help="publish the truth for a recorder")
+    parser.add_argument("--wire", action="store_true", help="publish every raw radio frame and report for a recorder")
+    add_zenoh_argument(parser)
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:

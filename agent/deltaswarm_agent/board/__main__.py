@@ -30,16 +30,16 @@ MAX_ACCELERATE = 10_000.0
 
 def parser() -> argparse.ArgumentParser:
     """Make a board's argument parser."""
-    made = Parser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
-    made.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
-    made.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
-    made.add_argument(
+    parser = Parser(prog=f"{program(AGENT)} board", description="Run one agent on a board.")
+    parser.add_argument("file", type=Path, metavar="FILE", help="the board's settings (TOML)")
+    parser.add_argument("--check", action="store_true", help="check the file, print what would be done, and exit")
+    parser.add_argument(
         "--accelerate", type=float, default=1.0, metavar="N", help="simulated seconds per wall second (default: 1)"
     )
-    made.add_argument(
+    parser.add_argument(
         "--steps", type=int, default=MAX_STEP, metavar="N", help="exit after this many steps (default: never)"
     )
-    return made
+    return parser
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -50,8 +50,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         settings = read_settings(arguments.file)
         run = BoardRun(settings, arguments.accelerate, arguments.steps)
         if not 0 < run.accelerate <= MAX_ACCELERATE:
-            found = f"{run.accelerate:.15g}"
-            raise SettingsError([Problem("--accelerate", found, f"must be above 0 and at most {MAX_ACCELERATE:.15g}")])
+            given = f"{run.accelerate:.15g}"
+            raise SettingsError([Problem("--accelerate", given, f"must be above 0 and at most {MAX_ACCELERATE:.15g}")])
         if not 1 <= run.steps <= MAX_STEP:
             raise SettingsError([Problem("--steps", str(run.steps), f"must be from 1 to {MAX_STEP}")])
         if settings.body.kind == WORLD_BODY:

@@ -18,23 +18,23 @@ MAX_FAILURES = 10
 """The agent fails after this many consecutive steps in which calls of the body failed."""
 
 
-def checked_sensed(found: Any) -> Sensed:
+def checked_sensed(sensed: Any) -> Sensed:
     """Convert a body's result to plain numbers; a body may be third-party code.
 
     Raises:
         TypeError, ValueError, AttributeError: the result breaks the body's contract.
     """
-    if not isinstance(found, Sensed):
-        raise TypeError(f"sense must return a Sensed (got {type(found).__name__})")
-    if found.fault:
-        return NOWHERE._replace(fault=str(found.fault))
-    if len(found.events) > MAX_SENSED:
-        raise ValueError(f"events must be at most {MAX_SENSED} (got {len(found.events)})")
-    events = tuple([Event(int(event), float(x_m), float(y_m)) for event, x_m, y_m in found.events])
+    if not isinstance(sensed, Sensed):
+        raise TypeError(f"sense must return a Sensed (got {type(sensed).__name__})")
+    if sensed.fault:
+        return NOWHERE._replace(fault=str(sensed.fault))
+    if len(sensed.events) > MAX_SENSED:
+        raise ValueError(f"events must be at most {MAX_SENSED} (got {len(sensed.events)})")
+    events = tuple([Event(int(event), float(x_m), float(y_m)) for event, x_m, y_m in sensed.events])
     for event in events:
         if not (0 <= event.event <= MAX_ID and abs(event.x_m) <= MAX_ABS_M and abs(event.y_m) <= MAX_ABS_M):
             raise ValueError(f"events must have valid ids and positions (got {event})")
-    return Sensed(float(found.x_m), float(found.y_m), float(found.std_m), events)
+    return Sensed(float(sensed.x_m), float(sensed.y_m), float(sensed.std_m), events)
 
 
 class SetPoint:

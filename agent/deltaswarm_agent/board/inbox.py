@@ -155,20 +155,20 @@ class Inbox:
             return "oversized"
         try:
             counter = decode_sample(data).counter
-            told = None if sent is None else decode_sent(sent)
+            sender_state = None if sent is None else decode_sent(sent)
         except WireError:
             return "malformed"
         if sender is None:
             return "on no agent's key"
         if sender == self._agent:
             return "from another agent with this number"
-        if told is not None and self._lateness.of(sender, told.sent_s, now_s) > self._stale_s:
+        if sender_state is not None and self._lateness.of(sender, sender_state.sent_s, now_s) > self._stale_s:
             return "stale"
         before = self._newest.get(sender)
         if before is None and len(self._newest) >= MAX_NEIGHBOURS:
             return "frame_full"
         if before is None or counter > before.counter:
-            place_m = None if told is None else (told.x_m, told.y_m)
+            place_m = None if sender_state is None else (sender_state.x_m, sender_state.y_m)
             self._newest[sender] = _Arrival(counter, now_s, place_m, data)
         return ""
 

@@ -154,7 +154,7 @@ class OpenAir:
                 log.warning("cannot listen on %s yet, so no board can connect to it: %s", endpoint, problem)
 
     def _keep_opening(self) -> None:
-        told = ""
+        last_error = ""
         self._tell_of_taken_ports()
         while not self._closing.is_set():
             try:
@@ -162,9 +162,9 @@ class OpenAir:
                 self._begin(session)
                 self._watch(session)
             except zenoh.ZError as error:
-                if str(error) != told:
+                if str(error) != last_error:
                     log.warning("no session yet, retrying: %s", error)
-                told = str(error)
+                last_error = str(error)
                 self._closing.wait(RETRY_S)
 
     def _begin(self, session: zenoh.Session) -> None:

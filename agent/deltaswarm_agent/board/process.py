@@ -97,8 +97,8 @@ def run_board(run: BoardRun, air: OpenAir) -> int:
     core = AgentCore(agent, step_s, make_controller(agent, settings.agent), _verify(settings))
     body_rng = Random(f"deltaswarm/{seed}/agent/{agent}/body")
     body = make_body(body_class, options, BodyContext(agent, settings.agent, body_rng))
-    told = settings.body
-    driver = Driver(core, body, step_s=step_s, arrive_m=told.arrive_m, max_std_m=told.max_std_m)
+    body_settings = settings.body
+    driver = Driver(core, body, step_s=step_s, arrive_m=body_settings.arrive_m, max_std_m=body_settings.max_std_m)
     recorder = _recorder(settings)
     try:
         air.open(run.accelerate)
@@ -242,11 +242,13 @@ def _recorder_class() -> "type[FrameRecorder]":
 
 
 def _recorder(settings: BoardSettings) -> Recorder | None:
-    told = settings.log
-    if told.record == "off":
+    log_settings = settings.log
+    if log_settings.record == "off":
         return None
     try:
-        return _recorder_class()(Path(told.folder), f"agent-{settings.id}", told.max_bytes, told.backups)
+        return _recorder_class()(
+            Path(log_settings.folder), f"agent-{settings.id}", log_settings.max_bytes, log_settings.backups
+        )
     except OSError as error:
         log.error("recording is off: %s", error)
         return None

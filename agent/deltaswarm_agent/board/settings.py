@@ -51,8 +51,8 @@ class TlsSettings:
 
     def pairs(self) -> Pairs:
         """Return Zenoh's settings for TLS."""
-        made = tls_pairs(self.files, "connect", "listen")
-        return [*made, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if made else []
+        pairs = tls_pairs(self.files, "connect", "listen")
+        return [*pairs, ("transport/link/tls/verify_name_on_connect", self.verify_name)] if pairs else []
 
 
 @dataclass(frozen=True)
@@ -87,8 +87,8 @@ class AirSettings:
             problems.append(Problem("connect", "none", "must be given for a peer, or else listen or multicast"))
         for name in ("connect", "listen"):
             for endpoint in getattr(self, name):
-                if told := endpoint_problem(endpoint, connects=name == "connect"):
-                    problems.append(Problem(name, repr(endpoint), told))
+                if mistake := endpoint_problem(endpoint, connects=name == "connect"):
+                    problems.append(Problem(name, repr(endpoint), mistake))
                 if protocol_of(endpoint) in (TLS, QUIC) and not self.tls.ca_file:
                     problems.append(Problem(name, repr(endpoint), "must have its certificates in air.tls"))
         problems += self._unknown_agents()
@@ -242,10 +242,10 @@ class BoardSettings:
     @property
     def pairs(self) -> Pairs:
         """Zenoh's settings for open air, with access rules."""
-        made = self.air.pairs(self.user)
+        pairs = self.air.pairs(self.user)
         if self.air.agents:
-            made.append(("access_control", air_rules(Keys(self.run), self.air.numbers)))
-        return made
+            pairs.append(("access_control", air_rules(Keys(self.run), self.air.numbers)))
+        return pairs
 
 
 def read_settings(file: Path) -> BoardSettings:

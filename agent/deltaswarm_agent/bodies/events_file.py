@@ -78,7 +78,7 @@ def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledE
     event = number("event", 0, MAX_ID)
     if event != int(event):
         raise ValueError(f"line {line}: event must be an integer (got {row['event']!r})")
-    made = ScheduledEvent(
+    scheduled = ScheduledEvent(
         int(event),
         number("x_m", -MAX_ABS_M, MAX_ABS_M),
         number("y_m", -MAX_ABS_M, MAX_ABS_M),
@@ -86,9 +86,11 @@ def _scheduled_event(row: dict[str | None, str | None], line: int) -> ScheduledE
         number("until_s", 0.0, math.inf, math.inf),
         number("work_s", 0.0, math.inf, math.inf),
     )
-    if made.until_s <= made.from_s:
-        raise ValueError(f"line {line}: until_s must be above from_s, {made.from_s:.15g} s (got {made.until_s:.15g})")
-    return made
+    if scheduled.until_s <= scheduled.from_s:
+        raise ValueError(
+            f"line {line}: until_s must be above from_s, {scheduled.from_s:.15g} s (got {scheduled.until_s:.15g})"
+        )
+    return scheduled
 
 
 class EventField:

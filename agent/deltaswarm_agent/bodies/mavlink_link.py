@@ -144,8 +144,8 @@ class UdpLink(Link):
     def _opened(self) -> socket.socket:
         host, port = self._address
         # As bytes: for text Python loads tables of 1 MB. IPv4 first, as autopilots use it.
-        found = socket.getaddrinfo(host.encode(), port, type=socket.SOCK_DGRAM)
-        family, *_, address = min(found, key=lambda one: one[0] != socket.AF_INET)
+        addresses = socket.getaddrinfo(host.encode(), port, type=socket.SOCK_DGRAM)
+        family, *_, address = min(addresses, key=lambda candidate: candidate[0] != socket.AF_INET)
         opened = socket.socket(family, socket.SOCK_DGRAM)
         try:
             (opened.bind if self._listens else opened.connect)(address)

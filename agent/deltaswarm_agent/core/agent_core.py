@@ -117,7 +117,9 @@ class AgentCore:
             frames, relayed = self._receiver.newest_of(heard, step)
             if relayed:
                 new = self.commands.hear(relayed, step)
-                commands = tuple([one for one in new if one.target.covers(self.agent, (x_m, y_m), self._root)])
+                commands = tuple(
+                    [command for command in new if command.target.covers(self.agent, (x_m, y_m), self._root)]
+                )
         percept = Percept(step, time_s, (x_m, y_m), poses, events, frames, commands)
         try:
             decision = self.controller.step(percept)
@@ -146,17 +148,17 @@ class AgentCore:
         if payload is not None or items:
             radio = encode_sample(Sample(counter, payload, items))
             self._counter += 1
-        told = decision.report
-        if told is not None:
+        reported = decision.report
+        if reported is not None:
             report = Report(
                 self.agent,
                 self._sequence,
                 act.step,
                 act.tree_status.role,
                 *pose,
-                told.followers,
-                self._rows(told.events, MAX_REPORTED, "events"),
-                self._rows(told.members, MAX_MEMBERS, "members"),
+                reported.followers,
+                self._rows(reported.events, MAX_REPORTED, "events"),
+                self._rows(reported.members, MAX_MEMBERS, "members"),
                 answers,
                 act.tree_status.delta,
             )

@@ -121,9 +121,9 @@ class Replay:
 def finite(value: Any) -> float:
     """Convert a value from the page to a finite number. Raises ValueError or TypeError if that is impossible."""
     try:
-        found = float(value)
+        number = float(value)
     except OverflowError:
-        found = math.inf
-    if not math.isfinite(found):
+        number = math.inf
+    if not math.isfinite(number):
         raise ValueError("a number must be finite")
-    return found
+    return number

@@ -132,9 +132,9 @@ class ConsoleServer:
     def go_on(self, step: int, state: str | None) -> None:
         """Resume after a step from the state of a killed operator."""
         if state is not None:
-            found = json.loads(state)
-            self.console.go_on(step, found["console"])
-            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in found["turns"]]
+            saved = json.loads(state)
+            self.console.go_on(step, saved["console"])
+            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in saved["turns"]]
 
     def state(self) -> str:
         """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""

@@ -25,27 +25,27 @@ TOKEN_BYTES = 24
 
 def parser() -> argparse.ArgumentParser:
     """Make the station's argument parser."""
-    made = argparse.ArgumentParser(
+    parser = argparse.ArgumentParser(
         allow_abbrev=False,
         prog="python -m deltaswarm_operator.station",
         description="Serve the operator's page. Prints its URL; whoever knows the URL can watch and give orders.",
         epilog=f"{PASSWORD_VARIABLE} in the environment is the secret part of the URL, else it is random.",
     )
-    made.add_argument(
+    parser.add_argument(
         "--channel-fd",
         type=int,
         required=True,
         metavar="N",
         help="file descriptor of this end of the feed's socket pair (AF_UNIX, SOCK_SEQPACKET)",
     )
-    made.add_argument(
+    parser.add_argument(
         "--listen",
         type=host_and_port,
         default=("127.0.0.1", 0),
         metavar="HOST:PORT",
         help="where browsers connect (default: 127.0.0.1:0, this machine alone, any free port); not encrypted",
     )
-    return made
+    return parser
 
 
 def host_and_port(text: str) -> tuple[str, int]:

@@ -204,8 +204,8 @@ class Station:
             if len(self._browsers) >= MAX_BROWSERS:
                 return _response(HTTPStatus.SERVICE_UNAVAILABLE)
             return None
-        found = self._files.get(below or "index.html") if below is not None else None
-        return _response(HTTPStatus.OK, *found) if found else _response(HTTPStatus.NOT_FOUND)
+        file = self._files.get(below or "index.html") if below is not None else None
+        return _response(HTTPStatus.OK, *file) if file else _response(HTTPStatus.NOT_FOUND)
 
     async def _converse(self, connection: ServerConnection) -> None:
         """Serve one browser until it leaves."""

@@ -48,5 +48,5 @@ def _candidates(places_m: Floats, others_m: Floats, range_m: float) -> tuple[Ind
     except ModuleNotFoundError:  # it comes with the extra `study`
         first, second = np.indices((len(places_m), len(others_m))).reshape(2, -1)
         return first, second
-    found = KDTree(places_m).sparse_distance_matrix(KDTree(others_m), range_m * 1.000001, output_type="ndarray")
-    return found["i"], found["j"]
+    pairs = KDTree(places_m).sparse_distance_matrix(KDTree(others_m), range_m * 1.000001, output_type="ndarray")
+    return pairs["i"], pairs["j"]

@@ -37,11 +37,11 @@ class Obstacles:
 
     def inside(self, places_m: Floats) -> Mask:
         """Return which positions are in an obstacle."""
-        found: Mask = np.zeros(len(places_m), dtype=np.bool_)
+        inside: Mask = np.zeros(len(places_m), dtype=np.bool_)
         for polygon in self._polygons:
             near = _within(places_m, polygon).nonzero()[0]
-            found[near] |= _inside(places_m[near], polygon)
-        return found
+            inside[near] |= _inside(places_m[near], polygon)
+        return inside
 
     def attenuations_db(self, from_m: Floats, to_m: Floats) -> Floats:
         """Return the attenuation from each position to the one in the same row; infinite behind a blocking obstacle."""

@@ -55,14 +55,14 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
     checkpoint.write(newest / checkpoint.WORLD_FILE, pickle.dumps(saved))
     agents = sorted(participants.present)
     files = checkpoint.files(newest, agents)
-    told = {
+    content = {
         "step": participants.step,
         "agents": agents,
         "sha256": {file.name: checkpoint.digest(file) for file in files},
         "restarts": list(saved.restarts.items()),
         "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
     }
-    checkpoint.write(folder / checkpoint.NEWEST, json.dumps(told).encode())
+    checkpoint.write(folder / checkpoint.NEWEST, json.dumps(content).encode())
     for other in folder.iterdir():
         if other.name.isdecimal() and int(other.name) < participants.step:
             shutil.rmtree(other, ignore_errors=True)

@@ -96,7 +96,9 @@ class SlowLinks:
             ready = {descriptor for descriptor, _ in poll.poll(0)}
             now = time.monotonic()
             passed_s, looked_at = min(now - looked_at, 2 * LOOK_EVERY_S), now  # the world may have been stopped
-            slow = [one for descriptor, one in self._watched.items() if descriptor not in ready and self._may_cut(one)]
+            slow = [
+                link for descriptor, link in self._watched.items() if descriptor not in ready and self._may_cut(link)
+            ]
             if not slow:
                 self._patience_s = min(PATIENCE_S, self._patience_s + REGAINED * passed_s)
                 continue
@@ -112,13 +114,13 @@ class SlowLinks:
 
     def _find(self) -> dict[int, Address]:
         """Find the descriptors of the links, and set them not to linger."""
-        found: dict[int, Address] = {}
+        addresses: dict[int, Address] = {}
         for name in os.listdir(DESCRIPTORS):
             with suppress(OSError), _duplicate(int(name)) as link:
                 if (address := _other_end(link)) in self._links:
-                    found[int(name)] = address
+                    addresses[int(name)] = address
                     link.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, NO_LINGER)
-        return found
+        return addresses
 
     def _cut(self, address: Address) -> None:
         name = self._links.get(address, ("", ""))[1] or self._waits_for() or "a client"

@@ -84,16 +84,16 @@ class Finds:
 
     def hear(self, heard: Sequence[PaperFrame], now: int) -> None:
         """Mix in the averages of others, in whichever order they came."""
-        told = [f.averages for f in heard if (type(f) is Attending or type(f) is Member) and f.averages is not None]
-        if not told:
+        averages = [f.averages for f in heard if (type(f) is Attending or type(f) is Member) and f.averages is not None]
+        if not averages:
             return
         self.update(now)
-        kept = self._kept ** len(told)
-        means = [(1.0 - kept) * sum(column) / len(told) for column in zip(*told, strict=True)]
+        kept = self._kept ** len(averages)
+        means = [(1.0 - kept) * sum(column) / len(averages) for column in zip(*averages, strict=True)]
         self._finds = [
-            max(LEAST_FINDS, kept * own + mean / 1000) for own, mean in zip(self._finds, means[:2], strict=True)
+            max(LEAST_FINDS, kept * mine + mean / 1000) for mine, mean in zip(self._finds, means[:2], strict=True)
         ]
-        self._walked_s = [kept * own + mean / 10 for own, mean in zip(self._walked_s, means[2:4], strict=True)]
+        self._walked_s = [kept * mine + mean / 10 for mine, mean in zip(self._walked_s, means[2:4], strict=True)]
         self.busy = kept * self.busy + means[4] / 1000
 
     def told(self, now: int) -> Averages:

@@ -103,14 +103,14 @@ class Air:
     @property
     def under_way(self) -> int:
         """Number of pending receptions."""
-        found = 0
+        packets = 0
         if self._sending is not None:
-            found += self._sending.waiting * (len(self._ids) - 1)
+            packets += self._sending.waiting * (len(self._ids) - 1)
         if self._delays is not None:
-            found += self._delays.waiting
+            packets += self._delays.waiting
         if self._taking_in is not None:
-            found += self._taking_in.waiting
-        return found
+            packets += self._taking_in.waiting
+        return packets
 
     def carry(
         self,

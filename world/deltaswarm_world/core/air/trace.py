@@ -79,18 +79,18 @@ class TracedAir(Air):
         gone = [] if speaking[self.sender] else [self.sender]
         gone += [] if listening[self.receiver] else [self.receiver]
         says = f"agent {gone[0]} is gone, hangs, or its radio is dead" if gone else "both are there"
-        found = [Diagnosis("dead", bool(gone), says, {"gone": gone})]
-        found.append(self._reach.explain(links, time_s))
-        found += [model.explain(links, time_s) for model in self._models]
+        diagnoses = [Diagnosis("dead", bool(gone), says, {"gone": gone})]
+        diagnoses.append(self._reach.explain(links, time_s))
+        diagnoses += [model.explain(links, time_s) for model in self._models]
         if self._delays is not None:
-            found.append(self._delays.explain())
+            diagnoses.append(self._delays.explain())
         for queue, end, whose in (
             (self._sending, self.sender, "sender"),
             (self._taking_in, self.receiver, "receiver"),
         ):
             if queue is not None:
-                found.append(queue.explain(end, whose))
-        return found
+                diagnoses.append(queue.explain(end, whose))
+        return diagnoses
 
     def _note(self, outcome: str, count: int) -> None:
         self._outcomes += [outcome] * count
@@ -124,9 +124,9 @@ class TracedAir(Air):
 
     # In queues and under way
 
-    def _note_sending(self, found: tuple[list[Packet], list[Packet]], end: int, *_: object) -> None:
+    def _note_sending(self, sent_and_dropped: tuple[list[Packet], list[Packet]], end: int, *_: object) -> None:
         if end == self.sender:
-            self._note("dropped: bandwidth, the sender's queue is full", len(found[1]))
+            self._note("dropped: bandwidth, the sender's queue is full", len(sent_and_dropped[1]))
 
     def _note_sender_gone(self, cleared: list[Packet], end: int) -> None:
         if end == self.sender:
@@ -136,8 +136,8 @@ class TracedAir(Air):
         if not self._listening[self.receiver]:
             self._note("dropped: dead, on arrival", self._own(due))
 
-    def _note_taking_in(self, found: tuple[list[Packet], list[Packet]], end: int, *_: object) -> None:
-        lost = self._own([(end, packet) for packet in found[1]])
+    def _note_taking_in(self, sent_and_dropped: tuple[list[Packet], list[Packet]], end: int, *_: object) -> None:
+        lost = self._own([(end, packet) for packet in sent_and_dropped[1]])
         self._note("dropped: bandwidth, the receiver's queue is full", lost)
 
     def _note_receiver_gone(self, cleared: list[Packet], end: int) -> None:

@@ -122,15 +122,15 @@ class Relay:
             if state.roots[sender] == state.roots[receiver]:
                 heard_from.setdefault(receiver, []).append(sender)
         nearest = [agent for agent in members if state.within[agent]]
-        found = dict.fromkeys(nearest, Route(-1, 0))
+        routes = dict.fromkeys(nearest, Route(-1, 0))
         hops = 0
         while nearest:
             hops += 1
             further = []
             for receiver in nearest:
                 for sender in heard_from.get(receiver, ()):
-                    if sender not in found:
-                        found[sender] = Route(receiver, hops)
+                    if sender not in routes:
+                        routes[sender] = Route(receiver, hops)
                         further.append(sender)
             nearest = sorted(further)
-        return {agent: way for agent, way in found.items() if way.hops}
+        return {agent: way for agent, way in routes.items() if way.hops}

@@ -68,18 +68,18 @@ class TracedUplink(Uplink):
         state, sender = self._state, self.sender
         there = state.there[sender]
         says = f"agent {sender} is there" if there else f"agent {sender} is gone, hangs, or its radio is dead"
-        found = [Diagnosis("dead", not there, says, {"gone": [] if there else [sender]})]
+        diagnoses = [Diagnosis("dead", not there, says, {"gone": [] if there else [sender]})]
         if self._sending is not None:
-            found.append(self._sending.explain(sender, "sender"))
+            diagnoses.append(self._sending.explain(sender, "sender"))
         links = self._links(state, [sender])
         if self._range_m is not None:
-            found.append(self._explain_range(self._range_m, links))
-        found += [model.explain(links, state.time_s) for model in self._models]
+            diagnoses.append(self._explain_range(self._range_m, links))
+        diagnoses += [model.explain(links, state.time_s) for model in self._models]
         if self._delays is not None:
-            found.append(self._delays.explain())
+            diagnoses.append(self._delays.explain())
         if self._taking_in is not None:
-            found.append(self._taking_in.explain(BASE, "operator"))
-        return found
+            diagnoses.append(self._taking_in.explain(BASE, "operator"))
+        return diagnoses
 
     def _explain_range(self, range_m: float, links: Links) -> Diagnosis:
         """Explain with distance and range, and with the relays of an agent out of range."""

@@ -40,8 +40,8 @@ def ranges_of(settings: RadioSettings, count: int) -> Floats | None:
     if not settings.ranges:
         return None
     ranges_m = np.full(count, settings.range_m)
-    for own in settings.ranges:
-        ranges_m[list(own.agents)] = own.range_m
+    for entry in settings.ranges:
+        ranges_m[list(entry.agents)] = entry.range_m
     return ranges_m
 
 
