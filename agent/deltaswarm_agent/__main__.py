@@ -12,7 +12,7 @@ from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import add_link_arguments, link_of, program
 from deltaswarm_wire.command_line import Parser
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT
 from deltaswarm_wire.logs import log_to_standard_error
 from deltaswarm_wire.plugins import controller_settings
@@ -30,7 +30,7 @@ def parser() -> argparse.ArgumentParser:
         description="Run one agent in a world.",
         epilog=f"On a board with its own body: {name} board FILE; see its --help.",
     )
-    parser.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE - 1}")
+    parser.add_argument("--id", type=int, required=True, help=f"the agent's number, 0 to {BASE_ID - 1}")
     parser.add_argument("--settings", type=Path, required=True, metavar="FILE", help="the agent's settings (TOML)")
     parser.add_argument("--low-latency", action="store_true", help="for agents on the world's own machine")
     parser.add_argument("--restart", type=int, default=0, metavar="N", help="earlier starts of the agent in this run")
@@ -55,8 +55,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
-        if not 0 <= arguments.id < BASE:
-            raise ValueError(f"--id must be from 0 to {BASE - 1} (got {arguments.id})")
+        if not 0 <= arguments.id < BASE_ID:
+            raise ValueError(f"--id must be from 0 to {BASE_ID - 1} (got {arguments.id})")
         if arguments.resume is not None and arguments.checkpoints is None:
             raise ValueError("--resume needs --checkpoints")
         config = AgentConfig(

@@ -15,7 +15,7 @@ from deltaswarm_scenario.radio import RadioSettings, radio_problems
 from deltaswarm_scenario.uplink import UplinkSettings, uplink_problems
 from deltaswarm_wire.checked import OURS, PAPER, Problem, key
 from deltaswarm_wire.codec import MAX_STEP
-from deltaswarm_wire.commands import BASE, CommandForm
+from deltaswarm_wire.commands import BASE_ID, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
 from deltaswarm_wire.settings import AgentSettings, ControlSettings
 
@@ -174,7 +174,7 @@ class Scenario:
 
         return Briefing(
             title=f"{self.name}, {self.control.mode}",
-            seed=agent_seed(self.seed, BASE),
+            seed=agent_seed(self.seed, BASE_ID),
             duration_s=self.run.duration_s,
             step_s=self.run.step_s,
             width_m=self.arena.width_m,

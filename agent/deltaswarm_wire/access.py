@@ -10,7 +10,7 @@ certificate.
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
 
 TLS = "tls"
@@ -64,7 +64,7 @@ def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
     """
     book = _RuleBook(named_over=())
     heard = [keys.all_radio, keys.all_reports, keys.all_health]
-    names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE}
+    names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE_ID}
     for name, agent in names.items():
         publishes = [keys.agent(agent, leaf) for leaf in (RADIO, REPORT, HEALTH)]
         book.allow(name, publishes, [], heard_by=[], token=keys.token(AGENT, agent))

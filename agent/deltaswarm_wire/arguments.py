@@ -8,7 +8,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from deltaswarm_wire.access import TLS, user_name
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, Tls
@@ -84,8 +84,8 @@ def agent_numbers(text: str) -> list[int]:
             low, high = int(first), int(last if sign else first)
         except ValueError:
             raise argparse.ArgumentTypeError(f"must be numbers such as 3,7 or 20-24 (got {text!r})") from None
-        if not 0 <= low <= high < BASE:
-            raise argparse.ArgumentTypeError(f"must be from 0 to {BASE - 1}, the lower first (got {part!r})")
+        if not 0 <= low <= high < BASE_ID:
+            raise argparse.ArgumentTypeError(f"must be from 0 to {BASE_ID - 1}, the lower first (got {part!r})")
         numbers.update(range(low, high + 1))
     return sorted(numbers)
 

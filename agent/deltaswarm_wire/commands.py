@@ -1,7 +1,7 @@
 """Commands: what the operator tells the swarm, and the messages in which commands travel.
 
-The operator sends its commands with its `turn` of a step. They leave its base as radio frames of the sender `BASE`, and
-agents relay them as items of their own radio frames, hop by hop, until a command's life is over.
+The operator sends its commands with its `turn` of a step. They leave its base as radio frames of the sender `BASE_ID`,
+and agents relay them as items of their own radio frames, hop by hop, until a command's life is over.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ from deltaswarm_wire.codec import (
     version,
 )
 
-BASE = MAX_AGENT_ID
+BASE_ID = MAX_AGENT_ID
 """The sender of the base's radio frames; no agent has this id."""
 
 MAX_COMMAND_BYTES = 300
@@ -162,7 +162,7 @@ def make_target(raw: Any) -> Target:
     numbers = tuple([number(value, -MAX_ABS_M, MAX_ABS_M, "command.target") for value in rows[1:]])
     if len(numbers) != TARGET_NUMBERS[kind]:
         raise WireError("command.target", f"have {TARGET_NUMBERS[kind]} numbers for {kind}", len(numbers))
-    if kind in (TREE, AGENT) and not (numbers[0].is_integer() and 0 <= numbers[0] < BASE):
+    if kind in (TREE, AGENT) and not (numbers[0].is_integer() and 0 <= numbers[0] < BASE_ID):
         raise WireError("command.target", "be the number of an agent", numbers[0])
     if kind == CIRCLE and numbers[2] < 0:
         raise WireError("command.target", "have a radius of at least 0 m", numbers[2])

@@ -13,11 +13,11 @@ from websockets.sync.client import connect
 from websockets.typing import Origin
 
 from deltaswarm_agent.__main__ import main as agent_main
-from deltaswarm_agent.board.inbox import Inbox
+from deltaswarm_agent.board.inbox import RadioInbox
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S, Receiver
 from deltaswarm_operator.__main__ import main
 from deltaswarm_operator.core.base import Base
-from deltaswarm_wire.commands import BASE, Command, Relayed, Signed, Target, encode_command, encode_relayed
+from deltaswarm_wire.commands import BASE_ID, Command, Relayed, Signed, Target, encode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, Sent, encode_sample, encode_sent
 from deltaswarm_wire.keys import RADIO, REPORT, Keys
 from deltaswarm_wire.operator_messages import REFUSED, decode_report
@@ -121,7 +121,7 @@ def test_a_signed_command_is_relayed_and_a_forged_one_is_refused(tmp_path: Path)
             for count in range(1, 2000):
                 items = (forged(count, sign), forged(count + number, lambda body: b""))
                 frame = encode_sample(Sample(4_000_000_000 + count, None, items))
-                for sender in (BASE, 7):
+                for sender in (BASE_ID, 7):
                     hostile.put(KEYS.agent(sender, RADIO), frame)
                 if all("commands refused" in running.said(agent) for agent in range(3)):
                     break
@@ -197,13 +197,13 @@ def children(pid: int) -> list[int]:
 )
 def test_the_base_is_as_far_as_it_says(place_m: tuple[float, float] | None, range_m: float, is_heard: bool) -> None:
     """A board that drops frames from beyond a range hears a base only with its place."""
-    inbox = Inbox(3, 3.0, range_m)
+    inbox = RadioInbox(3, 3.0, range_m)
     base = Base(1.0, 100)
     base.send([Signed(encode_command(HOLD))], 0.0)
     frame = base.frame(0.0)
     assert frame is not None
-    assert inbox.take(BASE, frame, None if place_m is None else encode_sent(Sent(0.0, *place_m)), 0.0) == ""
-    assert [sender for sender, _ in inbox.empty(0.0, (0.0, 0.0))] == ([BASE] if is_heard else [])
+    assert inbox.accept(BASE_ID, frame, None if place_m is None else encode_sent(Sent(0.0, *place_m)), 0.0) == ""
+    assert [sender for sender, _ in inbox.empty(0.0, (0.0, 0.0))] == ([BASE_ID] if is_heard else [])
 
 
 def test_a_base_that_starts_again_is_heard_at_once() -> None:
@@ -213,7 +213,7 @@ def test_a_base_that_starts_again_is_heard_at_once() -> None:
     def relays(counter: int, now: int) -> bool:
         base = Base(1.0, counter)
         base.send([Signed(encode_command(HOLD))], 0.0)
-        return bool(receiver.newest_of([(BASE, base.frame(0.0) or b"")], now)[1])
+        return bool(receiver.newest_of([(BASE_ID, base.frame(0.0) or b"")], now)[1])
 
     assert [relays(1000, 0), relays(1004, 4), relays(10, 5), relays(10, 4 + int(FORGET_SENDER_S))] == [1, 1, 0, 0]
     assert relays(10, 5 + int(FORGET_SENDER_S))

@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
 from deltaswarm_wire.access import air_rules
 from deltaswarm_wire.checked import SettingsError, load
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
 from tests.support.boards import tls_arguments
@@ -162,9 +162,9 @@ def test_only_the_operator_sends_what_leaves_its_base(folder: Path, tmp_path: Pa
     ):
         heard = listen(hears, KEYS.all_radio)
         speak(three, 3, RADIO, TRUE, heard)
-        three.put(KEYS.agent(BASE, RADIO), FALSE)
-        speak(base, BASE, RADIO, TRUE, heard)
-        three.put(KEYS.agent(BASE, RADIO), FALSE)
+        three.put(KEYS.agent(BASE_ID, RADIO), FALSE)
+        speak(base, BASE_ID, RADIO, TRUE, heard)
+        three.put(KEYS.agent(BASE_ID, RADIO), FALSE)
         speak(three, 3, RADIO, b"last", heard)
         assert {data for _, data in heard} == {TRUE, b"last"}
 

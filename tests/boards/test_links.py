@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_agent.board.driver import Driver
-from deltaswarm_agent.board.inbox import Inbox
+from deltaswarm_agent.board.inbox import RadioInbox
 from deltaswarm_agent.bodies.kinematic import KinematicBody, KinematicSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Leaving, Member, PaperFrame, Relocating
@@ -41,7 +41,7 @@ class Field:
             core = self.cores[agent].core
             self.drivers[agent] = Driver(core, body, step_s=self.settings.step_s, arrive_m=0.2, max_std_m=5.0)
             self.bodies[agent] = body
-            self.inboxes[agent] = Inbox(agent, 3.0)
+            self.inboxes[agent] = RadioInbox(agent, 3.0)
         self.said: dict[int, PaperFrame | None] = dict.fromkeys(STARTS)
         self.now = -1
 

@@ -16,8 +16,8 @@ from deltaswarm_agent.board.inbox import (
     MAX_TOLD,
     SETTLES_S,
     Allowance,
-    Inbox,
     Lateness,
+    RadioInbox,
 )
 from deltaswarm_agent.board.pace import StepTimer
 from deltaswarm_agent.body import NOWHERE, Sensed
@@ -80,9 +80,9 @@ HERE = (0.0, 0.0)
 
 def test_of_each_neighbour_the_newest_frame_is_heard_once() -> None:
     """In any order."""
-    inbox = Inbox(1, 3.0)
+    inbox = RadioInbox(1, 3.0)
     for sender, counter in ((2, 5), (2, 7), (2, 6), (3, 1)):
-        assert inbox.take(sender, frame(counter), None, 0.0) == ""
+        assert inbox.accept(sender, frame(counter), None, 0.0) == ""
     assert inbox.empty(0.5, HERE) == ((2, frame(7)), (3, frame(1)))
     assert inbox.empty(1.0, HERE) == ()
     assert inbox.heard == 2
@@ -104,38 +104,38 @@ def test_what_no_neighbour_would_send_is_counted_and_dropped(
     sender: int | None, data: bytes, sent: bytes | None, reason: str
 ) -> None:
     """With its reason."""
-    inbox = Inbox(1, 3.0)
-    assert inbox.take(sender, data, sent, 0.0) == reason
+    inbox = RadioInbox(1, 3.0)
+    assert inbox.accept(sender, data, sent, 0.0) == reason
     assert inbox.dropped == {reason: 1}
     assert inbox.empty(0.0, HERE) == ()
 
 
 def test_a_crowd_takes_no_more_memory_than_allowed() -> None:
     """Of too many strangers in one step the last ones are dropped."""
-    inbox = Inbox(0, 3.0)
+    inbox = RadioInbox(0, 3.0)
     for sender in range(1, MAX_NEIGHBOURS + 11):
-        inbox.take(sender, frame(), None, 0.0)
+        inbox.accept(sender, frame(), None, 0.0)
     assert inbox.dropped == {"frame_full": 10}
     assert len(inbox.empty(0.0, HERE)) == MAX_NEIGHBOURS
 
 
 def test_who_says_to_be_far_is_not_heard_where_that_is_asked_for() -> None:
     """By the senders' positions; whoever has no place itself hears nobody."""
-    gated, free = Inbox(1, 3.0, range_m=9.0), Inbox(1, 3.0)
+    gated, free = RadioInbox(1, 3.0, range_m=9.0), RadioInbox(1, 3.0)
     for inbox in (gated, free):
-        inbox.take(2, frame(), at(0.0, 8.9), 0.0)
-        inbox.take(3, frame(), at(0.0, 9.1), 0.0)
+        inbox.accept(2, frame(), at(0.0, 8.9), 0.0)
+        inbox.accept(3, frame(), at(0.0, 9.1), 0.0)
     assert gated.empty(0.0, HERE) == ((2, frame()),)
     assert len(free.empty(0.0, HERE)) == 2
-    gated.take(2, frame(), at(0.0), 0.0)
+    gated.accept(2, frame(), at(0.0), 0.0)
     assert gated.empty(0.0, (math.nan, math.nan)) == ()
     assert gated.dropped == {"out of range": 2}
 
 
 def test_frames_that_lie_here_too_long_are_stale() -> None:
     """When the agent itself did no steps."""
-    inbox = Inbox(1, 3.0)
-    inbox.take(2, frame(), None, 0.0)
+    inbox = RadioInbox(1, 3.0)
+    inbox.accept(2, frame(), None, 0.0)
     assert inbox.empty(3.1, HERE) == ()
     assert inbox.dropped == {"stale": 1}
 
@@ -145,12 +145,12 @@ def test_a_late_frame_is_stale_whatever_the_senders_clock_says(
     offset_s: float, jitter: list[float], late_s: float
 ) -> None:
     """Clocks may differ by days: frames with the usual delays are heard, those from a dead link are not."""
-    inbox = Inbox(1, 3.0)
+    inbox = RadioInbox(1, 3.0)
     for second, delay_s in enumerate(jitter):
         sent = at(second + offset_s)
-        assert inbox.take(2, frame(second), sent, second + delay_s) == ""
+        assert inbox.accept(2, frame(second), sent, second + delay_s) == ""
     second = len(jitter)
-    assert inbox.take(2, frame(second), at(second + offset_s), second + 0.5 + late_s) == "stale"
+    assert inbox.accept(2, frame(second), at(second + offset_s), second + 0.5 + late_s) == "stale"
 
 
 def test_a_drifting_clock_is_followed() -> None:
@@ -164,11 +164,11 @@ def test_a_drifting_clock_is_followed() -> None:
 @given(st.floats(-500, 500), st.lists(st.floats(0, 0.5), min_size=40, max_size=40))
 def test_a_clock_that_jumps_is_believed_after_a_while(jump_s: float, jitter: list[float]) -> None:
     """The sender or this board was suspended, and its clock with it: they are not deaf to each other for a day."""
-    inbox = Inbox(1, 3.0)
+    inbox = RadioInbox(1, 3.0)
     reasons = []
     for second, delay_s in enumerate(jitter):
         sent = at(1000.0 + second + (jump_s if second >= 20 else 0.0))
-        reasons.append(inbox.take(2, frame(second), sent, second + delay_s))
+        reasons.append(inbox.accept(2, frame(second), sent, second + delay_s))
     assert set(reasons[:20]) == {""}
     assert set(reasons[20 + math.ceil(SETTLES_S) + 2 :]) == {""}
 
@@ -176,13 +176,13 @@ def test_a_clock_that_jumps_is_believed_after_a_while(jump_s: float, jitter: lis
 @pytest.mark.parametrize("per_s", [2.0, 5.0, 50.0])
 def test_what_a_dead_link_gives_back_slowly_is_stale_to_its_end(per_s: float) -> None:
     """Two minutes of frames that come a few a second, over longer than a clock takes to be believed."""
-    inbox = Inbox(1, 3.0)
+    inbox = RadioInbox(1, 3.0)
     for second in range(10):
-        assert inbox.take(2, frame(second), at(float(second)), float(second)) == ""
+        assert inbox.accept(2, frame(second), at(float(second)), float(second)) == ""
     now_s = 130.0
     for second in range(10, 1000):
         now_s = max(now_s + 1.0 / per_s, second)
-        reason = inbox.take(2, frame(second), at(float(second)), now_s)
+        reason = inbox.accept(2, frame(second), at(float(second)), now_s)
         assert reason == ("stale" if now_s - second > 3.1 else "") or now_s - second > 2.9
 
 
@@ -281,12 +281,12 @@ def test_an_agent_reaches_an_event_with_a_place_that_is_never_certain() -> None:
 
 def test_a_recording_of_yesterday_is_not_heard_while_its_sender_is() -> None:
     """Played with the board's own certificate. The board stays heard; once it has been silent, the recording passes."""
-    inbox, receiver = Inbox(1, 3.0), Receiver(1, 1.0)
+    inbox, receiver = RadioInbox(1, 3.0), Receiver(1, 1.0)
 
     def heard(step: int, *frames: tuple[int, float]) -> list[bytes]:
         for counter, sent_s in frames:
             data = encode_sample(Sample(counter, str(counter).encode()))
-            assert inbox.take(7, data, encode_sent(Sent(sent_s, 0.0, 0.0)), float(step)) == ""
+            assert inbox.accept(7, data, encode_sent(Sent(sent_s, 0.0, 0.0)), float(step)) == ""
         return [payload for _, payload in receiver.newest_of(inbox.empty(float(step), (0.0, 0.0)), step)[0]]
 
     for step in range(20):
@@ -299,7 +299,7 @@ def test_a_recording_of_yesterday_is_not_heard_while_its_sender_is() -> None:
 
 def test_a_sender_has_an_allowance() -> None:
     """A burst, then so many per second; others have their own, and a reason is news once for each of them."""
-    inbox = Inbox(1, 3.0)
+    inbox = RadioInbox(1, 3.0)
     refused = [inbox.refuse(7, 0.0) for _ in range(int(MAX_BURST) + 5)]
     assert [bool(reason) for reason in refused] == [False] * int(MAX_BURST) + [True] * 5
     assert inbox.refuse(8, 0.0) == ""

@@ -205,7 +205,7 @@ def test_the_page_names_all_limits_of_what_travels() -> None:
     named = {name for name, _ in PAGE.constants()}
     sources = (envelope, messages, operator_messages, commands)
     limits = {name for source in sources for name in vars(source) if name.startswith("MAX_")} - {"MAX_ABS_CM"}
-    assert {*limits, "MAX_SENT_BYTES", "FORGET_SENDER_S", "PROTOCOL_VERSION", "BASE"} <= named
+    assert {*limits, "MAX_SENT_BYTES", "FORGET_SENDER_S", "PROTOCOL_VERSION", "BASE_ID"} <= named
 
 
 def test_keys_and_names_of_the_page_are_the_codes() -> None:

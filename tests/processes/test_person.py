@@ -93,10 +93,10 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     before = console(first, go_on=False)
     for step in range(5):
         workload = Workload(step, float(step), 0, 0, 0.0, 0.0, 0.0, 0, 0, 0)
-        before.close(Clock(step, float(step), False), workload, ())
+        before.close_step(Clock(step, float(step), False), workload, ())
     after = console(second, go_on=True)
-    after.go_on(4, before.state())
-    after.begin()
+    after.restore(4, before.state())
+    after.start()
     assert [turn.step for turn in first] == [0, 1, 2, 3, 4]
     assert second == first[-2:]
 

@@ -18,8 +18,8 @@ values = st.integers(-MAX_ID, MAX_ID) | st.floats(-1e12, 1e12) | words
 targets = st.one_of(
     st.just(Target()),
     st.builds(lambda *xyr: Target(wire.CIRCLE, xyr), strategies.metres, strategies.metres, st.floats(0, MAX_ABS_M)),
-    st.builds(lambda root: Target(wire.TREE, (float(root),)), st.integers(0, wire.BASE - 1)),
-    st.builds(lambda agent: Target(wire.AGENT, (float(agent),)), st.integers(0, wire.BASE - 1)),
+    st.builds(lambda root: Target(wire.TREE, (float(root),)), st.integers(0, wire.BASE_ID - 1)),
+    st.builds(lambda agent: Target(wire.AGENT, (float(agent),)), st.integers(0, wire.BASE_ID - 1)),
     st.builds(lambda *xy: Target(wire.PLACE, xy), strategies.metres, strategies.metres),
 )
 commands = st.builds(

@@ -53,12 +53,12 @@ class Stage:
         """A frame of an agent, with its next counter, taken by the world; its bytes."""
         data = sample(self.counters[agent], payload)
         self.counters[agent] += 1
-        assert self.core.inbox.hear_radio(agent, data) is None
+        assert self.core.intake.hear_radio(agent, data) is None
         return data
 
     def act(self, agent: int, *observed: int, step: int | None = None, **more: Any) -> str | None:
         """An act, with the events that it claims to observe."""
-        return self.core.inbox.hear_act(
+        return self.core.intake.hear_act(
             agent, encode_act(an_act(self.step if step is None else step, *observed, **more))
         )
 

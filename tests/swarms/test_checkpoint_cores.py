@@ -23,13 +23,13 @@ def digests(sets: Sequence[str], *, every: int) -> tuple[str, str, dict[str, obj
     swarm = InProcess(scenario)
     for step in range(STEPS):
         record = swarm.step(step, step == STEPS - 1)
-        swarm.operator.close(Clock(step, record.time_s, step == STEPS - 1), 0)
+        swarm.operator.close_step(Clock(step, record.time_s, step == STEPS - 1), 0)
         if (step + 1) % every == 0:
             swarm.world = pickle.loads(pickle.dumps(swarm.world))
             swarm.agents = [pickle.loads(pickle.dumps(agent)) for agent in swarm.agents]
             state = json.loads(json.dumps(swarm.operator.state()))
             swarm.operator = WorkloadMeter(scenario.operator, scenario.run.step_s)
-            swarm.operator.go_on(state)
+            swarm.operator.restore(state)
     return swarm.world.digest.hex(), swarm.operator.digest_hex, swarm.world.totals(True)
 
 

@@ -131,7 +131,7 @@ def test_a_restarted_agent_believes_nothing(step_s: float) -> None:
     assert not set(map(id, before)) & set(map(id, crew.agents))
     assert any(state is not WALKING for state in states[round(60 / step_s) - 1])
     assert [core.rejected_frames + paper(core).counts["rejected_frames"] for core in crew.agents] == [0] * 6
-    assert not crew.world.inbox.rejected
+    assert not crew.world.intake.rejected
 
 
 def test_the_blind_sense_nothing_and_their_events_wait_on() -> None:
@@ -233,7 +233,7 @@ def test_a_liar_tells_of_what_is_not_there(mode: str) -> None:
 
     def note(step: int, record: StepRecord) -> None:
         assert record.events_open == 0
-        crew.operator.close(Clock(step, record.time_s, False), 0)
+        crew.operator.close_step(Clock(step, record.time_s, False), 0)
         told.update(event.event for event in watched.frames[3].events)
         assert not any(frame.events for agent, frame in watched.frames.items() if agent != 3)
 

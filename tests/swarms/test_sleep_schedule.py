@@ -32,9 +32,15 @@ def decisions(sets: Sequence[str], steps: int, seed: int) -> Iterator[tuple[tupl
     world = swarm.world
     for step in range(steps):
         record = swarm.step(step, step == steps - 1)
-        observed = {agent: act.observed for agent, (_, act) in world.inbox.acts.items() if act.observed}
+        observed = {agent: act.observed for agent, (_, act) in world.intake.acts.items() if act.observed}
         reports = [forwarded.report for forwarded in world.forwarded]
-        state = world.inbox.transmitted, world._tree_statuses, world.environment.positions_m.tolist(), observed, reports
+        state = (
+            world.intake.transmitted,
+            world._tree_statuses,
+            world.environment.positions_m.tolist(),
+            observed,
+            reports,
+        )
         yield state, record.agents_asked
 
 

@@ -107,7 +107,7 @@ class Allowance:
         return left >= 1.0
 
 
-class Inbox:
+class RadioInbox:
     """The frames for the next step. Not thread-safe; its owner locks it."""
 
     def __init__(self, agent: int, stale_s: float, range_m: float = 0.0) -> None:
@@ -140,7 +140,7 @@ class Inbox:
         self._told.add((sender, reason))
         return True
 
-    def take(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
+    def accept(self, sender: int | None, data: bytes, sent: bytes | None, now_s: float) -> str:
         """Take a sample that arrives now [s] on this sender's key (None: no agent's key).
 
         Returns: why it is dropped, or "".

@@ -9,7 +9,7 @@ import socket
 import threading
 import time
 
-from deltaswarm_agent.board.inbox import Inbox
+from deltaswarm_agent.board.inbox import RadioInbox
 from deltaswarm_agent.board.settings import BoardSettings
 from deltaswarm_wire.codec import pack
 from deltaswarm_wire.endpoints import QUIC, WITH_PORT, host_and_port, protocol_of
@@ -64,7 +64,7 @@ class OpenAir:
         self._settings = settings
         self._keys = Keys(settings.run)
         self._config = configured(zenoh.Config, settings.pairs, settings.air.link(settings.user))
-        self._inbox = Inbox(settings.id, settings.air.stale_s, settings.air.range_m)
+        self._inbox = RadioInbox(settings.id, settings.air.stale_s, settings.air.range_m)
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._opener = threading.Thread(target=self._keep_opening, name="air", daemon=True)
@@ -100,7 +100,7 @@ class OpenAir:
         """Return the time of the agent's monotonic clock [s since `open`]."""
         return (time.monotonic() - self._start_s) * self._accelerate
 
-    def hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
+    def receive(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
         """Take the frames since the last step, for an agent at a position [m]."""
         self._stepped_s = self.now_s()
         if self._stalls:
@@ -109,7 +109,7 @@ class OpenAir:
         with self._lock:
             return self._inbox.empty(self.now_s(), place_m)
 
-    def say(self, data: bytes, place_m: tuple[float, float]) -> None:
+    def send(self, data: bytes, place_m: tuple[float, float]) -> None:
         """Broadcast one radio frame from a position [m]."""
         self._put(self._radio, data, encode_sent(Sent(self.now_s(), *place_m)))
 
@@ -207,7 +207,7 @@ class OpenAir:
         sent = sample.attachment
         with self._lock:
             now_s = self.now_s()
-            reason = self._inbox.refuse(sender, now_s) or self._inbox.take(
+            reason = self._inbox.refuse(sender, now_s) or self._inbox.accept(
                 sender, sample.payload.to_bytes(), None if sent is None else sent.to_bytes(), now_s
             )
             is_news = bool(reason) and self._inbox.is_news(sender, reason)

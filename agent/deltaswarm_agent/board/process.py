@@ -170,7 +170,7 @@ class _Loop:
             log.warning("the body is %s", f"not well: {fault}" if fault else "well")
 
     def _hear(self, place_m: tuple[float, float]) -> tuple[Heard, ...]:
-        heard = self._air.hear(place_m)
+        heard = self._air.receive(place_m)
         if self._recorder:
             for sender, data in heard:
                 self._keep(sender, RADIO, data)
@@ -188,7 +188,7 @@ class _Loop:
     def _send(self, said: StepOutput) -> None:
         agent = self._run.settings.id
         if said.radio is not None:
-            self._air.say(said.radio, self._driver.place_m)
+            self._air.send(said.radio, self._driver.place_m)
             self._keep(agent, RADIO, said.radio)
         if said.report_bytes is not None:
             self._air.report(said.report_bytes)

@@ -11,7 +11,7 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.access import TLS, air_rules, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, SettingsError, key
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.endpoints import QUIC, endpoint_problem, protocol_of
 from deltaswarm_wire.keys import AGENT, RUN_NAME_RULE, Keys
 from deltaswarm_wire.plugins import BODIES, controller_settings
@@ -186,7 +186,7 @@ class LogSettings:
 class BoardSettings:
     """One agent on one board."""
 
-    id: int = key(0, "the agent's number", low=0, high=BASE - 1)
+    id: int = key(0, "the agent's number", low=0, high=BASE_ID - 1)
     run: str = key("field", "name of the run, shared by all its parts")
     agent: AgentSettings = key(AgentSettings, "its task, as the world writes it into agent.toml")
     air: AirSettings = key(AirSettings, "link to neighbours and operator")

@@ -86,19 +86,19 @@ class Console:
     def _thresholds(self) -> list[float]:
         return [self._briefing.operator.threshold_hz, *self._briefing.operator.more_thresholds_hz]
 
-    def begin(self, wall_s: float) -> None:
+    def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
-        self.probes.begin(wall_s)
+        self.probes.start(wall_s)
         if self.probes.open(wall_s):
             self.pace = self.pace._replace(hold_step=0)
 
-    def close(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
+    def close_step(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
         """Take in a closed step; return the operator's turn."""
         self._step, self._is_over, self._workload = clock.step, clock.last, workload
         self.command_log.close_step()
         for report in reports:
             self.command_log.hear(report)
-        items = self.picture.take(reports, clock.time_s)
+        items = self.picture.update(reports, clock.time_s)
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
@@ -111,7 +111,7 @@ class Console:
 
     def turn(self) -> Turn:
         """Return the turn with the commands given so far."""
-        return Turn(self._step, self.command_log.take())
+        return Turn(self._step, self.command_log.take_unsent())
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
@@ -138,7 +138,7 @@ class Console:
         return {} if self.person is None else {"person": self.person.totals}
 
     def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
-        command = self.command_log.give(name, target, arguments, self.picture.now_s, *life_s)
+        command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s)
         self._note("command", [command.number, name, [target.kind, *target.numbers], dict(arguments), command.life_s])
         return len(self.command_log.sent) - 1
 
@@ -163,19 +163,19 @@ class Console:
             "person": None if self.person is None else self.person.state(),
         }
 
-    def go_on(self, step: int, state: Mapping[str, Any]) -> None:
+    def restore(self, step: int, state: Mapping[str, Any]) -> None:
         """Resume after a step from another console's `state`."""
         self._step = step
-        self.command_log.go_on(state["commands"])
+        self.command_log.restore(state["commands"])
         if self.person is not None:
-            self.person.go_on(state["person"])
-        self.picture.go_on(state["picture"])
+            self.person.restore(state["person"])
+        self.picture.restore(state["picture"])
         self._messages, self._steps_above = state["messages"], list(state["steps_above"])
         self._history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
         while len(self._script) > state["script"]:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
-        self.probes.go_on(state["probes"])
+        self.probes.restore(state["probes"])
 
     # The station
 

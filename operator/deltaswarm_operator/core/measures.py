@@ -98,7 +98,7 @@ class Measures:
             "last_s": sorted(self.last_s.items()),
         }
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`."""
         for name, value in state.items():
             setattr(self, name, dict(value) if name == "last_s" else value)

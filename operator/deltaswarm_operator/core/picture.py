@@ -90,7 +90,7 @@ class Picture:
         self._members: dict[int, set[int]] = {}
         """By root, the agents last known as members of its tree; newer reports may have moved some since."""
 
-    def take(self, reports: Iterable[Report], now_s: float) -> list[Item]:
+    def update(self, reports: Iterable[Report], now_s: float) -> list[Item]:
         """Take in the reports of a closed step; return the new items, even if the inbox is full."""
         self.now_s = now_s
         items = [item for report in reports if (item := self._take(report)) is not None]
@@ -209,7 +209,7 @@ class Picture:
             "told": [[agent, role, sorted(events)] for agent, (role, events) in self._told.items()],
         }
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`."""
         self.now_s = state["now_s"]
         self._numbers = dict(state["numbers"])

@@ -82,7 +82,7 @@ class Known:
         self.newest_stale = sequence
         return self.stale_run < INSISTS or now_s - self.last_heard_s < RESTART_S
 
-    def take(self, report: Report, sent_s: float | None, now_s: float) -> None:
+    def update(self, report: Report, sent_s: float | None, now_s: float) -> None:
         """Accept a report as the newest."""
         self.newest, self.last_heard_s = report, now_s
         self.newest_sent_s = -math.inf if sent_s is None else sent_s
@@ -189,20 +189,20 @@ class OpenAirMeter:
         ):
             known.stale += 1
             return f"report.sequence must grow from {known.newest.sequence} (got {report.sequence})"
-        known.take(report, sent_s, now_s)
-        self._meter.take_now(report, data)
+        known.update(report, sent_s, now_s)
+        self._meter.count(report, data)
         return None
 
     def wait_s(self, now_s: float) -> float:
         """Return the time until the next step ends [s]; 0 if it has ended."""
         return max(0.0, (self._meter.step + 2) * self._step_s - now_s)
 
-    def close(self, now_s: float, backlog: int) -> Workload | None:
+    def close_second(self, now_s: float, backlog: int) -> Workload | None:
         """Close the newest ended step and all before it; return None if there is none."""
         step = math.floor(now_s / self._step_s + 1e-9) - 1
         if step <= self._meter.step:
             return None
-        return self._meter.close(Clock(step, step * self._step_s, False), backlog)
+        return self._meter.close_step(Clock(step, step * self._step_s, False), backlog)
 
     @property
     def totals(self) -> dict[str, Any]:

@@ -76,7 +76,7 @@ class Replay:
             self._console = copy.deepcopy(self._kept[self._done])
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
             clock, workload, reports = self._steps[self._done]
-            self._console.close(clock, workload, reports, 0.0)
+            self._console.close_step(clock, workload, reports, 0.0)
             self._done += 1
             if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
                 self._kept[self._done] = copy.deepcopy(self._console)

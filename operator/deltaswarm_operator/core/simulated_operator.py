@@ -223,7 +223,7 @@ class SimulatedOperator:
             "measures": self.measures.state(),
         }
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another person's `state`, with the same settings and generator as at that person's start."""
         self.delta, self.load = state["delta"], state["load"]
         self._now_s, self._rate_hz = state["now_s"], state["rate_hz"]
@@ -234,7 +234,7 @@ class SimulatedOperator:
         self._waiting = [_entry(row) for row in state["waiting"]]
         job = state["job"]
         self._job = job and _Job(job[0], job[1], job[2] and _entry(job[2]), job[3])
-        self.measures.go_on(state["measures"])
+        self.measures.restore(state["measures"])
 
 
 def _entry_row(entry: _Entry) -> list[Any]:

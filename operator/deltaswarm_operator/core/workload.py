@@ -85,9 +85,9 @@ class WorkloadMeter:
             forwarded = decode_forwarded(data)
         except WireError as error:
             return self.reject(FORWARDER, str(error))
-        return self.take_forwarded(forwarded)
+        return self.count_forwarded(forwarded)
 
-    def take_forwarded(self, forwarded: Forwarded) -> str | None:
+    def count_forwarded(self, forwarded: Forwarded) -> str | None:
         """Take one decoded report from the world; return the reason if it is dropped.
 
         Gaps in the world's own sequence are losses on the fabric; gaps in an agent's are losses on the uplink.
@@ -100,10 +100,10 @@ class WorkloadMeter:
             report = decode_report(forwarded.report)
         except WireError as error:
             return self.reject(FORWARDER, str(error))
-        self.take_now(report, forwarded.report)
+        self.count(report, forwarded.report)
         return None
 
-    def take_now(self, report: Report, data: bytes) -> None:
+    def count(self, report: Report, data: bytes) -> None:
         """Take a decoded report with its bytes."""
         self._held.append((report.agent, report.sequence, report, data))
 
@@ -118,7 +118,7 @@ class WorkloadMeter:
         self._rejected_in_step += 1
         return reason
 
-    def close(self, clock: Clock, backlog: int) -> Workload:
+    def close_step(self, clock: Clock, backlog: int) -> Workload:
         """Close the clock's step; `backlog` is the number of samples waiting after the clock.
 
         `time_above_s` counts from the start of the run; the other fields are for this step.
@@ -179,7 +179,7 @@ class WorkloadMeter:
             "rejected": list(self._rejected.items()),
         }
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another meter's `state` with the same settings."""
         self.step, self.is_over = state["step"], state["is_over"]
         self._digest = Digest(bytes.fromhex(state["digest"]))

@@ -66,9 +66,9 @@ class ConsoleServer:
         """Longest wait before `show` is called again [wall s]; None without a station."""
         return None if self._channel is None else SHOW_EVERY_S
 
-    def begin(self) -> None:
+    def start(self) -> None:
         """Start the console before the first step."""
-        self.console.begin(time.monotonic())
+        self.console.start(time.monotonic())
         if self.is_awaited:
             for turn in self._turns:  # the world drops those that it has
                 self._send_turn(turn)
@@ -77,9 +77,9 @@ class ConsoleServer:
             self._send_pace(self._pace)
         self.show()
 
-    def close(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
+    def close_step(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
         """Take in a closed step and answer with the operator's turn."""
-        turn = self.console.close(clock, workload, reports, time.monotonic())
+        turn = self.console.close_step(clock, workload, reports, time.monotonic())
         if self.is_awaited or turn.commands:
             self._turns.append(turn)
             self._send_turn(turn)
@@ -87,7 +87,7 @@ class ConsoleServer:
             self._show_due = 0.0
         self.show()
 
-    def take(self, intent: bytes | None) -> bool:
+    def on_intent(self, intent: bytes | None) -> bool:
         """Carry out an intent of the station; return whether to save `state` before `show` shows the result.
 
         None: the station has gone, and the run continues without it.
@@ -129,11 +129,11 @@ class ConsoleServer:
         """Whether a question to the person at the station is open."""
         return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
 
-    def go_on(self, step: int, state: str | None) -> None:
+    def restore(self, step: int, state: str | None) -> None:
         """Resume after a step from the state of a killed operator."""
         if state is not None:
             saved = json.loads(state)
-            self.console.go_on(step, saved["console"])
+            self.console.restore(step, saved["console"])
             self._turns += [decode_turn(bytes.fromhex(turn)) for turn in saved["turns"]]
 
     def state(self) -> str:

@@ -51,14 +51,14 @@ class FieldConsole:
         command_log = CommandLog(command_options.briefing.forms, command_options.sign, started)
         console = Console(command_options.briefing, command_log, in_air=True)
         self._server = ConsoleServer(run, console, folder, self._send, lambda pace: None, on_intent, station)
-        self._server.begin()
+        self._server.start()
 
     def hear(self, report: Report | None) -> None:
         """Take in an accepted report. It counts when it arrives, since its step is by its board's clock."""
         if report is not None:
             self._reports.setdefault(report.agent, deque(maxlen=MAX_REPORTS_OF_ONE)).append(report)
 
-    def go_on(self, now_s: float, workload: Workload | None) -> None:
+    def advance(self, now_s: float, workload: Workload | None) -> None:
         """Close the step of this workload, if any; show the picture; send the frame that is due."""
         self._now_s = now_s
         if workload is None:
@@ -66,7 +66,7 @@ class FieldConsole:
         else:
             arrived = [report._replace(step=workload.step) for of_one in self._reports.values() for report in of_one]
             self._reports.clear()
-            self._server.close(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
+            self._server.close_step(Clock(workload.step, workload.time_s, False), workload, tuple(arrived))
         frame = self.base.frame(now_s)
         if frame is not None:
             self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
@@ -76,10 +76,10 @@ class FieldConsole:
         waits = [wait_s for wait_s in (self._server.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
         return min(waits, default=self._step_s)
 
-    def take(self, intent: bytes | None, now_s: float) -> None:
+    def on_intent(self, intent: bytes | None, now_s: float) -> None:
         """Carry out an intent of the station; None: the station has gone."""
         self._now_s = now_s
-        self._server.take(intent)
+        self._server.on_intent(intent)
         self._server.show()
 
     @property

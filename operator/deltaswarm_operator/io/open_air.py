@@ -14,14 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.core.presence import OpenAirMeter
+from deltaswarm_operator.io.bounded_queue import BoundedQueue, ItemKind, sender_of, whose_key
 from deltaswarm_operator.io.command_options import CommandOptions
 from deltaswarm_operator.io.field_console import FieldConsole
 from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.page import Page
 from deltaswarm_operator.io.process import stop_on_signals
-from deltaswarm_operator.io.waiting import Arrival, Inbox, sender_of, whose_key
 from deltaswarm_scenario.operator_settings import OperatorSettings
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, RADIO, Keys, parse_token
 from deltaswarm_wire.operator_messages import Workload
 from deltaswarm_wire.session import Pairs, RouterLink, configured, use_one_worker_thread
@@ -62,7 +62,7 @@ class OpenAirOperator:
         self,
         config: OpenAirConfig,
         session: zenoh.Session,
-        inbox: Inbox,
+        inbox: BoundedQueue,
         output: Output,
         station: socket.socket | None = None,
     ) -> None:
@@ -76,16 +76,16 @@ class OpenAirOperator:
         self._status_due_s = config.status_every_s
         keys = Keys(config.run)
         self._subscribers = [
-            session.declare_subscriber(keys.all_reports, self._into_inbox(Arrival.REPORT)),
-            session.declare_subscriber(keys.all_health, self._into_inbox(Arrival.HEALTH)),
+            session.declare_subscriber(keys.all_reports, self._into_inbox(ItemKind.REPORT)),
+            session.declare_subscriber(keys.all_health, self._into_inbox(ItemKind.HEALTH)),
             session.liveliness().declare_subscriber(
-                keys.token(AGENT, "*"), self._into_inbox(Arrival.TOKEN), history=True
+                keys.token(AGENT, "*"), self._into_inbox(ItemKind.TOKEN), history=True
             ),
         ]
         self.console: FieldConsole | None = None
         if config.command_options is not None:
             radio = session.declare_publisher(
-                keys.agent(BASE, RADIO),
+                keys.agent(BASE_ID, RADIO),
                 encoding=zenoh.Encoding("application/msgpack;deltaswarm.Radio.v1"),
                 congestion_control=zenoh.CongestionControl.DROP,
                 reliability=zenoh.Reliability.BEST_EFFORT,
@@ -94,7 +94,7 @@ class OpenAirOperator:
                 config.run, config.command_options, config.out, radio.put, inbox.put_intent, station
             )
 
-    def _into_inbox(self, arrival: Arrival) -> Any:
+    def _into_inbox(self, arrival: ItemKind) -> Any:
         return zenoh.handlers.Callback(lambda sample: self._inbox.put(arrival, sample), indirect=False)
 
     @property
@@ -107,9 +107,9 @@ class OpenAirOperator:
         """Process the inbox and close steps until stopped."""
         while True:
             now_s = self._now_s()
-            workload = self.meter.close(now_s, len(self._inbox))
+            workload = self.meter.close_second(now_s, len(self._inbox))
             if self.console:
-                self.console.go_on(now_s, workload)
+                self.console.advance(now_s, workload)
             if workload is not None:
                 self._write((*workload, len(self.meter.alive), len(self.meter.faulty)))
                 if now_s >= self._status_due_s:
@@ -119,11 +119,11 @@ class OpenAirOperator:
                 arrival, sample = self._inbox.get(self._wait_s(self._now_s()))
             except queue.Empty:
                 continue
-            if arrival is Arrival.STOP:
+            if arrival is ItemKind.STOP:
                 return
-            if arrival is Arrival.TOKEN:
+            if arrival is ItemKind.TOKEN:
                 self._take_token(sample)
-            elif arrival is Arrival.INTENT:
+            elif arrival is ItemKind.INTENT:
                 self._take_intent(sample)
             else:
                 self._take(arrival, sample)
@@ -136,7 +136,7 @@ class OpenAirOperator:
         if intent is None:
             log.warning("the station has ended; the operator continues without it")
         if self.console:
-            self.console.take(intent, self._now_s())
+            self.console.on_intent(intent, self._now_s())
 
     def _write(self, row: Sequence[Any]) -> None:
         """Write a row. A full disk ends the table, but not the status lines."""
@@ -163,10 +163,10 @@ class OpenAirOperator:
             f"{totals['messages']} in all, {totals['lost']} lost, {self._inbox.refused.total()} refused"
         )
 
-    def _take(self, arrival: Arrival, sample: zenoh.Sample) -> None:
+    def _take(self, arrival: ItemKind, sample: zenoh.Sample) -> None:
         agent = sender_of(sample)
         data = sample.payload.to_bytes()
-        if arrival is Arrival.REPORT:
+        if arrival is ItemKind.REPORT:
             sent = sample.attachment
             reason = self._take_report(agent, data, None if sent is None else sent.to_bytes())
         else:
@@ -210,7 +210,7 @@ def run_open_air(config: OpenAirConfig) -> int:
         OSError: the station does not start.
     """
     zenoh.init_log_from_env_or("error")
-    inbox = Inbox()
+    inbox = BoundedQueue()
     stop_on_signals(inbox.stop)
     settings = configured(zenoh.Config, config.pairs, config.link)
     listen = config.command_options.listen if config.command_options else None
@@ -223,7 +223,9 @@ def run_open_air(config: OpenAirConfig) -> int:
         return _run_session(config, settings, inbox, station)
 
 
-def _run_session(config: OpenAirConfig, settings: zenoh.Config, inbox: Inbox, station: socket.socket | None) -> int:
+def _run_session(
+    config: OpenAirConfig, settings: zenoh.Config, inbox: BoundedQueue, station: socket.socket | None
+) -> int:
     try:
         session = zenoh.open(settings)
     except zenoh.ZError as error:

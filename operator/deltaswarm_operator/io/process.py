@@ -60,7 +60,7 @@ class OperatorConfig:
     """The operator's end of the socket pair, if there is a station."""
 
 
-class Arrival(Enum):
+class ItemKind(Enum):
     """Kinds of items in the main thread's inbox."""
 
     REPORT = "report"
@@ -80,16 +80,16 @@ class End(Enum):
     FAILED = "the operator failed"
 
 
-Inbox = queue.SimpleQueue[tuple[Arrival, Any]]
+ItemQueue = queue.SimpleQueue[tuple[ItemKind, Any]]
 
 
 class OperatorProcess:
     """One run of the operator over an open session."""
 
-    def __init__(self, config: OperatorConfig, session: zenoh.Session, inbox: Inbox, output: Output) -> None:
+    def __init__(self, config: OperatorConfig, session: zenoh.Session, inbox: ItemQueue, output: Output) -> None:
         self.meter = WorkloadMeter(config.settings, config.step_s)
         if output.state is not None:
-            self.meter.go_on(output.state)
+            self.meter.restore(output.state)
         self._saved = self.meter.step
         self._session = session
         self._inbox = inbox
@@ -101,8 +101,8 @@ class OperatorProcess:
         self._keys = keys = Keys(config.run)
         self._token: zenoh.LivelinessToken | None = None
         self._subscribers = [
-            session.declare_subscriber(keys.forwarded, self._into_inbox(Arrival.REPORT)),
-            session.declare_subscriber(keys.clock, self._into_inbox(Arrival.CLOCK)),
+            session.declare_subscriber(keys.forwarded, self._into_inbox(ItemKind.REPORT)),
+            session.declare_subscriber(keys.clock, self._into_inbox(ItemKind.CLOCK)),
             session.liveliness().declare_subscriber(keys.token(WORLD), self._direct(self._on_world), history=True),
         ]
         self._workload = self._publisher(keys.workload, "Workload")
@@ -118,16 +118,16 @@ class OperatorProcess:
                 config.out,
                 lambda turn: turns.put(encode_turn(turn)),
                 lambda pace: paces.put(encode_pace(pace)),
-                lambda intent: inbox.put((Arrival.INTENT, intent)),
+                lambda intent: inbox.put((ItemKind.INTENT, intent)),
                 config.station,
                 is_awaited=config.briefing.is_awaited,
                 go_on=output.state is not None,
             )
             if output.state is not None:
-                self._console.go_on(self.meter.step, output.console)
+                self._console.restore(self.meter.step, output.console)
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
         """Publishers without a subscriber; the operator is not ready before this is empty."""
-        listen = self._direct(lambda _: self._inbox.put((Arrival.LISTENER, None)))
+        listen = self._direct(lambda _: self._inbox.put((ItemKind.LISTENER, None)))
         self._matching = [publisher.declare_matching_listener(listen) for publisher in awaited]
         if config.publish_all:
             log.info("waiting for a subscriber to %s", keys.workload)
@@ -150,13 +150,13 @@ class OperatorProcess:
         """
         return zenoh.handlers.Callback(callback, indirect=False)
 
-    def _into_inbox(self, arrival: Arrival) -> Any:
+    def _into_inbox(self, arrival: ItemKind) -> Any:
         put = self._inbox.put
         return self._direct(lambda sample: put((arrival, sample)))
 
     def _on_world(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.DELETE:
-            self._inbox.put((Arrival.WORLD_GONE, None))
+            self._inbox.put((ItemKind.WORLD_GONE, None))
 
     # In the main thread
 
@@ -171,7 +171,7 @@ class OperatorProcess:
                     self._workload.put(encode_workload(_workload(row)))
             self._taken.put(encode_taken(self._saved))
             if self._console is not None:
-                self._console.begin()
+                self._console.start()
             self._token = self._session.liveliness().declare_token(self._keys.token(OPERATOR))
             log.info("the operator is ready" + (f", from step {self._saved + 1} on" if self._saved >= 0 else ""))
 
@@ -189,20 +189,20 @@ class OperatorProcess:
                 if not self._session.info.routers_zid():
                     return End.WORLD_GONE  # the world went before its token appeared
                 continue
-            if arrival is Arrival.REPORT:
+            if arrival is ItemKind.REPORT:
                 self._take_report(sample)
-            elif arrival is Arrival.CLOCK:
+            elif arrival is ItemKind.CLOCK:
                 if self._take_clock(sample.payload.to_bytes()):
                     return End.LAST_CLOCK
-            elif arrival is Arrival.LISTENER:
+            elif arrival is ItemKind.LISTENER:
                 self._declare_ready()
-            elif arrival is Arrival.INTENT:
+            elif arrival is ItemKind.INTENT:
                 if self._console is not None:
-                    if self._console.take(sample) and self.meter.step >= 0:
+                    if self._console.on_intent(sample) and self.meter.step >= 0:
                         self._output.save(self.meter.state(), self._console.state())
                     self._console.show()
             else:
-                return End.STOPPED if arrival is Arrival.STOP else End.WORLD_GONE
+                return End.STOPPED if arrival is ItemKind.STOP else End.WORLD_GONE
 
     def _take_report(self, sample: zenoh.Sample) -> None:
         reason = self.meter.receive_forwarded(sample.payload.to_bytes())
@@ -215,13 +215,13 @@ class OperatorProcess:
             clock = decode_clock(data)
             if clock.step == self.meter.step and self.meter.is_over:
                 return True  # sent again: the operator that had closed it was killed
-            workload = self.meter.close(clock, self._inbox.qsize())
+            workload = self.meter.close_step(clock, self._inbox.qsize())
         except (WireError, ValueError) as error:
             self._warn(f"clock: {error}")
             return False
         self._output.row(workload)
         if self._console is not None:
-            self._console.close(clock, workload, self.meter.reports_of_closed_step)
+            self._console.close_step(clock, workload, self.meter.reports_of_closed_step)
         if self._publish_all or clock.last or time.monotonic() >= self._publish_due:
             self._publish_due = time.monotonic() + PUBLISH_EVERY_S
             self._workload.put(encode_workload(workload))
@@ -255,10 +255,10 @@ class OperatorProcess:
             except queue.Empty:
                 console.show()
                 continue
-            if arrival is Arrival.INTENT:
-                console.take(sample)
+            if arrival is ItemKind.INTENT:
+                console.on_intent(sample)
                 console.show()
-            elif arrival is Arrival.STOP:
+            elif arrival is ItemKind.STOP:
                 break
 
     def totals_at(self, end: "End") -> dict[str, Any]:
@@ -292,8 +292,8 @@ def run_operator(config: OperatorConfig) -> int:
         ValueError: the user's own Zenoh settings are refused.
     """
     zenoh.init_log_from_env_or("error")
-    inbox: Inbox = queue.SimpleQueue()
-    stop_on_signals(lambda: inbox.put((Arrival.STOP, None)))  # after what has already arrived
+    inbox: ItemQueue = queue.SimpleQueue()
+    stop_on_signals(lambda: inbox.put((ItemKind.STOP, None)))  # after what has already arrived
     link = config.link
     settings = configured(zenoh.Config, client_pairs(link), link)
     try:

@@ -53,7 +53,7 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
     return briefing, steps
 
 
-class Driver:
+class ReplayDriver:
     """Drives a replay through a channel, in a separate thread, until the station has gone."""
 
     def __init__(self, run: str, replay: Replay, end: socket.socket) -> None:
@@ -97,7 +97,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"deltaswarm replay: {error}", file=sys.stderr)
         return 2
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    Driver(arguments.run, Replay(briefing, steps), ours)
+    ReplayDriver(arguments.run, Replay(briefing, steps), ours)
     with contextlib.suppress(KeyboardInterrupt):
         return station.main(["--channel-fd", str(theirs.detach()), "--listen", arguments.listen])
     return 0

@@ -85,25 +85,25 @@ class InProcess:
         self.agents_s += clock() - began
         for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
             if radio is not None:
-                world.inbox.take_radio(agent, counter, radio)
+                world.intake.accept_radio(agent, counter, radio)
                 if sink is not None:
                     sink.radio(step, agent, radio)
             if report is not None and report_bytes is not None:
-                world.inbox.take_report(agent, report, report_bytes)
+                world.intake.accept_report(agent, report, report_bytes)
                 if sink is not None:
                     sink.report_bytes(step, agent, report_bytes)
-            world.inbox.take_act(agent, act, act_bytes)
+            world.intake.accept_act(agent, act, act_bytes)
         record = world.end()
         for forwarded in world.forwarded:
-            self.operator.take_forwarded(forwarded)
+            self.operator.count_forwarded(forwarded)
         return record
 
     def close(self, clock: Clock) -> Workload:
         """Close the step at the operator, and give the world the operator's turn."""
-        workload = self.operator.close(clock, 0)
+        workload = self.operator.close_step(clock, 0)
         if self.console is not None:
             reports = self.operator.reports_of_closed_step
-            self.world.turns.take(self.console.close(clock, workload, reports, time.monotonic()))
+            self.world.turns.accept(self.console.close_step(clock, workload, reports, time.monotonic()))
             self.console.actions.clear()  # not recorded in this engine
         return workload
 

@@ -200,10 +200,10 @@ def test_rubbish_on_the_air_is_counted(data: bytes) -> None:
 def test_an_event_that_is_not_sensed_any_more_is_gone() -> None:
     """Only for an agent that is near enough to sense it."""
     overview = Overview(TASK, 15.0)
-    overview.take(1, SensedFrame((10.0, 10.0), (Event(7, 12.0, 10.0),)), 0.0)
-    overview.take(2, SensedFrame((40.0, 10.0), ()), 1.0)
+    overview.update(1, SensedFrame((10.0, 10.0), (Event(7, 12.0, 10.0),)), 0.0)
+    overview.update(2, SensedFrame((40.0, 10.0), ()), 1.0)
     assert overview.events == {7: (12.0, 10.0)}
-    overview.take(2, SensedFrame((14.0, 10.0), ()), 2.0)
+    overview.update(2, SensedFrame((14.0, 10.0), ()), 2.0)
     assert overview.events == {}
 
 
@@ -211,7 +211,7 @@ def test_an_event_that_is_not_sensed_any_more_is_gone() -> None:
 def test_agents_are_expected_where_they_were_sent(step_s: float) -> None:
     """Until they are silent for too long."""
     overview = Overview(AgentSettings(step_s=step_s), 15.0)
-    overview.take(1, SensedFrame((10.0, 10.0), ()), 0.0)
+    overview.update(1, SensedFrame((10.0, 10.0), ()), 0.0)
     for step in range(1, round(10 / step_s) + 1):
         overview.advance({1: (90.0, 10.0)}, step * step_s)
     assert overview.agents == {1: pytest.approx((20.0, 10.0))}

@@ -138,4 +138,4 @@ def test_a_place_behind_an_obstacle_cannot_be_gone_to() -> None:
     here = Whereabouts(on_map(SQUARE), 6.0, 4)
     here.move_to((5.0, 15.0), ())
     for place, reachable in (((8.0, 15.0), True), ((15.0, 15.0), False), ((25.0, 15.0), False), ((15.0, 30.0), True)):
-        assert here.is_in_arena(*place) == reachable
+        assert here.is_reachable(*place) == reachable

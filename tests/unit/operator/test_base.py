@@ -106,9 +106,9 @@ def test_a_new_command_does_not_wait_for_the_next_round() -> None:
 def test_a_later_operator_numbers_higher() -> None:
     """Also two commands of the same second differ, and answers find theirs by number."""
     first = CommandLog(FORMS, first=1_000_000)
-    early = [first.give("hold", Target(), {}, now_s).number for now_s in (0.0, 0.5, 0.9, 60.0)]
+    early = [first.issue("hold", Target(), {}, now_s).number for now_s in (0.0, 0.5, 0.9, 60.0)]
     later = CommandLog(FORMS, first=1_000_060)
-    late = later.give("hold", Target(), {}, 1.0).number
+    late = later.issue("hold", Target(), {}, 1.0).number
     assert early == [1_000_000, 1_000_001, 1_000_002, 1_000_060]
     assert late > early[-1]
     answers = (Answer(early[1], DONE), Answer(early[3], HEARD), Answer(17, DONE), Answer(late, DONE))
@@ -132,7 +132,7 @@ def test_made_up_events_do_not_fill_the_picture(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(picture, "MAX_NUMBERS", 10)
     seen = picture.Picture(1.0)
     for step in range(40):
-        seen.take([Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))], float(step))
+        seen.update([Report(7, step, step, "root", 0.0, 0.0, 0, (Event(1000 + step, 1.0, 2.0),))], float(step))
     assert len(seen._numbers) == 10
     assert [item.events for item in seen.inbox] == [(number,) for number in range(1, 41)]
 
@@ -142,5 +142,5 @@ def test_what_boards_do_not_accept_is_not_sent(kind: str) -> None:
     """As in a simulated run."""
     command_log = CommandLog((CommandForm("hold", (ALL,), (ArgumentForm("for", kind),)),), first=5)
     with pytest.raises(ValueError, match="for"):
-        command_log.give("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]
-    assert command_log.take() == ()
+        command_log.issue("hold", Target(), {"for": None}, 0.0)  # type: ignore[dict-item]
+    assert command_log.take_unsent() == ()

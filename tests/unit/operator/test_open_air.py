@@ -14,9 +14,15 @@ from unittest.mock import MagicMock
 import pytest
 
 from deltaswarm_operator.__main__ import main
+from deltaswarm_operator.io.bounded_queue import (
+    MAX_TOKENS,
+    MAX_WAITING_BYTES_OF_ONE,
+    SAMPLE_BYTES,
+    BoundedQueue,
+    ItemKind,
+)
 from deltaswarm_operator.io.open_air import OpenAirConfig, OpenAirOperator
 from deltaswarm_operator.io.process import End
-from deltaswarm_operator.io.waiting import MAX_TOKENS, MAX_WAITING_BYTES_OF_ONE, SAMPLE_BYTES, Arrival, Inbox
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
@@ -250,13 +256,13 @@ def sample(key: str, data: bytes) -> Any:
 
 def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """So many reports wait and no more, none is larger than reports are, and each agent's key is named once."""
-    inbox = Inbox()
+    inbox = BoundedQueue()
     config = OpenAirConfig(RUN, RouterLink(""), [], OperatorSettings(), 1.0, tmp_path, 10.0)
     operator = OpenAirOperator(config, MagicMock(), inbox, MagicMock())
-    inbox.put(Arrival.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
+    inbox.put(ItemKind.REPORT, sample("7", bytes(MAX_SAMPLE_BYTES + 1)))
     room = MAX_WAITING_BYTES_OF_ONE // (SAMPLE_BYTES + 1)
     for number in range(2 * room + 10):
-        inbox.put(Arrival.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
+        inbox.put(ItemKind.REPORT, sample(f"x{number}" if number % 2 else "7", b"\xc1"))
     inbox.stop()
     operator.run()
     assert operator.totals["refused_on"] == {"agent 7's key": 6, "no agent's key": 5}
@@ -266,23 +272,23 @@ def test_rubbish_fills_neither_memory_nor_log(tmp_path: Path, caplog: pytest.Log
 
 def test_one_that_floods_leaves_room_for_the_others() -> None:
     """Of its own samples few wait, however large they are; what was taken makes room again. Tokens are never lost."""
-    inbox = Inbox()
+    inbox = BoundedQueue()
     large = bytes(MAX_SAMPLE_BYTES)
     for _ in range(2 * MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES):
-        inbox.put(Arrival.REPORT, sample("7", large))
+        inbox.put(ItemKind.REPORT, sample("7", large))
     waiting = len(inbox)
     assert waiting <= MAX_WAITING_BYTES_OF_ONE // MAX_SAMPLE_BYTES
-    inbox.put(Arrival.REPORT, sample("8", large))
+    inbox.put(ItemKind.REPORT, sample("8", large))
     assert len(inbox) == waiting + 1
     inbox.get(0.0)
-    inbox.put(Arrival.REPORT, sample("7", large))
+    inbox.put(ItemKind.REPORT, sample("7", large))
     assert len(inbox) == waiting + 1
     assert set(inbox.refused) == {7}
     for number in range(2 * MAX_TOKENS):
-        inbox.put(Arrival.TOKEN, sample(str(number % 3), b""))
-    inbox.put(Arrival.TOKEN, last := sample("1", b""))
+        inbox.put(ItemKind.TOKEN, sample(str(number % 3), b""))
+    inbox.put(ItemKind.TOKEN, last := sample("1", b""))
     assert len(inbox) == MAX_TOKENS
     taken = [inbox.get(0.0) for _ in range(MAX_TOKENS + 3)]
-    assert (Arrival.TOKEN, last) in taken
+    assert (ItemKind.TOKEN, last) in taken
     with pytest.raises(queue.Empty):
         inbox.get(0.0)

@@ -53,7 +53,7 @@ def test_nothing_is_in_it_that_no_report_told(life: list[list[Report]]) -> None:
     before: dict[int, float] = {}
     seen_before: dict[int, float] = {}
     for now, reports in enumerate(life):
-        picture.take(reports, float(now))
+        picture.update(reports, float(now))
         for report in reports:
             told.add((report.agent, report.x_m, report.y_m, report.step, True))
             told |= {(m.agent, m.x_cm / 100, m.y_cm / 100, report.step, False) for m in report.members}
@@ -75,26 +75,26 @@ def test_nothing_is_in_it_that_no_report_told(life: list[list[Report]]) -> None:
 def test_a_late_report_puts_nobody_back() -> None:
     """Neither its sender, named by a root since, nor the event that it tells of."""
     picture = Picture(1.0)
-    picture.take([root(0, 10, 5)], 10.0)
-    picture.take([attending(5, 3)], 11.0)
+    picture.update([root(0, 10, 5)], 10.0)
+    picture.update([attending(5, 3)], 11.0)
     assert picture.agents[5].said_s == 10
     assert picture.agents[5].root == 0
     assert picture.events[1].seen_s == 10
-    picture.take([attending(5, 12)], 12.0)
-    picture.take([attending(5, 11)], 13.0)
+    picture.update([attending(5, 12)], 12.0)
+    picture.update([attending(5, 11)], 13.0)
     assert picture.agents[5].said_s == 12
     assert picture.agents[5].role == "attending"
-    picture.take([root(0, 11, 5)], 14.0)
+    picture.update([root(0, 11, 5)], 14.0)
     assert picture.agents[5].role == "attending"
 
 
 def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
     """A picture that goes on from another's state drops what that would have dropped."""
     before, after = Picture(1.0), Picture(1.0)
-    before.take([attending(1, 5, event=2)], 5.0)
-    after.go_on(json.loads(json.dumps(before.state())))
+    before.update([attending(1, 5, event=2)], 5.0)
+    after.restore(json.loads(json.dumps(before.state())))
     late = [attending(1, 3, event=1)]
-    assert after.take(late, 6.0) == before.take(late, 6.0) == []
+    assert after.update(late, 6.0) == before.update(late, 6.0) == []
     assert after.rows() == before.rows()
 
 
@@ -102,75 +102,75 @@ def test_what_an_agent_says_of_itself_counts_more_than_its_root() -> None:
     """In the same step, whichever of both has the lower number."""
     for own, other in ((1, 2), (2, 1)):
         picture = Picture(1.0)
-        picture.take(sorted([attending(own, 4), root(other, 4, own)]), 4.0)
+        picture.update(sorted([attending(own, 4), root(other, 4, own)]), 4.0)
         assert picture.agents[own].role == "attending"
 
 
 def test_members_that_are_named_no_more_have_left() -> None:
     """One, or the last; a root that names nobody, though it has followers, tells nothing of them."""
     picture = Picture(1.0)
-    picture.take([root(0, 1, 1, 2, 3)], 1.0)
+    picture.update([root(0, 1, 1, 2, 3)], 1.0)
     assert {agent: known.root for agent, known in picture.agents.items()} == {0: 0, 1: 0, 2: 0, 3: 0}
-    picture.take([root(0, 2, 1, 2)], 2.0)
+    picture.update([root(0, 2, 1, 2)], 2.0)
     assert picture.agents[3].role == LEFT
     assert picture.agents[3].said_s == 1
-    picture.take([root(0, 3, followers=2)], 3.0)
+    picture.update([root(0, 3, followers=2)], 3.0)
     assert picture.agents[1].root == 0
-    picture.take([root(0, 4)], 4.0)
+    picture.update([root(0, 4)], 4.0)
     assert {picture.agents[agent].role for agent in (1, 2, 3)} == {LEFT}
-    picture.take([root(4, 5, 1, 2)], 5.0)
+    picture.update([root(4, 5, 1, 2)], 5.0)
     assert {picture.agents[agent].root for agent in (1, 2)} == {4}
-    picture.take([attending(4, 6)], 6.0)
+    picture.update([attending(4, 6)], 6.0)
     assert {picture.agents[agent].role for agent in (1, 2)} == {LEFT}
 
 
 def test_events_that_nobody_reports_any_more_are_closed() -> None:
     """With the times of their first and last report; one that is reported again is open since its first report."""
     picture = Picture(1.0)
-    picture.take([attending(1, 1, event=7), attending(2, 1, event=8)], 1.0)
+    picture.update([attending(1, 1, event=7), attending(2, 1, event=8)], 1.0)
     assert picture.closed_after_s is None
-    picture.take([attending(1, 5, event=7), attending(2, 9, event=8)], 9.0)
-    picture.take([attending(1, 10, event=9), attending(2, 10, event=10)], 10.0)
+    picture.update([attending(1, 5, event=7), attending(2, 9, event=8)], 9.0)
+    picture.update([attending(1, 10, event=9), attending(2, 10, event=10)], 10.0)
     assert picture.closed == {1: (1.0, 5.0), 2: (1.0, 9.0)}
     assert picture.closed_after_s == (4.0 + 8.0) / 2
     again = Picture(1.0)
-    again.go_on(json.loads(json.dumps(picture.state())))
-    again.take([attending(2, 12, event=8)], 12.0)
+    again.restore(json.loads(json.dumps(picture.state())))
+    again.update([attending(2, 12, event=8)], 12.0)
     assert again.closed == {1: (1.0, 5.0), 4: (10.0, 10.0)}
     assert again.events[2].first_s == 1.0
-    again.take([attending(2, 20, event=5)], 20.0)
+    again.update([attending(2, 20, event=5)], 20.0)
     assert again.closed[2] == (1.0, 12.0)
 
 
 def test_a_root_that_names_itself_stays_a_root() -> None:
     """As a hostile one might."""
     picture = Picture(1.0)
-    picture.take([root(3, 1, 3)], 1.0)
+    picture.update([root(3, 1, 3)], 1.0)
     assert picture.agents[3].role == "root"
 
 
 def test_an_event_goes_when_its_reporter_is_silent_of_it_or_nobody_tells_for_long() -> None:
     """Another one's word keeps it; its number stays its own."""
     picture = Picture(1.0)
-    picture.take([root(0, 1, events=[77, 78]), root(1, 1, events=[78])], 1.0)
+    picture.update([root(0, 1, events=[77, 78]), root(1, 1, events=[78])], 1.0)
     assert set(picture.events) == {1, 2}
-    picture.take([root(0, 2, events=[])], 2.0)
+    picture.update([root(0, 2, events=[])], 2.0)
     assert set(picture.events) == {2}
-    picture.take([], 1 + EVENT_MEMORY_S)
+    picture.update([], 1 + EVENT_MEMORY_S)
     assert set(picture.events) == {2}
-    picture.take([], 2 + EVENT_MEMORY_S)
+    picture.update([], 2 + EVENT_MEMORY_S)
     assert not picture.events
-    picture.take([root(0, 400, events=[78])], 400.0)
+    picture.update([root(0, 400, events=[78])], 400.0)
     assert set(picture.events) == {2}
 
 
 def test_the_inbox_has_what_is_new_of_each_sender() -> None:
     """A repetition is no item; read items are read once."""
     picture = Picture(1.0)
-    first = picture.take([root(0, 1, events=[5]), attending(1, 1, 5)], 1.0)
+    first = picture.update([root(0, 1, events=[5]), attending(1, 1, 5)], 1.0)
     assert [item.is_new for item in first] == [True, False]
-    assert picture.take([root(0, 2, events=[5])], 2.0) == []
-    assert [item.events for item in picture.take([root(0, 3, events=[5, 6])], 70.0)] == [(1, 2)]
+    assert picture.update([root(0, 2, events=[5])], 2.0) == []
+    assert [item.events for item in picture.update([root(0, 3, events=[5, 6])], 70.0)] == [(1, 2)]
     assert picture.waiting(60.0) == 2
     assert picture.read([0, 0, 99, -1]) == [0]
     assert picture.read([0]) == []

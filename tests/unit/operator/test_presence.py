@@ -29,8 +29,8 @@ def test_a_report_counts_when_it_comes_whatever_its_own_step() -> None:
     books = meter()
     assert books.hear(1, report(1, 0, 7), pack(100.0), 0.2) is None
     assert books.hear(2, report(2, 5, 90_000), None, 0.3) is None
-    assert books.close(0.9, 0) is None
-    workload = books.close(1.0, 0)
+    assert books.close_second(0.9, 0) is None
+    workload = books.close_second(1.0, 0)
     assert workload is not None
     assert (workload.step, workload.messages, workload.senders, workload.rate_1s_hz) == (0, 2, 2, 2.0)
     assert books.totals["lost"] == 0, "what was sent before anybody listened is no loss"
@@ -40,15 +40,15 @@ def test_steps_are_the_wall_clocks() -> None:
     """An operator that was held up closes the newest step that has ended, and says how many it missed."""
     books = meter(0.5)
     assert books.wait_s(0.1) == pytest.approx(0.4)
-    first = books.close(0.5, 0)
+    first = books.close_second(0.5, 0)
     hear(books, 1, 0, 10.0, 0.7)
-    second = books.close(2.6, 3)
+    second = books.close_second(2.6, 3)
     assert first is not None
     assert second is not None
     assert (first.step, second.step, second.time_s, second.messages, second.backlog) == (0, 4, 2.0, 1, 3)
     assert books.totals["steps_missed"] == 3
     assert books.wait_s(2.6) == pytest.approx(0.4)
-    assert books.close(2.9, 0) is None
+    assert books.close_second(2.9, 0) is None
 
 
 def test_rates_are_over_a_second_and_a_minute() -> None:
@@ -57,11 +57,11 @@ def test_rates_are_over_a_second_and_a_minute() -> None:
     for second in range(60):
         for number in range(2):
             hear(books, 1, 2 * second + number, 10.0 + second + number / 2, second + number / 2)
-        workload = books.close(second + 1.0, 0)
+        workload = books.close_second(second + 1.0, 0)
     assert workload is not None
     assert (workload.rate_1s_hz, workload.rate_60s_hz) == (2.0, 2.0)
     for second in range(60, 90):
-        workload = books.close(second + 1.0, 0)
+        workload = books.close_second(second + 1.0, 0)
     assert workload is not None
     assert (workload.rate_1s_hz, workload.rate_60s_hz) == (0.0, 1.0)
 
@@ -94,7 +94,7 @@ def test_a_body_that_is_not_well_is_told_of_until_it_is_well_or_gone() -> None:
     books.went(3)
     assert books.faulty == {}
     assert [books.totals["agents"]["3"][name] for name in ("fault", "last_fault")] == ["", "no fuel"]
-    workload = books.close(1.0, 0)
+    workload = books.close_second(1.0, 0)
     assert workload is not None
     assert (workload.messages, workload.senders, workload.rejected) == (0, 0, 0)
 
@@ -110,7 +110,7 @@ def test_health_that_is_forged_or_malformed_is_dropped(agent: int | None, data: 
     assert said is not None
     assert reason in said
     assert books.faulty == {1: "no battery"}
-    books.close(1.0, 0)
+    books.close_second(1.0, 0)
     assert books.totals["rejected"] == 1
 
 
@@ -130,7 +130,7 @@ def test_a_report_that_comes_again_is_not_counted_again() -> None:
     assert hear(books, 1, 5, 101.0) is None
     assert hear(books, 1, 5, 101.0) is not None
     assert hear(books, 1, 4, 100.0) is not None
-    books.close(1.0, 0)
+    books.close_second(1.0, 0)
     found = books.totals
     assert (found["messages"], found["lost"], found["agents"]["1"]["stale"]) == (2, 0, 2)
 
@@ -140,7 +140,7 @@ def test_an_agent_that_began_anew_is_heard_at_once() -> None:
     books = meter()
     for sequence, sent_s in ((7, 100.0), (8, 101.0), (0, 130.0), (1, 131.0)):
         assert hear(books, 1, sequence, sent_s) is None
-    books.close(1.0, 0)
+    books.close_second(1.0, 0)
     found = books.totals
     assert (found["messages"], found["lost"], found["agents"]["1"]["restarts"]) == (4, 0, 1)
 
@@ -172,7 +172,7 @@ def test_what_is_forged_or_malformed_is_dropped(
     said = books.hear(agent, data, sent, 0.0)
     assert said is not None
     assert reason in said
-    books.close(1.0, 0)
+    books.close_second(1.0, 0)
     assert (books.totals["rejected"], books.totals["messages"]) == (1, 0)
 
 
@@ -181,7 +181,7 @@ def test_every_report_is_counted_or_stale(arrivals: list[tuple[int, float]]) -> 
     """In whatever order they come."""
     books = meter()
     taken = sum(hear(books, 1, sequence, sent_s) is None for sequence, sent_s in arrivals)
-    books.close(1.0, 0)
+    books.close_second(1.0, 0)
     found = books.totals
     assert found["messages"] == taken
     assert sum(agent["stale"] for agent in found["agents"].values()) == len(arrivals) - taken
@@ -290,7 +290,7 @@ def test_what_was_thought_lost_and_comes_from_another_board_was_not() -> None:
     books = meter()
     for now_s, sequence in enumerate((62, 105, 63, 106)):
         assert hear(books, 1, sequence, 100.0 + now_s, now_s) is None
-        books.close(now_s + 1.0, 0)
+        books.close_second(now_s + 1.0, 0)
         assert books.totals["lost"] == (42 if sequence == 105 else 0)
 
 
@@ -303,7 +303,7 @@ def test_of_one_agent_a_step_takes_so_many_bytes_and_no_more() -> None:
     for data in large[: room + 3]:
         books.hear(1, data, pack(10.0), 0.0)
     hear(books, 2, 0, 10.0)
-    first = books.close(1.0, 0)
+    first = books.close_second(1.0, 0)
     assert first is not None
     assert (first.messages, first.rejected) == (room + 1, 3)
     assert {agent: row["rejected"] for agent, row in books.totals["per_sender"].items()} == {"1": 3, "2": 0}

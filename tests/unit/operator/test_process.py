@@ -45,10 +45,10 @@ def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
         for agent in range(AGENTS):
             if (step + agent) % 3:
                 one = report(agent, step, step)
-                expected.take_now(one, encode_report(one))
+                expected.count(one, encode_report(one))
                 world.hand_on(encode_report(one), step)
         world.close_step(step, last=step == steps - 1)
-        wanted.append(expected.close(Clock(step, float(step), False), 0))
+        wanted.append(expected.close_step(Clock(step, float(step), False), 0))
     assert process.wait(PATIENCE_S) == 0
     assert [row._replace(backlog=0) for row in world.rows()] == wanted
     totals = world.totals()
@@ -216,8 +216,8 @@ class WorldMeter:
 
     def take(self, step: int, data: bytes) -> None:
         """A step with this report."""
-        self.meter.take_forwarded(Forwarded(step, step, data))
-        self.rows.append(self.meter.close(Clock(step, float(step), False), 0))
+        self.meter.count_forwarded(Forwarded(step, step, data))
+        self.rows.append(self.meter.close_step(Clock(step, float(step), False), 0))
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

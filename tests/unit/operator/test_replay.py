@@ -63,7 +63,7 @@ def straight(time_s: int) -> tuple[Any, ...]:
     briefing, steps = recorded()
     console = Console(briefing)
     for step in steps[: time_s + 1]:
-        console.close(*step, 0.0)
+        console.close_step(*step, 0.0)
     return seen(console)
 
 

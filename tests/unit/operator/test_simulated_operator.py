@@ -103,7 +103,7 @@ def test_one_that_goes_on_does_the_same(
     acts = live(whole, told)
     before, after = person(settings, seed), person(settings, seed)
     first = live(before, told[:cut])
-    after.go_on(_through_json(before.state()))
+    after.restore(_through_json(before.state()))
     assert first + live(after, told[cut:], len(told[:cut])) == acts
     assert after.totals == whole.totals
 

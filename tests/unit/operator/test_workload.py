@@ -37,12 +37,12 @@ def a_meter(threshold_hz: float = 5.0, step_s: float = STEP_S) -> WorkloadMeter:
 
 
 def close(meter: WorkloadMeter, step: int, backlog: int = 0) -> Workload:
-    return meter.close(Clock(step, step * STEP_S, False), backlog)
+    return meter.close_step(Clock(step, step * STEP_S, False), backlog)
 
 
 def feed(meter: WorkloadMeter, *reports: Report) -> None:
     for one in reports:
-        meter.take_now(one, encode_report(one))
+        meter.count(one, encode_report(one))
 
 
 def hand_on(meter: WorkloadMeter, sequence: int, data: bytes, step: int = 0) -> str | None:
@@ -200,7 +200,7 @@ def test_a_burst_is_in_the_long_rate_for_a_minute(step_s: float) -> None:
     rates = []
     for step in range(round(130 / step_s)):
         feed(meter, *(report(agent, 0, 0) for agent in range(30 if step == round(10 / step_s) else 0)))
-        rates.append(meter.close(Clock(step, step * step_s, False), 0))
+        rates.append(meter.close_step(Clock(step, step * step_s, False), 0))
     long_s, short_s = (
         [one.time_s for one in rates if getattr(one, name) > 0] for name in ("rate_60s_hz", "rate_1s_hz")
     )
@@ -227,7 +227,7 @@ def test_rates_are_over_simulated_time() -> None:
     meter = a_meter(step_s=0.5)
     for step in range(10):
         feed(meter, *(report(agent, step, step) for agent in range(3)))
-        workload = meter.close(Clock(step, step * 0.5, False), 0)
+        workload = meter.close_step(Clock(step, step * 0.5, False), 0)
     assert (workload.rate_1s_hz, workload.rate_60s_hz) == (6.0, 6.0)
     assert meter.totals["messages_per_s"] == 6.0
     assert workload.time_above_s == 5.0

@@ -31,13 +31,13 @@ def test_nothing_is_handed_over_that_decoding_would_not_give(mode: str, monkeypa
 
         monkeypatch.setattr(owner, name, checked)
 
-    check(crew.world.inbox, "take_radio", lambda data: decode_sample(data).counter)
-    check(crew.world.inbox, "take_act", decode_act)
-    check(crew.world.inbox, "take_report", decode_report)
+    check(crew.world.intake, "accept_radio", lambda data: decode_sample(data).counter)
+    check(crew.world.intake, "accept_act", decode_act)
+    check(crew.world.intake, "accept_report", decode_report)
     asked = sum(record.agents_asked for record in play(crew, 200))
-    assert handed["take_act"] == asked
-    assert min(handed["take_radio"], handed["take_report"]) > 100
-    assert not crew.world.inbox.rejected
+    assert handed["accept_act"] == asked
+    assert min(handed["accept_radio"], handed["accept_report"]) > 100
+    assert not crew.world.intake.rejected
 
 
 def test_a_controller_that_fails_as_it_is_started_anew_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -88,7 +88,7 @@ def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
     """Without a text of consent too."""
     probes = ProbeSettings(participant="P007", condition="1 A")
     console = Console(Briefing(operator=OperatorSettings(probes=probes)))
-    console.begin(0.0)
+    console.start(0.0)
     assert console.pace.hold_step == 0
     sheet = json.loads(console.hello("run"))["session"]["sheet"]
     assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}

@@ -70,7 +70,7 @@ def test_no_field_of_a_command_takes_what_it_is_not(place: str, value: Any) -> N
     [
         [TREE, -1],
         [TREE, 1.5],
-        [AGENT, wire.BASE],
+        [AGENT, wire.BASE_ID],
         [CIRCLE, 1, 2, -1],
         [CIRCLE, 1, 2],
         [PLACE, 1, math.nan],

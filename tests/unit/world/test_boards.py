@@ -69,12 +69,12 @@ def lost_over(counters: list[int], *, away_before: int | None, **tables: Any) ->
         if position == away_before:
             stage.core.participants.token_gone(BOARD)
             stage.core.participants.token_back(BOARD)
-            stage.core.inbox.go_on_anywhere(BOARD)
+            stage.core.intake.accept_any_next(BOARD)
         stage.begin()
         stage.counters[BOARD] = counter
         stage.say(BOARD)
         report = encode_report(Report(BOARD, counter, stage.step, "root", 1.0, 1.0, 0, ()))
-        assert stage.core.inbox.hear_report(BOARD, report) is None
+        assert stage.core.intake.hear_report(BOARD, report) is None
         lost.append(stage.end().transport_lost)
     return lost
 

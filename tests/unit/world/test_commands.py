@@ -2,7 +2,7 @@
 
 import pytest
 
-from deltaswarm_wire.commands import BASE, Turn
+from deltaswarm_wire.commands import BASE_ID, Turn
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_POSES, decode_frame, encode_frame
 from deltaswarm_world.core.turns import LIVE
 from tests.support.commanding import a_command, sign
@@ -19,14 +19,14 @@ def test_a_crowded_agent_still_hears_the_base(jitter_s: float) -> None:
     for step in range(30):
         frames = stage.begin()
         for frame in frames.values():
-            heard += sum(sender == BASE for sender, _ in frame.heard)
+            heard += sum(sender == BASE_ID for sender, _ in frame.heard)
             full = frame._replace(poses=((0.5, 0.5),) * MAX_POSES)
             assert decode_frame(encode_frame(full)).heard == frame.heard
         if step > 0:
             assert sum(len(data) for _, data in frames[0].heard) > FRAME_ROOM_BYTES - 2000
         for agent in frames:
             stage.say(agent, b"x" * 300)
-        stage.core.turns.take(Turn(step, many if step == 1 else ()))
+        stage.core.turns.accept(Turn(step, many if step == 1 else ()))
         stage.end()
     assert heard > 15 * 120
 
@@ -37,7 +37,7 @@ def test_what_the_base_says_is_in_the_digest_and_not_in_the_books_of_frames() ->
     for number in (1, 2):
         stage = Stage(3)
         stage.core.turns.mode = LIVE
-        stage.core.turns.take(Turn(0, (sign(a_command(number)),)))
+        stage.core.turns.accept(Turn(0, (sign(a_command(number)),)))
         for _ in range(4):
             stage.begin()
             record = stage.end()

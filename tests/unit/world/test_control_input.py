@@ -15,8 +15,8 @@ def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: 
     queue = ControlQueue()
     for news in told:
         queue.put(news)
-    taken = list(queue.take())
-    assert not list(queue.take())
+    taken = list(queue.drain())
+    assert not list(queue.drain())
 
     def of(agent: int, found: list[ControlInput]) -> list[ControlInput]:
         return [news for news in found if isinstance(news, Token) and (news.role, news.number) == (AGENT, agent)]

@@ -86,13 +86,13 @@ def test_malformed_radio_frames_are_counted_never_raised(samples: list[tuple[int
     refused = 0
     for agent, data in samples:
         valid = complaint(RADIO, data) is None
-        reason = stage.core.inbox.hear_radio(agent, data)
+        reason = stage.core.intake.hear_radio(agent, data)
         assert (reason is None) == (valid and agent < 3 and agent not in taken)
         refused += reason is not None
         taken |= {agent} if reason is None else set()
     record = stage.end()
     assert (record.rejected, record.frames_sent) == (refused, len(taken))
-    assert sum(stage.core.inbox.rejected.values()) == refused
+    assert sum(stage.core.intake.rejected.values()) == refused
     assert stage.core.participants.is_closed
 
 
@@ -106,7 +106,7 @@ def test_malformed_acts_are_counted_never_raised(samples: list[tuple[int, bytes]
     for agent, data in samples:
         is_due = agent in stage.core.participants.asked
         valid = is_due and complaint(ACT, data) is None and ACT.decode(data).step == stage.step
-        assert (stage.core.inbox.hear_act(agent, data) is None) == valid
+        assert (stage.core.intake.hear_act(agent, data) is None) == valid
         refused += not valid
     assert stage.end().rejected == refused
 
@@ -116,9 +116,9 @@ def test_one_frame_per_step_and_none_after_the_act() -> None:
     stage = Stage()
     stage.begin()
     first = stage.say(0)
-    assert stage.core.inbox.hear_radio(0, sample(1)) is not None
+    assert stage.core.intake.hear_radio(0, sample(1)) is not None
     stage.act(1)
-    assert stage.core.inbox.hear_radio(1, sample(0)) is not None
+    assert stage.core.intake.hear_radio(1, sample(0)) is not None
     assert stage.end().rejected == 2
     assert {agent: frame.heard for agent, frame in stage.begin().items()} == {0: (), 1: ((0, first),), 2: ((0, first),)}
 
@@ -129,9 +129,9 @@ def test_whose_count_falls_back_is_named() -> None:
     for counters in ((0, 30), (1, 31), (2, 32)):
         stage.begin()
         for counter in counters:
-            stage.core.inbox.hear_radio(1, sample(counter))
-        stage.core.inbox.go_on_anywhere(2)
-        stage.core.inbox.hear_radio(2, sample(0))
+            stage.core.intake.hear_radio(1, sample(counter))
+        stage.core.intake.accept_any_next(2)
+        stage.core.intake.hear_radio(2, sample(0))
         stage.end()
     totals = stage.core.totals(True)
     assert (totals["fell_back"], totals["transport_lost"]) == ({"1": 2}, {"1": 29 * 3})
@@ -142,7 +142,7 @@ def test_counts_that_overflow_do_not_harm_the_recorder() -> None:
     stage = Stage()
     stage.begin()
     for counter in (MAX_ID, 0, MAX_ID):
-        stage.core.inbox.hear_radio(0, sample(counter))
+        stage.core.intake.hear_radio(0, sample(counter))
     truth = stage.core.truth(stage.end())
     assert decode_truth(encode_truth(truth)).step_record == truth.step_record
 
@@ -159,7 +159,7 @@ def test_an_act_of_a_step_to_come_is_refused() -> None:
     assert stage.act(1, step=0) is not None
     assert stage.core.participants.asked == {0, 1, 2}
     assert stage.end().rejected == 1
-    assert stage.core.inbox.excess == {1: 1}
+    assert stage.core.intake.excess == {1: 1}
 
 
 def test_a_second_act_changes_nothing() -> None:
@@ -180,7 +180,7 @@ def test_a_gap_in_counters_is_a_loss_on_the_fabric() -> None:
     lost = []
     for counter in (0, 1, 4, 5, 0, 1):
         stage.begin()
-        stage.core.inbox.hear_radio(0, sample(counter))
+        stage.core.intake.hear_radio(0, sample(counter))
         lost.append(stage.end().transport_lost)
     assert lost == [0, 0, 2, 0, 0, 0]
 
@@ -193,7 +193,7 @@ def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
     stage = Stage(2)
     stage.begin()
     odd = b"\x93\x03\xcd\x00\x00\xc5\x00\x02hi"
-    assert stage.core.inbox.hear_radio(0, odd) is None
+    assert stage.core.intake.hear_radio(0, odd) is None
     stage.end()
     assert stage.begin()[1].heard == ((0, odd),)
 
@@ -306,8 +306,8 @@ def test_every_frame_sent_is_heard_dropped_or_in_flight(radio: list[str]) -> Non
 def digest_of(heard: bytes, act: Act, agent: int = 0) -> str:
     stage = Stage()
     stage.begin()
-    stage.core.inbox.hear_radio(agent, heard)
-    stage.core.inbox.hear_act(agent, encode_act(act))
+    stage.core.intake.hear_radio(agent, heard)
+    stage.core.intake.hear_act(agent, encode_act(act))
     stage.end()
     return stage.core.digest.hex()
 

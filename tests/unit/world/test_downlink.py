@@ -168,7 +168,7 @@ def test_a_step_begins_with_the_turn_of_the_step_before_the_last() -> None:
     """The first two need none; a command leaves two steps after the one that it answers."""
     turns = Turns(AWAITED)
     assert [turns.is_due(step) for step in range(4)] == [True, True, False, False]
-    assert turns.take(a_turn(0, 7)) is None
+    assert turns.accept(a_turn(0, 7)) is None
     assert turns.is_due(2)
     assert not turns.is_due(3)
     assert [leaving(turns, step) for step in range(4)] == [[], [], [7], []]
@@ -179,7 +179,7 @@ def test_a_turn_that_comes_again_is_passed_over() -> None:
     """As from an operator that stands in for one that was killed."""
     turns = Turns(AWAITED)
     for step in (0, 1, 0, 1, 1):
-        turns.take(a_turn(step, step))
+        turns.accept(a_turn(step, step))
     assert [leaving(turns, step) for step in range(5)] == [[], [], [0], [1], []]
 
 
@@ -187,17 +187,17 @@ def test_a_person_is_not_awaited() -> None:
     """What it says leaves in the step that begins next, though never before a script could have said it."""
     turns = Turns(LIVE)
     assert all(turns.is_due(step) for step in range(100))
-    turns.take(a_turn(-1, 0))
+    turns.accept(a_turn(-1, 0))
     assert [leaving(turns, step) for step in range(FIRST_STEP + 1)] == [[], [], [0]]
-    turns.take(a_turn(2, 1))
-    turns.take(a_turn(2, 2))
+    turns.accept(a_turn(2, 1))
+    turns.accept(a_turn(2, 2))
     assert leaving(turns, 3) == [1, 2]
 
 
 def test_without_an_operator_nothing_is_taken() -> None:
     """A turn is dropped, with a reason."""
     turns = Turns(OFF)
-    assert turns.take(a_turn(0, 1))
+    assert turns.accept(a_turn(0, 1))
     assert leaving(turns, 9) == []
 
 
@@ -206,7 +206,7 @@ def test_no_more_commands_leave_in_a_step_than_fit_into_a_turn(mode: str) -> Non
     """So what a person gave at once can be given by a script, in the same steps."""
     turns = Turns(mode)
     for turn in range(3):
-        turns.take(a_turn(turn, *range(16 * turn, 16 * turn + 16)))
+        turns.accept(a_turn(turn, *range(16 * turn, 16 * turn + 16)))
     gone = [leaving(turns, step) for step in range(2, 7)]
     assert [number for numbers in gone for number in numbers] == list(range(48))
     assert max(map(len, gone)) == MAX_IN_TURN
@@ -216,10 +216,10 @@ def test_only_so_many_commands_may_wait() -> None:
     """The turn that is too much is dropped as a whole, and others come after it."""
     turns = Turns(LIVE)
     for first in range(0, MAX_WAITING, MAX_IN_TURN):
-        assert turns.take(a_turn(5, *range(first, first + MAX_IN_TURN))) is None
-    assert turns.take(a_turn(5, 999))
+        assert turns.accept(a_turn(5, *range(first, first + MAX_IN_TURN))) is None
+    assert turns.accept(a_turn(5, 999))
     leaving(turns, 6)
-    assert turns.take(a_turn(6, 999)) is None
+    assert turns.accept(a_turn(6, 999)) is None
 
 
 # StepGate
@@ -238,7 +238,7 @@ class Clock:
         until_s, step = self.now_s + seconds, first
         while True:
             while self.gate.may_begin(step) and step < first + 10_000:
-                self.gate.begin()
+                self.gate.begin_step()
                 step += 1
             wait_s = self.gate.wait_s(step)
             assert wait_s is not None
@@ -252,19 +252,19 @@ class Clock:
 def test_steps_come_at_the_speed_that_was_asked_for(speed: float) -> None:
     """So many simulated seconds in each of the wall's."""
     clock = Clock()
-    clock.gate.take(Pace(speed, -1))
+    clock.gate.set_pace(Pace(speed, -1))
     assert clock.steps_in(20.0, 0) * 0.5 == pytest.approx(20 * speed, abs=1)
 
 
 def test_a_pause_holds_a_step_back_and_nothing_is_caught_up_after_it() -> None:
     """However long it was; a step more is held again."""
     clock = Clock()
-    clock.gate.take(Pace(2.0, 6))
+    clock.gate.set_pace(Pace(2.0, 6))
     assert clock.steps_in(100.0, 0) == 6
     assert clock.gate.wait_s(6) == math.inf
-    clock.gate.take(Pace(2.0, 7))
+    clock.gate.set_pace(Pace(2.0, 7))
     assert clock.steps_in(100.0, 6) == 7
-    clock.gate.take(Pace(2.0, -1))
+    clock.gate.set_pace(Pace(2.0, -1))
     assert clock.steps_in(10.0, 7) - 7 == pytest.approx(40, abs=2)
 
 
@@ -275,16 +275,16 @@ def test_as_fast_as_possible_waits_for_nothing_but_turns() -> None:
     clock.turns.mode = AWAITED
     assert clock.gate.wait_s(2) is None
     assert not clock.gate.may_begin(2)
-    clock.turns.take(a_turn(0))
+    clock.turns.accept(a_turn(0))
     assert clock.gate.may_begin(2)
 
 
 def test_another_speed_holds_from_the_next_step_on() -> None:
     """Also from a very slow one."""
     clock = Clock()
-    clock.gate.take(Pace(1e-9, -1))
+    clock.gate.set_pace(Pace(1e-9, -1))
     assert clock.gate.may_begin(0)
-    clock.gate.begin()
+    clock.gate.begin_step()
     assert not clock.gate.may_begin(1)
-    clock.gate.take(Pace(0.0, -1))
+    clock.gate.set_pace(Pace(0.0, -1))
     assert clock.gate.may_begin(1)

@@ -108,7 +108,7 @@ def test_the_world_stays_until_an_operator_has_all(batches: list[list[Token | Pe
     world = begun(fabric, tmp_path)
     world._core.participants.step, world._loop.has_begun = LAST, True
     for step in range(LAST + 1):
-        world._loop.buffer.close(ClosedStep(step, [], b"%d" % step), now=True)
+        world._loop.buffer.add(ClosedStep(step, [], b"%d" % step), now=True)
     world.goodbye()
     assert fabric.has_left
     lives = sum(message == GOES for batch in batches for message in batch)
@@ -147,7 +147,7 @@ def test_a_checkpoint_without_the_operators_file_is_none(tmp_path: Path) -> None
     def save(asked: set[int], step: int) -> None:
         for file in agents:
             checkpoint.write(file, b"an agent")
-        world._core.inbox.unsaved -= asked
+        world._core.intake.unsaved -= asked
 
     fabric.save = save  # type: ignore[attr-defined]
     with WorldOutput(tmp_path) as output:
@@ -179,7 +179,7 @@ def test_who_saved_another_step_completes_no_checkpoint(late: str, tmp_path: Pat
 
     fabric = Fabric(batches())
     world = begun(fabric, tmp_path, (OPERATOR, RECORDER))
-    inbox = world._core.inbox
+    inbox = world._core.intake
     inbox.begin(LAST)
     inbox.await_saved({2})  # an earlier checkpoint, for which it was late
     world._core.participants.step = LAST

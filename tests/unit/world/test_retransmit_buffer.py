@@ -43,13 +43,13 @@ def test_each_step_arrives_once(events: list[str]) -> None:
         if event == "step":
             step = len(wanted)
             wanted.append(tuple(b"%d/%d" % (step, number) for number in range(step % 3)))
-            buffer.close(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
+            buffer.add(ClosedStep(step, list(wanted[-1]), b"%d" % step), now=is_there)
         elif event == "save" and is_there:
             buffer.confirm(operator.save())
         elif event == "gone":
             is_there = False
         elif event == "back" and not is_there:
-            buffer.begin_anew(operator.die())
+            buffer.resend_after(operator.die())
             is_there = True
         assert buffer.confirmed == len(operator.saved) - 1
         assert len(buffer._kept) == len(wanted) - len(operator.saved)
@@ -61,8 +61,8 @@ def test_who_has_all_is_told_once_more_that_it_was_the_last() -> None:
     reports: list[bytes] = []
     clocks: list[bytes] = []
     buffer = RetransmitBuffer(reports.append, clocks.append)
-    buffer.close(ClosedStep(0, [b"a"], b"0"), now=True)
-    buffer.close(ClosedStep(1, [b"b"], b"1", last=True), now=True)
-    buffer.begin_anew(1)
+    buffer.add(ClosedStep(0, [b"a"], b"0"), now=True)
+    buffer.add(ClosedStep(1, [b"b"], b"1", last=True), now=True)
+    buffer.resend_after(1)
     assert reports == [b"a", b"b"]
     assert clocks == [b"0", b"1", b"1"]

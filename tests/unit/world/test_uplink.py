@@ -243,10 +243,10 @@ def test_the_world_checks_reports_as_the_operator_does() -> None:
     for step in range(3):
         for agent, _ in core.begin(step, last=False):
             data = report(agent, step + (agent == 2), step)
-            assert core.inbox.hear_report(agent, data) is None
+            assert core.intake.hear_report(agent, data) is None
             for bad in (b"", data[:-1], report(agent + 1, 9), report(agent, 9, step + 1), data):
-                assert core.inbox.hear_report(agent, bad)
-            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
+                assert core.intake.hear_report(agent, bad)
+            core.intake.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
         step_records.append(core.end())
     assert [record.rejected for record in step_records] == [15] * 3
     assert [record.transport_lost for record in step_records] == [1, 0, 0]
@@ -267,8 +267,8 @@ def test_a_dead_radio_reports_to_nobody() -> None:
     for step in range(2):
         core.inject(step)
         for agent, _ in core.begin(step, last=False):
-            core.inbox.hear_report(agent, report(agent, step, step))
-            core.inbox.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
+            core.intake.hear_report(agent, report(agent, step, step))
+            core.intake.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
         step_records.append(core.end())
     assert [(record.reports_arrived, record.reports_dropped_dead) for record in step_records] == [
         (2, 0),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.commands import BASE, Relayed, Signed, decode_command, encode_relayed
+from deltaswarm_wire.commands import BASE_ID, Relayed, Signed, decode_command, encode_relayed
 from deltaswarm_wire.envelope import Sample, encode_sample, fitting
 from deltaswarm_world.core.air.channel.queues import DelayLine, Packet
 from deltaswarm_world.core.arrays import Floats
@@ -79,7 +79,7 @@ class Downlink:
             self._new = any(alive.sent_at == NEVER for alive in self._alive)
             arriving = [(agent, sample) for agent in self._in_reach(time_s, positions_m)]
         if self._delays is not None:
-            packets = [(agent, Packet(BASE, self.frames_sent, data)) for agent, data in arriving]
+            packets = [(agent, Packet(BASE_ID, self.frames_sent, data)) for agent, data in arriving]
             arrived = self._delays.send(step, packets, self._delays.draw(len(packets)).tolist())
             arrived += self._delays.take(step)
             newest = {agent: packet.data for agent, packet in sorted(arrived)}

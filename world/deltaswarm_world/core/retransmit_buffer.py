@@ -29,7 +29,7 @@ class RetransmitBuffer:
         self._send_report, self._send_clock = send_report, send_clock
         self._kept: deque[ClosedStep] = deque()
 
-    def close(self, step: ClosedStep, *, now: bool) -> None:
+    def add(self, step: ClosedStep, *, now: bool) -> None:
         """Keep a closed step; send it `now` unless the operator is away."""
         self._kept.append(step)
         if now:
@@ -41,7 +41,7 @@ class RetransmitBuffer:
         while self._kept and self._kept[0].step <= self.confirmed and not self._kept[0].last:
             self._kept.popleft()
 
-    def begin_anew(self, step: int) -> None:
+    def resend_after(self, step: int) -> None:
         """Send a new operator, which has the steps up to this one, the others, oldest first.
 
         An operator that has every step gets the last clock again, which tells it that it was the last.

@@ -29,10 +29,10 @@ class SequenceNumbers:
                 self.fell_back[agent] += 1
         self._due[agent] = number + 1
 
-    def begin_anew(self, agent: int) -> None:
+    def expect_first(self, agent: int) -> None:
         """Expect the next message from a new process."""
         self._due[agent] = 0
 
-    def go_on_anywhere(self, agent: int) -> None:
+    def accept_any_next(self, agent: int) -> None:
         """Accept any number in the next message."""
         self._due[agent] = None

@@ -20,7 +20,7 @@ class StepGate:
         self._pace = Pace(0.0, -1)
         self._last_begin_s = -math.inf
 
-    def take(self, pace: Pace) -> None:
+    def set_pace(self, pace: Pace) -> None:
         """The operator wants another pace."""
         self._pace = pace
 
@@ -35,7 +35,7 @@ class StepGate:
         left_s = self._due_s() - self._monotonic()
         return max(0.0, left_s) if self._turns.is_due(step) else None
 
-    def begin(self) -> None:
+    def begin_step(self) -> None:
         """A step begins: the next one is due after its share of the wall's time."""
         now_s = self._monotonic()
         due_s = self._due_s()

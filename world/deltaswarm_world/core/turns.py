@@ -29,7 +29,7 @@ class Turns:
         self._waiting: deque[tuple[int, Signed]] = deque()
         """Waiting commands, each with the first step in which it may leave."""
 
-    def take(self, turn: Turn) -> str | None:
+    def accept(self, turn: Turn) -> str | None:
         """Take in a turn; return the reason if it is dropped."""
         if self.mode == OFF:
             return "turn: the scenario has no operator that commands"

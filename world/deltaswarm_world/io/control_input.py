@@ -61,7 +61,7 @@ class ControlQueue:
                 self._queue.append(message.number)
             self._comings[message.number] = [*self._comings.get(message.number, [])[-1:], message.is_there]
 
-    def take(self) -> Iterator[ControlInput]:
+    def drain(self) -> Iterator[ControlInput]:
         """What has come so far; what comes meanwhile is for the next time."""
         for _ in range(len(self._queue)):
             message = self._queue.popleft()

@@ -79,7 +79,7 @@ class EventLoop:
 
     def take_next(self) -> bool:
         """Block until a sample or a wake-up comes, and take it; return whether it was a sample."""
-        if self._transport.take(self.take_sample):
+        if self._transport.receive(self.take_sample):
             return True
         self.take_control()
         if time.monotonic() >= self.status_due:  # also where a step, or the end, takes long
@@ -90,7 +90,7 @@ class EventLoop:
         """Take one sample of an agent."""
         hung = self._core.participants.hung
         was_hung = agent in hung
-        reason = self._core.inbox.hear(agent, leaf, data, act)
+        reason = self._core.intake.receive(agent, leaf, data, act)
         if was_hung and agent not in hung:
             log.info("agent %d, which hung, answers again in step %d", agent, self._core.participants.step)
         if reason is not None and agent not in self._warned:
@@ -102,7 +102,7 @@ class EventLoop:
 
         What the operator counted is handed on to the recorder.
         """
-        for message in self._wakeup.control.take():
+        for message in self._wakeup.control.drain():
             if isinstance(message, Persisted):
                 self.persisted[message.role] = message.step
                 if message.role == OPERATOR and not self.operator_left:
@@ -127,8 +127,8 @@ class EventLoop:
     def _take_operator_message(self, message: Turn | Pace) -> None:
         """The operator's turn, or the pace that it wants."""
         if isinstance(message, Pace):
-            self.gate.take(message)
-        elif reason := self._core.turns.take(message):
+            self.gate.set_pace(message)
+        elif reason := self._core.turns.accept(message):
             log.warning("dropped: %s", reason)
 
     def _take_token(self, agent: int, there: bool) -> None:
@@ -139,7 +139,7 @@ class EventLoop:
         was_there = participants.is_present(agent)
         (participants.token_back if there else participants.token_gone)(agent)
         if agent in participants.boards:  # samples may overtake the token that tells of a return
-            self._core.inbox.go_on_anywhere(agent)
+            self._core.intake.accept_any_next(agent)
         has_changed = was_there != participants.is_present(agent)
         self._changes[agent] += has_changed
         if has_changed and self.has_begun and not self.is_over and self._changes[agent] <= MAX_LOGGED:

@@ -118,7 +118,7 @@ class WorldProcess:
 
             if not self._loop.wait_until(is_over, patience_s) and wait_s is None:
                 raise TimeoutError(f"the operator has not answered step {step - 2} within {patience_s:g} s")
-        gate.begin()
+        gate.begin_step()
 
     @property
     def _overruns(self) -> int:
@@ -130,7 +130,7 @@ class WorldProcess:
         Raises:
             InterruptedError: a signal came while the world waited for others.
         """
-        participants, inbox = self._core.participants, self._core.inbox
+        participants, intake = self._core.participants, self._core.intake
         agents = set(participants.taking_part())
         others = set(self._config.expect) - (set() if self._config.publish_truth else {RECORDER})
 
@@ -143,19 +143,19 @@ class WorldProcess:
         backoff, began = self._saving_backoff, time.monotonic()
 
         def is_enough() -> bool:
-            _, longest_s = backoff.with_any(inbox.unsaved, step)
-            return not inbox.unsaved or time.monotonic() >= began + longest_s
+            _, longest_s = backoff.with_any(intake.unsaved, step)
+            return not intake.unsaved or time.monotonic() >= began + longest_s
 
         if can_be_saved():
-            inbox.await_saved(agents)
+            intake.await_saved(agents)
             self._transport.save(agents, step)
             self._loop.wait_until(lambda: not can_be_saved() or is_enough(), backoff.most_s)
             self._loop.wait_until(lambda: not can_be_saved() or others_have(), self._settings.start_timeout_s)
-        inbox.unsaved |= saving.missing(self._config.out, step, agents)
+        intake.unsaved |= saving.missing(self._config.out, step, agents)
         is_whole = others_have() and saving.has_operator(self._config.out, step)
-        if not can_be_saved() or inbox.unsaved or not is_whole:
+        if not can_be_saved() or intake.unsaved or not is_whole:
             log.warning("no checkpoint after step %d: a process hangs, is frozen, is gone or cannot be saved", step)
-            for agent in sorted(inbox.unsaved):
+            for agent in sorted(intake.unsaved):
                 backoff.missed(agent, step)
                 log.warning("agent %d did not save itself", agent)
             return
@@ -217,7 +217,7 @@ class WorldProcess:
             wakeup.wake_at(pace.tick_ends_s)
             while time.monotonic() < pace.tick_ends_s and not wakeup.stop_requested:
                 self._loop.take_next()
-        self._transport.take_waiting(self._loop.take_sample)  # late agents take part again in the next step
+        self._transport.receive_waiting(self._loop.take_sample)  # late agents take part again in the next step
 
     def _give_up(self) -> None:
         """Continue the step without the agents that have not closed it."""
@@ -240,7 +240,7 @@ class WorldProcess:
         self._loop.take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))
-        self._loop.buffer.close(ClosedStep(record.step, reports, clock, last), now=not self._loop.operator_left)
+        self._loop.buffer.add(ClosedStep(record.step, reports, clock, last), now=not self._loop.operator_left)
         if self._loop.operator_left:
             self._welcome_operator()
         self._loop.is_over = last
@@ -254,7 +254,7 @@ class WorldProcess:
         if not self._loop.wait_until(lambda: OPERATOR in self._loop.persisted, patience_s):
             raise TimeoutError(f"the operator, gone in step {step}, must come back within {patience_s:g} s")
         self._loop.operator_left = False
-        self._loop.buffer.begin_anew(self._loop.persisted[OPERATOR])
+        self._loop.buffer.resend_after(self._loop.persisted[OPERATOR])
         log.warning("the operator is back; it had the steps up to %d", self._loop.buffer.confirmed)
 
     def _let_catch_up(self, step: int) -> None:

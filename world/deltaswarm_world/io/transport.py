@@ -96,7 +96,7 @@ class Transport:
         """Publish the status."""
         self._status.put(encode_status(status))
 
-    def take(self, taker: Taker) -> bool:
+    def receive(self, taker: Taker) -> bool:
         """Wait for one sample and pass it on; return False for a wake-up."""
         with self._lock:
             self._turns += 1
@@ -107,7 +107,7 @@ class Transport:
             self._is_receiving = False
         return self._hand_over(sample, taker)
 
-    def take_waiting(self, taker: Taker) -> None:
+    def receive_waiting(self, taker: Taker) -> None:
         """Pass on the waiting samples, at most one full queue."""
         with self._lock:
             while self._set_aside:

@@ -91,10 +91,10 @@ class CentralController:
         overview.advance(self._goals, now_s)
         for sender, payload in percept.heard:
             try:
-                overview.take(sender, decode_sensed(payload), now_s)
+                overview.update(sender, decode_sensed(payload), now_s)
             except WireError:
                 self.counts["rejected_payloads"] += 1
-        overview.take(self._agent, SensedFrame(percept.pose, percept.events), now_s)
+        overview.update(self._agent, SensedFrame(percept.pose, percept.events), now_s)
         goals = self._planner.plan(now_s, overview.agents, overview.events)
         self._goal = goals[self._agent]
         is_new, self._goals = goals != self._goals, goals

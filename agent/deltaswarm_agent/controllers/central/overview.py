@@ -21,7 +21,7 @@ class Overview:
         self._heard_s: dict[int, float] = {}
         self._task, self._forget_s = task, forget_s
 
-    def take(self, agent: int, frame: SensedFrame, now_s: float) -> None:
+    def update(self, agent: int, frame: SensedFrame, now_s: float) -> None:
         """Take what an agent senses."""
         self.agents[agent], self._heard_s[agent] = frame.pose, now_s
         within_m = self._task.sensing_range_m - GONE_MARGIN_M

@@ -42,7 +42,7 @@ def _join_attending(agent: Agent, heard: Sequence[PaperFrame]) -> None:
         for frame in heard
         if type(frame) is Attending
         and agent.here.is_newly_met(frame)
-        and agent.here.is_in_arena(frame.event_x_cm / 100, frame.event_y_cm / 100)
+        and agent.here.is_reachable(frame.event_x_cm / 100, frame.event_y_cm / 100)
     ]
     if attending:
         near = min(attending, key=agent.sender_distance)

@@ -97,7 +97,7 @@ class Membership:
         """The children of its parent, as the parent told last, and itself."""
         return frozenset({row.agent for row in self._parents_table if row.parent == self.parent} | {self._agent})
 
-    def take_over(self, now: int) -> None:
+    def become_root(self, now: int) -> None:
         """Become the root of the same tree; the pulse goes on as if the old root had not fallen silent."""
         self.path = (self._agent,)
         self.pulse += now - self.pulse_step

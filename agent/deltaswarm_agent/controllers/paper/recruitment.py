@@ -82,7 +82,7 @@ def hear_order(agent: Agent, membership: Membership, parent: Member) -> bool:
             agent.order = passed_on(order)
         return False
     place = (order.x_cm / 100, order.y_cm / 100)
-    if membership.children or order.number == agent.followed_order or not agent.here.is_in_arena(*place):
+    if membership.children or order.number == agent.followed_order or not agent.here.is_reachable(*place):
         return False
     agent.followed_order = order.number
     agent.recruit_goal = place

@@ -21,5 +21,5 @@ def succeeds(agent: Agent, membership: Membership) -> bool:
     agent.stay()
     agent.contested = 0
     agent.recruits_in_transit.clear()
-    membership.take_over(agent.now)
+    membership.become_root(agent.now)
     return True

@@ -69,7 +69,7 @@ class Whereabouts:
         """Whether the sender is at a legal distance for a parent."""
         return self._d_min_m2 <= self.sender_m2(frame) <= self._reach_m2
 
-    def is_in_arena(self, x_m: float, y_m: float) -> bool:
+    def is_reachable(self, x_m: float, y_m: float) -> bool:
         """Whether a place that another agent named can be gone to: straight on, with no obstacle in the way."""
         is_inside = 0.0 <= x_m <= self._size_m[0] and 0.0 <= y_m <= self._size_m[1]
         return is_inside and not self._obstacles.first_crossing(self.x_m, self.y_m, x_m - self.x_m, y_m - self.y_m)

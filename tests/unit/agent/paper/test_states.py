@@ -207,7 +207,7 @@ def test_what_a_rough_swarm_says_is_always_valid() -> None:
         crew = swarm("smoke", *ROUGH, seed=seed)
         for step in range(400):
             crew.step(step, last=False)
-            for agent, data in crew.world.inbox.transmitted.items():
+            for agent, data in crew.world.intake.transmitted.items():
                 payload = decode_sample(data).payload
                 made = decode(agent, payload)
                 _encoded.clear()  # else nothing would be decoded

@@ -38,7 +38,7 @@ class Orders:
         self.given = []
         self._step = step
 
-    def give(self, action: str, agents: Collection[int], why: str) -> None:
+    def add(self, action: str, agents: Collection[int], why: str) -> None:
         """Add an order for some agents' processes; without agents, a note."""
         if agents or action == NOTE:
             time_s = self._step * self._step_s
@@ -72,12 +72,12 @@ class Kind:
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """Begin a fault and update `living`; return whether the fault lasts."""
-        self._orders.give(NOTE, fault.agents, why)
+        self._orders.add(NOTE, fault.agents, why)
         return True
 
     def end(self, fault: ActiveFault, living: set[int]) -> None:
         """End a fault and update `living`."""
-        self._orders.give(NOTE, fault.agents, f"{self.name} ends")
+        self._orders.add(NOTE, fault.agents, f"{self.name} ends")
 
     def see_killed(self, targets: Collection[int], faults: Sequence[ActiveFault]) -> None:
         """Note agents killed by a fault of any kind during these active faults of this kind."""

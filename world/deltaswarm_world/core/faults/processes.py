@@ -17,7 +17,7 @@ class Kill(Kind):
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`."""
         targets = fault.agents & living
-        self._orders.give(KILL if targets else NOTE, targets, why)
+        self._orders.add(KILL if targets else NOTE, targets, why)
         living -= targets
         return False
 
@@ -30,18 +30,18 @@ class Restart(Kind):
 
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`. Also starts agents without a process."""
-        self._orders.give(KILL, fault.agents & living, why)
+        self._orders.add(KILL, fault.agents & living, why)
         living -= fault.agents
         if fault.end is None:
-            self._orders.give(START, fault.agents, why)
+            self._orders.add(START, fault.agents, why)
             living |= fault.agents
         if not fault.agents:
-            self._orders.give(NOTE, (), why)
+            self._orders.add(NOTE, (), why)
         return fault.end is not None
 
     def end(self, fault: ActiveFault, living: set[int]) -> None:
         """See `Kind`."""
-        self._orders.give(START, fault.agents - living, "restart after a while")
+        self._orders.add(START, fault.agents - living, "restart after a while")
         living |= fault.agents
 
 
@@ -54,7 +54,7 @@ class Freeze(Kind):
     def begin(self, fault: ActiveFault, living: set[int], why: str) -> bool:
         """See `Kind`; `look` gives the order."""
         if not fault.agents:
-            self._orders.give(NOTE, (), why)
+            self._orders.add(NOTE, (), why)
         return True
 
     def end(self, fault: ActiveFault, living: set[int]) -> None:
@@ -70,8 +70,8 @@ class Freeze(Kind):
         """See `Kind`."""
         before = self.agents
         super().look(faults)
-        self._orders.give(GO_ON, before - self.agents, "freeze ends")
-        self._orders.give(STOP, self.agents - before, self.name)
+        self._orders.add(GO_ON, before - self.agents, "freeze ends")
+        self._orders.add(STOP, self.agents - before, self.name)
 
     @property
     def blind(self) -> frozenset[int]:

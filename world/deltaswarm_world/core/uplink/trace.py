@@ -6,7 +6,7 @@ from deltaswarm_world.core.air.channel.links import Diagnosis, Links
 from deltaswarm_world.core.air.channel.queues import Packet
 from deltaswarm_world.core.air.channel.reach import RangeDisc
 from deltaswarm_world.core.arrays import Floats
-from deltaswarm_world.core.uplink.uplink import BASE, Uplink
+from deltaswarm_world.core.uplink.uplink import BASE_INDEX, Uplink
 
 
 class TracedUplink(Uplink):
@@ -46,9 +46,9 @@ class TracedUplink(Uplink):
             for end, packet in self._relay.waiting:
                 self._note_own(f"waits at agent {end} for a way", [packet])
         if self._delays is not None:
-            self.outcomes += [f"under way, due in step {due}" for due in self._delays.due_of(self.sender, BASE)]
+            self.outcomes += [f"under way, due in step {due}" for due in self._delays.due_of(self.sender, BASE_INDEX)]
         if self._taking_in is not None:
-            self._note_own("waits in the operator's queue", self._taking_in.holds(BASE))
+            self._note_own("waits in the operator's queue", self._taking_in.holds(BASE_INDEX))
         return arrived
 
     def _note_own(self, outcome: str, packets: Sequence[Packet]) -> None:
@@ -78,7 +78,7 @@ class TracedUplink(Uplink):
         if self._delays is not None:
             diagnoses.append(self._delays.explain())
         if self._taking_in is not None:
-            diagnoses.append(self._taking_in.explain(BASE, "operator"))
+            diagnoses.append(self._taking_in.explain(BASE_INDEX, "operator"))
         return diagnoses
 
     def _explain_range(self, range_m: float, links: Links) -> Diagnosis:

@@ -24,7 +24,7 @@ from deltaswarm_world.core.uplink.relay import Relay, SteadyLinks, StepState
 LOSS_STREAM, BURST_STREAM, JITTER_STREAM, ORDER_STREAM, ROUNDING_STREAM = 41, 42, 43, 44, 46
 """Each model has its own stream, as for radio; the relay's is 45."""
 
-BASE = 0
+BASE_INDEX = 0
 """The operator's radio as the only end of its queue."""
 
 
@@ -88,7 +88,7 @@ class Uplink:
             else:
                 self._drop(packet, "dead")
         near = self._near(state, entering)
-        arriving = [(BASE, packet) for packet in self._cross(state, near)]
+        arriving = [(BASE_INDEX, packet) for packet in self._cross(state, near)]
         if self._delays is not None:
             arriving = self._delays.send(step, arriving, self._delays.draw(len(arriving)).tolist())
             arriving += self._delays.take(step)
@@ -176,9 +176,9 @@ class Uplink:
         if queue is None:
             return packets
         order = self._order_rng.random(self._count).tolist()
-        if not queue.is_wide_enough(BASE, packets):
+        if not queue.is_wide_enough(BASE_INDEX, packets):
             packets.sort(key=lambda packet: (order[packet.sender], packet.number))
-        passed, dropped = queue.take(BASE, packets)
+        passed, dropped = queue.take(BASE_INDEX, packets)
         for packet in dropped:
             self._drop(packet, "base_full")
         return passed

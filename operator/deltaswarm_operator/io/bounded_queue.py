@@ -13,7 +13,7 @@ from deltaswarm_wire.keys import parse_agent_key
 log = logging.getLogger("deltaswarm.operator")
 
 
-class Arrival(Enum):
+class ItemKind(Enum):
     """Kinds of items in the main thread's inbox."""
 
     REPORT = "report"
@@ -46,13 +46,13 @@ def whose_key(agent: int | None) -> str:
     return "no agent's key" if agent is None else f"agent {agent}'s key"
 
 
-class Inbox:
+class BoundedQueue:
     """Samples from Zenoh's threads and the request to stop, for the main thread."""
 
     def __init__(self) -> None:
         self.refused: Counter[int | None] = Counter()
         """Reports and health messages refused for lack of room, by agent (None: no agent's key)."""
-        self._queue: queue.SimpleQueue[tuple[Arrival, Any]] = queue.SimpleQueue()
+        self._queue: queue.SimpleQueue[tuple[ItemKind, Any]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._waiting_bytes: Counter[int | None] = Counter()
         self._all_waiting_bytes = 0
@@ -60,16 +60,16 @@ class Inbox:
 
     def stop(self) -> None:
         """Stop the main thread after the waiting samples. Safe in a signal handler: it takes no lock."""
-        self._queue.put((Arrival.STOP, None))
+        self._queue.put((ItemKind.STOP, None))
 
     def put_intent(self, intent: bytes | None) -> None:
         """Add an intent of the station, if there is room; None: the station has gone."""
         if intent is None or len(self) < MAX_TOKENS:
-            self._queue.put((Arrival.INTENT, intent))
+            self._queue.put((ItemKind.INTENT, intent))
 
-    def put(self, arrival: Arrival, sample: Any) -> None:
+    def put(self, arrival: ItemKind, sample: Any) -> None:
         """Add a sample, or refuse it for lack of room. Of excess tokens the newest of each key is kept for later."""
-        if arrival is Arrival.TOKEN:
+        if arrival is ItemKind.TOKEN:
             with self._lock:
                 if len(self) < MAX_TOKENS:
                     self._queue.put((arrival, sample))
@@ -88,16 +88,16 @@ class Inbox:
             why = "larger than any report" if length > MAX_SAMPLE_BYTES else "too many to process"
             log.warning("refused a sample on %s: %s (more are only counted)", whose_key(sender), why)
 
-    def get(self, timeout_s: float) -> tuple[Arrival, Any]:
+    def get(self, timeout_s: float) -> tuple[ItemKind, Any]:
         """Take the first item; raise queue.Empty after this time [s]."""
         try:
             arrival, sample = self._queue.get_nowait()
         except queue.Empty:
             with self._lock:
                 if self._late_tokens:
-                    return Arrival.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
+                    return ItemKind.TOKEN, self._late_tokens.pop(next(iter(self._late_tokens)))
             arrival, sample = self._queue.get(timeout=timeout_s)
-        if arrival in (Arrival.REPORT, Arrival.HEALTH):
+        if arrival in (ItemKind.REPORT, ItemKind.HEALTH):
             with self._lock:
                 self._note(sender_of(sample), -len(sample.payload) - SAMPLE_BYTES)
         return arrival, sample
