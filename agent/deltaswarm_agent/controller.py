@@ -64,7 +64,8 @@ class Percept(NamedTuple):
         poses: its positions in the steps since its last percept, oldest first.
         events: the events within its sensing range.
         heard: (sender, payload) of received radio frames in sender order, the newest of each sender.
-        commands: operator commands that are new to the agent, meant for it, and declared by its controller.
+        commands: operator commands that are new to the agent, meant for it, and declared by its controller. `life_s` is
+            what remains of a command's life; the same command comes again if it turns out to live longer.
     """
 
     step: int
@@ -100,7 +101,8 @@ class Decision(NamedTuple):
         level, parent, root: its place in a tree, if it is in one (see `TreeStatus`).
         until: the step of the next percept, later than this one; None: the next step. The percept comes earlier if the
             agent senses an event, receives a frame or a command, or has a fault.
-        done, refused: numbers of the operator commands that it has carried out, or cannot.
+        done, refused, superseded: numbers of the operator commands that it has carried out, cannot carry out, or no
+            longer carries out because of a later one.
         delta: the number of events sensed at once that would make it a root now, if it has one (see `TreeStatus`).
     """
 
@@ -115,6 +117,7 @@ class Decision(NamedTuple):
     until: int | None = None
     done: tuple[int, ...] = ()
     refused: tuple[int, ...] = ()
+    superseded: tuple[int, ...] = ()
     delta: int = 0
 
 

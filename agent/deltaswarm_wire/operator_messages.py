@@ -36,8 +36,8 @@ MAX_MEMBERS = 350
 MAX_ANSWERS = 16
 """Commands that one report answers."""
 
-HEARD, DONE, REFUSED = 0, 1, 2
-"""State of a command at an agent: known, carried out, or refused."""
+HEARD, DONE, REFUSED, SUPERSEDED = 0, 1, 2, 3
+"""State of a command at an agent: known, carried out, refused or not possible, or replaced by a later one."""
 
 
 class ReportedMember(NamedTuple):
@@ -50,7 +50,7 @@ class ReportedMember(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """What an agent says of a command: `HEARD`, `DONE` or `REFUSED`."""
+    """What an agent says of a command: `HEARD`, `DONE`, `REFUSED` or `SUPERSEDED`."""
 
     command: int
     state: int
@@ -83,7 +83,7 @@ _ROWS: dict[str, tuple[type[Any], int, str, tuple[tuple[int, int], ...]]] = {
         "HHii",
         ((0, MAX_AGENT_ID), (0, MAX_AGENT_ID), (-MAX_ABS_CM, MAX_ABS_CM), (-MAX_ABS_CM, MAX_ABS_CM)),
     ),
-    "answers": (Answer, MAX_ANSWERS, "IB", ((0, MAX_ID), (HEARD, REFUSED))),
+    "answers": (Answer, MAX_ANSWERS, "IB", ((0, MAX_ID), (HEARD, SUPERSEDED))),
 }
 """Fields of rows in a flat array, which a report without any leaves out: rows, most of them, C types that their
 items fit, and their bounds."""

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from deltaswarm_agent.controller import Controller, ControllerError, Decision, Percept, checked_act
 from deltaswarm_agent.core.commands import CommandRelay, Verify
 from deltaswarm_wire.codec import MAX_RADIO_BYTES, WireError
-from deltaswarm_wire.commands import BASE, Command, forms_of
+from deltaswarm_wire.commands import BASE_ID, Command, forms_of
 from deltaswarm_wire.envelope import Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import NOBODY, Act, Frame, Heard, Pose, encode_act
 from deltaswarm_wire.operator_messages import MAX_MEMBERS, MAX_REPORTED, Answer, Report, decode_report, encode_report
@@ -64,7 +64,7 @@ class Receiver:
             is_new = before is None or counter > before[0] or now - before[1] > self._forget_steps
             if is_new and sender != self._agent:
                 known[sender] = (counter, now)
-                if payload is not None and sender != BASE:
+                if payload is not None and sender != BASE_ID:
                     newest[sender] = payload
                 if commands:
                     relayed += commands
@@ -134,8 +134,8 @@ class AgentCore:
         """Number and encode. Raises ValueError for values that the wire cannot carry."""
         radio = report = report_bytes = None
         counter, payload, relay = self._counter, decision.payload, self.commands
-        if decision.done or decision.refused:
-            relay.note(decision.done, decision.refused)
+        if decision.done or decision.refused or decision.superseded:
+            relay.note(decision.done, decision.refused, decision.superseded)
         self._root = act.tree_status.root
         items: tuple[bytes, ...] = ()
         answers: tuple[Answer, ...] = ()

@@ -19,7 +19,7 @@ from deltaswarm_wire.commands import (
     named,
 )
 from deltaswarm_wire.envelope import fitting
-from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
+from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, SUPERSEDED, Answer
 
 FIRST_INTERVAL_S, LONGEST_INTERVAL_S = 2.0, 16.0
 """Interval between the first two frames with a command; further intervals double, up to the longest."""
@@ -44,6 +44,8 @@ class _Known:
     command: Command
     ends: int
     """The step with which its life ends."""
+    latest_end: int
+    """The step with which it ends at the latest, by the life that is signed."""
     send_at: int
     interval: int
     state: int = HEARD
@@ -72,10 +74,15 @@ class CommandRelay:
         self._newest = 0
 
     def hear(self, items: Sequence[bytes], now: int) -> list[Command]:
-        """Take the commands that a frame relays; return the new ones that the controller accepts."""
-        return [known.command for item in items if (known := self._take(item, now)) and known.state == HEARD]
+        """Take the commands that a frame relays; return the new ones that the controller accepts.
 
-    def _take(self, item: bytes, now: int) -> _Known | None:
+        Their `life_s` is what remains of it. A command that is not yet carried out and turns out to live longer than
+        the first relay of it said is returned again.
+        """
+        heard = [known for item in items if (known := self._accept(item, now)) and known.state == HEARD]
+        return [known.command._replace(life_s=(known.ends - now) * self._step_s) for known in heard]
+
+    def _accept(self, item: bytes, now: int) -> _Known | None:
         try:
             left_steps, signed = decode_relayed(item)
             command = decode_command(signed.body)
@@ -83,8 +90,10 @@ class CommandRelay:
             self.rejected += 1
             return None
         number = command.number
-        if left_steps == 0 or number in self._numbers or number < self._forgotten_below:
+        if left_steps == 0 or number < self._forgotten_below:
             return None
+        if number in self._numbers:
+            return self._prolonged(number, signed, now + left_steps, now)
         if self._verify is not None:
             is_over = number + command.life_s + AHEAD_S < self._newest
             if is_over or not self._verify(signed):
@@ -92,12 +101,22 @@ class CommandRelay:
                 return None
         self._newest = max(self._newest, number)
         self._remember(number)
-        left_steps = min(left_steps, self._steps(command.life_s))
         form = named(self._forms, command.name)
         accepted = form is not None and form.problem(command.target, command.arguments) is None
-        known = _Known(signed, command, now + left_steps, now, self._steps(FIRST_INTERVAL_S))
+        latest_end = now + self._steps(command.life_s)
+        known = _Known(
+            signed, command, min(now + left_steps, latest_end), latest_end, now, self._steps(FIRST_INTERVAL_S)
+        )
         known.state = HEARD if accepted else REFUSED
         self.known[number] = known
+        return known
+
+    def _prolonged(self, number: int, signed: Signed, ends: int, now: int) -> _Known | None:
+        """Return a known command if it now lives longer: a relay that shortens lives must not silence it."""
+        known = self.known.get(number)
+        if known is None or known.signed != signed or min(ends, known.latest_end) <= known.ends:
+            return None
+        known.ends, known.send_at, known.interval = min(ends, known.latest_end), now, self._steps(FIRST_INTERVAL_S)
         return known
 
     def _remember(self, number: int) -> None:
@@ -135,9 +154,9 @@ class CommandRelay:
         times = [known.send_at for known in self.known.values() if known.ends > now + 1]
         return max(now + 1, min(times)) if times else None
 
-    def note(self, done: Sequence[int], refused: Sequence[int]) -> None:
-        """Note the commands that the controller has carried out, and those that it refused."""
-        for numbers, state in ((done, DONE), (refused, REFUSED)):
+    def note(self, done: Sequence[int], refused: Sequence[int], superseded: Sequence[int] = ()) -> None:
+        """Note the commands that the controller has carried out, cannot carry out, or has replaced by later ones."""
+        for numbers, state in ((done, DONE), (refused, REFUSED), (superseded, SUPERSEDED)):
             for number in numbers:
                 if number in self.known:
                     self.known[number].state = state

@@ -16,7 +16,7 @@ from deltaswarm_wire.commands import (
     encode_command,
     named,
 )
-from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Report
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Report
 
 SENT, KNOWN, CARRIED_OUT, EXPIRED = "sent", "heard", "done", "expired"
 LIFE_S = 120.0
@@ -38,8 +38,9 @@ class Sent:
 
     @property
     def counts(self) -> dict[str, int]:
-        """Numbers of agents that know the command, have carried it out, and have refused it."""
-        return {"heard": len(self.answers), "done": self.count(DONE), "refused": self.count(REFUSED)}
+        """Numbers of agents that know the command, and of those where it ended in one way or another."""
+        ended = {"done": self.count(DONE), "refused": self.count(REFUSED), "superseded": self.count(SUPERSEDED)}
+        return {"heard": len(self.answers), **ended}
 
     def state(self, now_s: float) -> str:
         """Return the outcome, as the station shows it."""
@@ -83,7 +84,7 @@ class CommandLog:
         """Whether one more command may wait."""
         return len(self._queue) + self._under_way < MAX_QUEUE
 
-    def give(
+    def issue(
         self, name: str, target: Target, arguments: Mapping[str, Value], now_s: float, life_s: float = LIFE_S
     ) -> Command:
         """Queue a command for the next turn.
@@ -109,7 +110,7 @@ class CommandLog:
         after = self.sent[-1].command.number + 1 if self.sent else 0
         return after if self._first is None else max(after, self._first + int(now_s))
 
-    def take(self) -> tuple[Signed, ...]:
+    def take_unsent(self) -> tuple[Signed, ...]:
         """Take the commands of the next turn, encoded and signed."""
         taken, self._queue = self._queue[:MAX_IN_TURN], self._queue[MAX_IN_TURN:]
         self._under_way += len(taken)
@@ -158,7 +159,7 @@ class CommandLog:
         sent = [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
         return {"sent": sent, "queued": len(self._queue)}
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`."""
         sent, queued = state["sent"], state["queued"]
         self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in sent]

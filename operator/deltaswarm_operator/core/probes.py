@@ -54,7 +54,7 @@ class Probes:
             return float("inf")
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
-    def begin(self, wall_s: float) -> None:
+    def start(self, wall_s: float) -> None:
         """Ask for the session's sheet, if there is one not yet filled in."""
         if self._settings.has_sheet and not self._is_consented:
             self._asked = _Asked(SHEET, 0, 0.0, wall_s)
@@ -69,7 +69,7 @@ class Probes:
         due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
         return {"isa_number": self._isa_number, "isa_due_s": due_s, "consented": self._is_consented}
 
-    def go_on(self, state: Mapping[str, Any]) -> None:
+    def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`; a question open at that time is not asked again."""
         self._isa_number, self._is_consented = state["isa_number"], state["consented"]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
@@ -84,7 +84,7 @@ class Probes:
         elif now_s >= self._isa_due_s and self._asked is None:
             self._asked = _Asked(ISA, self._isa_number, now_s, wall_s)
             self._isa_number += 1
-            self._isa_due_s = self._next_isa_s(self._isa_due_s)
+            self._isa_due_s = self._next_isa_s(max(self._isa_due_s, now_s))
 
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked

@@ -12,7 +12,7 @@ from deltaswarm_agent.controller import Controller, Decision, OperatorReport, Pe
 from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.core.commands import ANSWERED_S, LONGEST_INTERVAL_S, MAX_KNOWN, CommandRelay
 from deltaswarm_wire.codec import MAX_RADIO_BYTES
-from deltaswarm_wire.commands import AGENT, BASE, CIRCLE, PLACE, TREE, CommandForm, Target, decode_relayed
+from deltaswarm_wire.commands import AGENT, BASE_ID, CIRCLE, PLACE, TREE, CommandForm, Target, decode_relayed
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample
 from deltaswarm_wire.messages import Frame, Heard
 from deltaswarm_wire.operator_messages import DONE, HEARD, MAX_ANSWERS, REFUSED, Answer
@@ -82,16 +82,16 @@ def test_a_command_is_taken_in_once_whoever_relays_it() -> None:
     """From the base, from another agent, later, or twice in one frame."""
     core = a_core(controller := Obedient())
     go = item(a_command(3))
-    step(core, 0, told(BASE, 1, go, go), told(2, 0, go), told(4, 9, go, payload=b"hello"))
+    step(core, 0, told(BASE_ID, 1, go, go), told(2, 0, go), told(4, 9, go, payload=b"hello"))
     step(core, 1, told(2, 1, go))
-    step(core, 300, told(BASE, 2, go))
+    step(core, 300, told(BASE_ID, 2, go))
     assert [[command.number for command in percept.commands] for percept in controller.percepts] == [[3], [], []]
 
 
 def test_a_frame_without_payload_tells_the_controller_nothing() -> None:
     """Nor does a frame of the base, whatever it claims to carry."""
     core = a_core(controller := Obedient())
-    step(core, 0, told(2, 0, item(a_command())), told(BASE, 1, item(a_command(1)), payload=b"base"))
+    step(core, 0, told(2, 0, item(a_command())), told(BASE_ID, 1, item(a_command(1)), payload=b"base"))
     assert controller.percepts[0].heard == []
     step(core, 1, told(2, 1, payload=b"x"))
     assert controller.percepts[1].heard == [(2, b"x")]
@@ -120,6 +120,34 @@ def test_its_life_is_over_in_time(life_s: float, left: int, step_s: float) -> No
     assert all(gap <= max(1, round(LONGEST_INTERVAL_S / step_s)) for gap in gaps)
 
 
+@given(lefts=st.lists(st.integers(0, 80), min_size=1, max_size=6), gap=st.integers(0, 9))
+def test_a_relay_that_shortens_a_life_silences_nobody(lefts: list[int], gap: int) -> None:
+    """The longest life that is heard holds, from its first hearing at most the signed one."""
+    relay, ends, latest_end = a_relay(), 0, 0
+    go = a_command(life_s=60)
+    for index, left in enumerate(lefts):
+        now = 10 + gap * index
+        heard = relay.hear([item(go, left)], now)
+        latest_end = latest_end or (now + 60 if left else 0)
+        end = min(now + left, latest_end) if left else 0
+        assert bool(heard) == (end > ends)
+        if heard:
+            assert heard[0].life_s == end - now
+        ends = max(ends, end)
+    sent = sent_steps(relay, now, 200)
+    assert all(step + 1 < ends for step in sent)
+    assert not ends or ends <= now + 2 or sent
+
+
+def test_what_is_done_is_relayed_on_but_not_carried_out_again() -> None:
+    """Though another relay says that it lives longer."""
+    core = a_core(controller := Obedient())
+    step(core, 0, told(2, 0, item(a_command(life_s=60), 1)))
+    out = step(core, 4, told(BASE_ID, 1, item(a_command(life_s=60), 50)))
+    assert [len(percept.commands) for percept in controller.percepts] == [1, 0]
+    assert relayed(out) == [(0, 49)]
+
+
 def test_along_a_chain_it_ends_everywhere_at_once() -> None:
     """Each hop takes a step of its life."""
     relays = [a_relay() for _ in range(12)]
@@ -137,14 +165,14 @@ def test_along_a_chain_it_ends_everywhere_at_once() -> None:
 def test_an_agent_that_sleeps_is_asked_when_it_has_to_relay() -> None:
     """Its act holds no longer than that; the controller's own step may be earlier."""
     core = a_core(Obedient(until=1000))
-    asked, now, heard = [], 0, (told(BASE, 1, item(a_command(life_s=60), 60)),)
+    asked, now, heard = [], 0, (told(BASE_ID, 1, item(a_command(life_s=60), 60)),)
     while now < 60:
         out = step(core, now, *heard)
         asked.append((now, bool(relayed(out))))
         now, heard = out.act.until, ()
     assert [at for at, sends in asked if sends] == [0, 2, 6, 14, 30, 46]
     assert len(asked) <= 8
-    early = step(a_core(Obedient(until=1)), 0, told(BASE, 1, item(a_command())))
+    early = step(a_core(Obedient(until=1)), 0, told(BASE_ID, 1, item(a_command())))
     assert early.act.until == 1
 
 
@@ -152,17 +180,17 @@ def test_what_has_no_room_waits() -> None:
     """Eight commands in a frame, the newest first, and none beside a payload that leaves no room."""
     core = a_core(controller := Obedient())
     items = [item(a_command(number)) for number in range(12)]
-    first = step(core, 0, told(BASE, 1, *items[:8]), told(2, 0, *items[8:]))
+    first = step(core, 0, told(BASE_ID, 1, *items[:8]), told(2, 0, *items[8:]))
     assert [number for number, _ in relayed(first)] == [*range(11, 3, -1)]
     second = step(core, 1)
     assert [number for number, _ in relayed(second)] == [3, 2, 1, 0]
     full = a_core(Obedient(payload=b"x" * (MAX_RADIO_BYTES - 40)))
-    out = step(full, 0, told(BASE, 1, items[0]))
+    out = step(full, 0, told(BASE_ID, 1, items[0]))
     assert relayed(out) == []
     assert out.act.until == 1
     assert len(controller.percepts[0].commands) == 12
     for size in range(MAX_RADIO_BYTES - 600, MAX_RADIO_BYTES - 12, 7):
-        out = step(a_core(Obedient(payload=b"x" * size)), 0, told(BASE, 1, *items[:8]))
+        out = step(a_core(Obedient(payload=b"x" * size)), 0, told(BASE_ID, 1, *items[:8]))
         assert out.radio is not None
         assert len(out.radio) <= MAX_RADIO_BYTES
 
@@ -172,7 +200,7 @@ def test_who_does_not_accept_a_command_relays_and_refuses_it(controller: Deaf, s
     """Also a controller that says nothing of commands."""
     controller.decision = controller.decision._replace(report=OperatorReport(()))
     core = a_core(controller)
-    out = step(core, 0, told(BASE, 1, item(a_command(5))))
+    out = step(core, 0, told(BASE_ID, 1, item(a_command(5))))
     assert [number for number, _ in relayed(out)] == [5]
     assert out.report is not None
     assert out.report.answers == (Answer(5, state),)
@@ -198,7 +226,7 @@ def test_a_command_is_for_its_target_and_is_heard_by_all(target: Target, is_mean
     controller = Obedient(root=4, parent=4, level=1, role="member", report=OperatorReport(()))
     core = a_core(controller)
     step(core, 0)
-    out = step(core, 1, told(BASE, 1, item(a_command(1, target=target))))
+    out = step(core, 1, told(BASE_ID, 1, item(a_command(1, target=target))))
     assert bool(controller.percepts[1].commands) == is_meant
     assert relayed(out)
     assert out.report is not None

@@ -25,7 +25,7 @@ TLX = {"operator": {"probes": {"tlx": True, "tlx_weights": True}}}
 
 def close(console: Console, step: int, *reports: Report, last: bool = False, wall_s: float = 0.0) -> Turn:
     workload = Workload(step, float(step), len(reports), 0, 0.0, 0.0, 0.0, 0, 0, 0)
-    return console.close(Clock(step, float(step), last), workload, reports, wall_s)
+    return console.close_step(Clock(step, float(step), last), workload, reports, wall_s)
 
 
 def report(agent: int, step: int, *answers: Answer) -> Report:
@@ -58,10 +58,11 @@ def command_log() -> CommandLog:
 def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     """Sent, heard, done or expired; a late answer takes nothing back."""
     one = command_log()
-    one.give("go", Target(), {}, 10.0, 50.0)
+    one.issue("go", Target(), {}, 10.0, 50.0)
 
     def fate(now_s: float) -> tuple[Any, ...]:
-        *_, heard, done, refused, _, state = one.rows(now_s)[0]
+        *_, heard, done, refused, superseded, _, state = one.rows(now_s)[0]
+        assert superseded == 0
         return heard, done, refused, state
 
     assert fate(10.0) == (0, 0, 0, "sent")
@@ -72,7 +73,7 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     assert fate(14.0) == (2, 1, 1, "done")
     one.hear(report(1, 12, Answer(0, HEARD)))
     assert fate(90.0) == (2, 1, 1, "done")
-    one.give("go", Target(), {}, 20.0, 50.0)
+    one.issue("go", Target(), {}, 20.0, 50.0)
     assert one.rows(71.0)[1][-1] == "expired"
 
 
@@ -82,27 +83,27 @@ def test_only_what_the_controller_accepts_is_given() -> None:
     wrong: Sequence[tuple[str, Any]] = [("fly", {}), ("go", {"a": 1}), ("test", {**RIGHT, "whole": True}), ("test", [])]
     for name, arguments in wrong:
         with pytest.raises(ValueError, match=r".+"):
-            one.give(name, Target(), arguments, 0.0)
+            one.issue(name, Target(), arguments, 0.0)
     with pytest.raises(ValueError, match=r".+"):
-        one.give("go", Target(CIRCLE, (1.0, 1.0, -1.0)), {}, 0.0)
+        one.issue("go", Target(CIRCLE, (1.0, 1.0, -1.0)), {}, 0.0)
     assert one.sent == []
-    assert one.take() == ()
-    assert one.give("test", Target(), RIGHT, 0.0).number == 0
+    assert one.take_unsent() == ()
+    assert one.issue("test", Target(), RIGHT, 0.0).number == 0
 
 
 def test_commands_wait_for_their_turn_in_order_and_not_without_bound() -> None:
     """Also those that are on their way to the world, which lets only so many leave in a step."""
     one = command_log()
     for _ in range(MAX_QUEUE):
-        one.give("go", Target(), {}, 0.0)
+        one.issue("go", Target(), {}, 0.0)
     with pytest.raises(ValueError, match=str(MAX_QUEUE)):
-        one.give("go", Target(), {}, 0.0)
-    taken = [decode_command(signed.body).number for _ in range(9) for signed in one.take()]
+        one.issue("go", Target(), {}, 0.0)
+    taken = [decode_command(signed.body).number for _ in range(9) for signed in one.take_unsent()]
     assert taken == list(range(MAX_QUEUE))
     assert not one.has_room
     one.close_step()
     for _ in range(MAX_IN_TURN):
-        one.give("go", Target(), {}, 0.0)
+        one.issue("go", Target(), {}, 0.0)
     assert not one.has_room
 
 
@@ -144,8 +145,8 @@ def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None
         if step == killed_after:
             kept = json.dumps(one.state())
     other = Console(script)
-    other.go_on(killed_after, json.loads(kept))
-    other.begin(0.0)
+    other.restore(killed_after, json.loads(kept))
+    other.start(0.0)
     for step in range(killed_after + 1, 12):
         assert decode_turn(encode_turn(close(other, step, report(1, step)))) == decode_turn(turns[step])
     assert [row[0] for row in other.command_log.rows(12.0)] == [row[0] for row in one.command_log.rows(12.0)]
@@ -157,15 +158,15 @@ def test_another_console_goes_on_where_one_was_killed(killed_after: int) -> None
 def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
     """A new console does not ask for what was answered, nor for questions that are past."""
     one = Console(briefing(**CONSENT))
-    one.begin(0.0)
+    one.start(0.0)
     say(one, "sheet", consent=True)
     for step in range(500):
         close(one, step, wall_s=float(step))
     say(one, "pace", paused=True)
     say(one, "pace", speed=5)
     other = Console(briefing(**CONSENT))
-    other.go_on(499, json.loads(json.dumps(one.state())))
-    other.begin(0.0)
+    other.restore(499, json.loads(json.dumps(one.state())))
+    other.start(0.0)
     assert other.pace == one.pace
     assert shown(other)["probe"] is None
     assert next(step for step in range(500, 700) if close(other, step) and shown(other)["probe"]) == 600
@@ -270,7 +271,7 @@ def test_a_page_that_comes_late_catches_up() -> None:
 def test_a_run_waits_for_consent() -> None:
     """Nothing else lets it go: neither a pause that ends, nor steps, nor a sheet without consent."""
     console = Console(briefing(**CONSENT))
-    console.begin(0.0)
+    console.start(0.0)
     assert shown(console)["probe"] == {"kind": "sheet"}
     for kind, fields in (("pace", {"paused": False}), ("pace", {"steps": 5}), ("sheet", {}), ("sheet", {"consent": 1})):
         assert say(console, kind, **fields)[0]["type"] == "refused"

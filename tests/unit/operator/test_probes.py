@@ -58,3 +58,19 @@ def test_nasa_tlx_wants_every_scale_and_15_weights() -> None:
     assert len(asked.rows) == 12
     asked.tick(9.0, True, 8.0)
     assert asked.open(8.0) is None
+
+
+def test_a_late_question_does_not_bring_on_the_next() -> None:
+    """After a form or a slow answer the questions keep their interval, and do not come one after another."""
+    asked = probes(isa_every_s=10, isa_wait_s=30)
+    asked.tick(10.0, False, 0.0)
+    for second in range(11, 60):
+        asked.tick(float(second), False, 1.0)
+    asked.answer_isa(0, 3, 2.0)
+    times = []
+    for second in range(60, 120):
+        asked.tick(float(second), False, 3.0)
+        if question := asked.open(3.0):
+            times.append(question["asked_s"])
+            asked.answer_isa(question["number"], 3, 3.0)
+    assert times == [60.0, 70.0, 80.0, 90.0, 100.0, 110.0]

@@ -1,6 +1,6 @@
 """The world's core: one step at a time, frames out, acts and radio frames in, truth and record out.
 
-Inputs are processed in agent order, never in arrival order; `inbox.py` takes and checks them.
+Inputs are processed in agent order, never in arrival order; `intake.py` takes and checks them.
 """
 
 from bisect import bisect_right
@@ -12,7 +12,7 @@ from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, Body, Said, StepRecord, Truth
-from deltaswarm_wire.commands import BASE
+from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
 from deltaswarm_wire.operator_messages import Forwarded
@@ -22,7 +22,7 @@ from deltaswarm_world.core.coverage import Coverage
 from deltaswarm_world.core.downlink import Downlink
 from deltaswarm_world.core.environment import Environment
 from deltaswarm_world.core.faults.timeline import Faults
-from deltaswarm_world.core.inbox import Inbox
+from deltaswarm_world.core.intake import Intake
 from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.sleep_schedule import SleepSchedule
 from deltaswarm_world.core.step_record import record
@@ -44,7 +44,7 @@ class WorldCore:
         self.scenario = scenario
         self.environment = Environment(scenario)
         self.participants = Participants(range(scenario.agents.count), boards)
-        self.inbox = Inbox(self.participants)
+        self.intake = Intake(self.participants)
         self.refused_claims = 0
         """Number of claimed observations of events out of sensing range."""
         self.events_cut = 0
@@ -62,7 +62,8 @@ class WorldCore:
         self.downlink = Downlink(scenario)
         self._delivered: list[tuple[int, bytes]] = []
         """(agent, sample) of base frames received in this step."""
-        self._sent: dict[int, bytes] = {}
+        self._sent: list[tuple[int, bytes]] = []
+        self._too_late_to_send = 0
         self._forwarded_ever = 0
         self._coverage = Coverage(scenario)
         self._faults = Faults(scenario) if scenario.fault else None
@@ -99,7 +100,7 @@ class WorldCore:
                 elif order.action == START:
                     participants.token_back(agent)
                     self._sleep.start(agent, step)
-                    self.inbox.begin_anew(agent)
+                    self.intake.expect_new_process(agent)
         participants.freeze(self._faults.frozen)
         return orders
 
@@ -133,7 +134,7 @@ class WorldCore:
         participants.begin(step, asked)
         before = self._tree_statuses
         self._tree_statuses = {agent: before[agent] for agent in taking_part if agent in before}
-        self.inbox.begin(step)
+        self.intake.begin(step)
         return [(agent, self._frame(agent, last, heard[agent])) for agent in (*asked, *probed)]
 
     def _frame(self, agent: int, last: bool, heard: Sequence[Heard]) -> Frame:
@@ -164,7 +165,7 @@ class WorldCore:
             listening[agent] = agent not in deaf
         self.speaking, self._listening = self._listening, listening
         reception = self.air.carry(
-            self._step, self._time_s, self.inbox.transmitted, self.environment.positions_m, listening, mute
+            self._step, self._time_s, self.intake.transmitted, self.environment.positions_m, listening, mute
         )
         self.links = reception.links
         if cut := self._cut_overfull(reception.heard, reception.largest_bytes):
@@ -172,7 +173,7 @@ class WorldCore:
             reception.drop("frame_full", cut)
         self._delivered = self.downlink.carry(self._step, self._time_s, self.environment.positions_m, listening)
         for agent, data in self._delivered:
-            reception.heard[agent].append((BASE, data))
+            reception.heard[agent].append((BASE_ID, data))
         self._carried = reception
         return reception.heard
 
@@ -194,12 +195,12 @@ class WorldCore:
     def end(self) -> StepRecord:
         """Close the step: commands, work, completion, record, digest."""
         late = self.participants.time_out()
-        self.inbox.drop_frames(late)
+        self.intake.drop_frames(late)
         observers: Counter[int] = Counter()
         for agent, data in self._delivered:
             self.digest.add(self._step, agent, COMMAND, data)
-        for agent in sorted(self.inbox.acts):
-            data, act = self.inbox.acts[agent]
+        for agent in sorted(self.intake.acts):
+            data, act = self.intake.acts[agent]
             self.environment.command(agent, act.vx_mps, act.vy_mps)
             if act.observed:
                 sensed = {event.event for event in self._sensed[agent]}
@@ -208,7 +209,7 @@ class WorldCore:
                         observers[event] += 1
                     else:
                         self.refused_claims += 1
-            spoken = self.inbox.transmitted.get(agent)
+            spoken = self.intake.transmitted.get(agent)
             if spoken is not None:
                 self.digest.add(self._step, agent, RADIO, spoken)
             self.digest.add(self._step, agent, ACT, data)
@@ -227,16 +228,19 @@ class WorldCore:
 
     def _forward(self) -> None:
         """Forward this step's reports, or those that the uplink delivers, to the operator in agent order."""
-        sent = self._sent = self.inbox.take_reports()
-        arrived = [sent[agent] for agent in sorted(sent)] if self.uplink is None else self._carry_up(self.uplink, sent)
+        self._sent = self.intake.drain_reports(self._is_last)
+        arrived = [data for _, data in self._sent] if self.uplink is None else self._carry_up(self.uplink)
         first = self._forwarded_ever
         self.forwarded = [Forwarded(first + number, self._step, data) for number, data in enumerate(arrived)]
         self._forwarded_ever += len(arrived)
 
-    def _carry_up(self, uplink: Uplink, sent: dict[int, bytes]) -> list[bytes]:
-        """Pass reports into the uplink; return the delivered ones."""
-        for agent in sorted(sent):
-            self.digest.add(self._step, agent, REPORT, sent[agent])
+    def _carry_up(self, uplink: Uplink) -> list[bytes]:
+        """Pass reports into the uplink, one of each agent; return the delivered ones."""
+        sent: dict[int, bytes] = {}
+        for agent, data in self._sent:
+            self.digest.add(self._step, agent, REPORT, data)
+            sent.setdefault(agent, data)
+        self._too_late_to_send = len(self._sent) - len(sent)
         reachable = set(self.participants.taking_part()) - (self._faults.deaf if self._faults else NOBODY_HIT)
         there = [agent in reachable for agent in range(len(self._present))]
         roots = {agent: status.root for agent, status in self._tree_statuses.items() if status.root != NOBODY}
@@ -248,14 +252,14 @@ class WorldCore:
         roots = [agent for agent in in_trees if self._tree_statuses[agent].root == agent]
         self.agents_in_trees = len(in_trees)
         due = self._coverage.is_due(self._step)
-        rejected, lost = self.inbox.take_counts()
+        rejected, lost = self.intake.drain_counts()
         reception, others = self._carried, self.scenario.agents.count - 1
         return record(
             step=self._step,
             time_s=self._time_s,
             agents_alive=len(self.participants.present),
             agents_late=len(late),
-            agents_asked=len(self.inbox.acts) + len(late),
+            agents_asked=len(self.intake.acts) + len(late),
             agents_in_trees=len(in_trees),
             trees=len(roots),
             covered_area_m2=self._coverage.area_m2(self.environment.positions_m[in_trees]) if due else None,
@@ -263,17 +267,17 @@ class WorldCore:
             delta=self._mean_delta(),
             events_open=len(self.environment.active),
             events_completed=self.environment.completed,
-            frames_sent=len(self.inbox.transmitted),
-            bytes_sent=sum(map(len, self.inbox.transmitted.values())),
+            frames_sent=len(self.intake.transmitted),
+            bytes_sent=sum(map(len, self.intake.transmitted.values())),
             frames_received=len(self.links),
             frames_duplicated=reception.duplicated,
-            frames_in_flight=len(self.inbox.transmitted) * others + self.air.under_way,
+            frames_in_flight=len(self.intake.transmitted) * others + self.air.under_way,
             rejected=rejected,
             transport_lost=lost,
             frames_dropped=reception.dropped,
             reports_sent=sent,
             reports_arrived=len(self.forwarded) if uplink else sent,
-            reports_in_flight=uplink.under_way if uplink else 0,
+            reports_in_flight=uplink.under_way + self._too_late_to_send if uplink else 0,
             reports_dropped=uplink.dropped if uplink else {},
         )
 
@@ -293,7 +297,7 @@ class WorldCore:
     @property
     def said(self) -> list[Said]:
         """The raw radio frames and reports of the last closed step, in agent order."""
-        return self.inbox.said(self._sent)
+        return self.intake.said(self._sent)
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """Return the world's totals of a run."""
@@ -303,7 +307,7 @@ class WorldCore:
             "agents_lost": list(self.participants.lost),
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
-            **self.inbox.totals,
+            **self.intake.totals,
             "refused_claims": self.refused_claims,
             "events_cut": self.events_cut,
             "commands": self.turns.log,

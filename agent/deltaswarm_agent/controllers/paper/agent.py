@@ -72,10 +72,13 @@ class Agent:
         """The step until which the operator's `hold` makes it stand still."""
         self.goto: Pose | None = None
         """Where the operator has sent it."""
+        self.goto_until = 0
+        """The step with which this errand ends."""
         self.errand_command = 0
         self.done: list[int] = []
         self.refused: list[int] = []
-        """Numbers of the operator's commands that it carried out, or could not, in this step."""
+        self.superseded: list[int] = []
+        """Numbers of the operator's commands that ended in this step: carried out, not possible, replaced."""
 
     @property
     def delta(self) -> int | None:
@@ -87,6 +90,12 @@ class Agent:
     def steps(self, seconds: float | str) -> int:
         """A time in steps."""
         return round(float(seconds) / self.shared.step_s)
+
+    def end_errand(self, outcome: list[int]) -> None:
+        """Go where the operator sent it no longer, if it does, and note the outcome of that command."""
+        if self.goto is not None:
+            self.goto = None
+            outcome.append(self.errand_command)
 
     def change(self, cause: Cause) -> None:
         """Change the state along the table; the only place where it changes."""

@@ -2,7 +2,7 @@
 
 - `set delta`: sets how many events sensed at once make the agent a root from now on (hybrid control only).
 - `recall`: a tree dissolves from its root down, and its agents found no tree for a while.
-- `attend`: free agents near a place go there, and walk on if they sense nothing on the way.
+- `attend`: free agents near a place go there; what they sense on the way comes first. It ends with the command's life.
 - `hold`: an agent that walks, or goes to an event, stands still; `resume` ends it.
 """
 
@@ -47,7 +47,9 @@ FORMS = (
 
 
 def obey(agent: Agent, commands: Sequence[Command]) -> None:
-    """Start carrying out new commands; note those that are done or refused at once."""
+    """Start carrying out new commands; note those that are done or refused at once, and an errand that is over."""
+    if agent.goto is not None and agent.now >= agent.goto_until:
+        agent.end_errand(agent.refused)
     for command in commands:
         outcome = _RULES[command.name](agent, command)
         if outcome is not None:
@@ -71,13 +73,17 @@ def _recall(agent: Agent, command: Command) -> bool:
 
 
 def _attend(agent: Agent, command: Command) -> bool | None:
+    until = agent.now + agent.steps(command.life_s)
+    if agent.goto is not None and agent.errand_command == command.number:  # heard again with a longer life
+        agent.goto_until = until
+        return None
     x_m, y_m = command.target.numbers
     within_m = float(command.arguments["within_m"])
     is_near = agent.here.distance_m2(x_m, y_m) <= within_m**2
-    if agent.state not in FREE or not is_near or not agent.here.is_in_arena(x_m, y_m):
+    if agent.state not in FREE or not is_near or not agent.here.is_reachable(x_m, y_m):
         return False
-    agent.goto = (x_m, y_m)
-    agent.errand_command = command.number
+    agent.end_errand(agent.superseded)
+    agent.goto, agent.goto_until, agent.errand_command = (x_m, y_m), until, command.number
     return None
 
 
@@ -88,7 +94,7 @@ def _hold(agent: Agent, command: Command) -> bool:
 
 def _resume(agent: Agent, command: Command) -> bool:
     agent.holds_until = agent.now
-    agent.goto = None
+    agent.end_errand(agent.superseded)
     return True
 
 
@@ -96,8 +102,9 @@ _RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, 
 
 
 def goto(agent: Agent) -> Pose | None:
-    """Return where the operator has sent a walking agent; on arrival, the command is done."""
+    """Return where the operator has sent a walking agent; the errand ends on arrival, or if something is in the way."""
     if agent.goto is not None and agent.here.is_at(*agent.goto):
-        agent.goto = None
-        agent.done.append(agent.errand_command)
+        agent.end_errand(agent.done)
+    elif agent.goto is not None and not agent.here.is_reachable(*agent.goto):
+        agent.end_errand(agent.refused)
     return agent.goto

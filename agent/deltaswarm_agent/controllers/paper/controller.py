@@ -69,7 +69,7 @@ class PaperController:
         heard = self._decoded(percept.heard) if percept.heard else []
         if agent.finds is not None:
             learning.learn(agent, agent.finds, percept.events, heard)
-        if percept.commands:
+        if percept.commands or agent.goto is not None:
             commands.obey(agent, percept.commands)
         if agent.membership is None:
             self._step_free(percept.events, heard)
@@ -151,10 +151,12 @@ class PaperController:
             agent.now + 1 if frame is not None else until,
             delta=agent.delta or 0,
         )
-        if agent.done or agent.refused:
-            decision = decision._replace(done=tuple(agent.done), refused=tuple(agent.refused))
-            agent.done.clear()
-            agent.refused.clear()
+        if agent.done or agent.refused or agent.superseded:
+            outcomes = agent.done, agent.refused, agent.superseded
+            done, refused, superseded = map(tuple, outcomes)
+            decision = decision._replace(done=done, refused=refused, superseded=superseded)
+            for numbers in outcomes:
+                numbers.clear()
         return decision
 
     def _motion(self) -> tuple[Velocity, int]:

@@ -6,12 +6,13 @@ export type AgentRow = [number, number, number, string, number, number, number, 
 export type EventRow = [number, number, number, number, number, number];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
 export type InboxRow = [number, number, number, string, number, number[], boolean | number];
-/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state. */
+/** number, name, target, arguments, sent [s], heard by, done by, refused by, replaced at, expires [s], state. */
 export type CommandRow = [
   number,
   string,
   [TargetKind, ...number[]],
   Record<string, unknown>,
+  number,
   number,
   number,
   number,

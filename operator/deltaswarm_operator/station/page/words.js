@@ -166,10 +166,11 @@ export function order([, name, , values]) {
  * @param {CommandRow} command
  * @param {number} now_s
  */
-export function fate([, , , , , heard, done, refused, expires_s, state], now_s) {
+export function fate([, , , , , heard, done, refused, superseded, expires_s, state], now_s) {
   const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
   if (done && state !== "done") parts.push(`done by ${done}`);
   if (refused) parts.push(`refused by ${refused}`);
+  if (superseded) parts.push(`replaced at ${superseded}`);
   if (state === "expired") return "heard by nobody in time";
   return now_s < expires_s ? `${parts.join(", ")}; passed on until ${clock(expires_s)}` : parts.join(", ");
 }

@@ -10,7 +10,7 @@ import pytest
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_scenario.truth import StepRecord
-from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, Clock
+from deltaswarm_wire.operator_messages import DONE, HEARD, REFUSED, SUPERSEDED, Clock
 from tests.support.commanding import script
 from tests.support.cores import controllers_of, swarm
 
@@ -115,6 +115,36 @@ def test_free_agents_near_a_place_go_there() -> None:
     assert all(one.state is State.WALKING for one in controllers_of(found).values())
 
 
+def test_an_errand_ends_with_the_life_of_its_command() -> None:
+    """Who has not arrived by then walks as before, and says that it could not."""
+    found = swarm("smoke", *QUIET, "run.step_s=0.5", script([20, "attend", "place", [8, 30], {"within_m": 60}, 12]))
+    for step, record in play(found, 80):
+        errands = [one.agent.goto for one in controllers_of(found).values()]
+        assert any(errands) == (40 <= step < 40 + 24), (step, record.time_s)
+    assert set(states(found)) == {DONE, REFUSED}
+
+
+@pytest.mark.parametrize("after", [("attend", "place", [30, 8], {"within_m": 60}), ("resume", "all", [], {})])
+def test_a_later_command_replaces_an_errand(after: tuple[Any, ...]) -> None:
+    """And the operator is told so."""
+    found = swarm("smoke", *QUIET, script([20, "attend", "place", [8, 30], {"within_m": 60}], [25, *after]))
+    assert list(play(found, 40))
+    assert set(states(found)) <= {DONE, SUPERSEDED}
+    assert SUPERSEDED in states(found)
+
+
+def test_who_is_pushed_behind_an_obstacle_gives_the_errand_up() -> None:
+    """The way is checked in each step, not when the command comes."""
+    wall = "arena.obstacles=[{corners_m=[[18, 14], [22, 14], [22, 26], [18, 26]]}]"
+    found = swarm("smoke", *QUIET, wall, script([0, "attend", "place", [20, 30], {"within_m": 60}]))
+    victim = -1
+    for step, _ in play(found, 20):
+        if step == 5:
+            victim = next(agent for agent, one in controllers_of(found).items() if one.agent.goto)
+            found.world.environment.positions_m[victim] = (20.0, 12.0)
+    assert states(found)[victim] == REFUSED
+
+
 def test_a_place_outside_the_arena_is_refused() -> None:
     """Nobody could get there."""
     found = swarm("smoke", *QUIET, script([5, "attend", "place", [-9, 30], {"within_m": 1000}]))
@@ -185,7 +215,7 @@ def test_commanded_agents_decide_the_same_with_and_without_sleep(sets: list[str]
             arrived += record.frames_received + dropped - record.frames_duplicated
             assert sent == arrived + record.frames_in_flight
             reports = [forwarded.report for forwarded in world.forwarded]
-            yield (world.inbox.transmitted, world._tree_statuses, places(found), reports), record.agents_asked
+            yield (world.intake.transmitted, world._tree_statuses, places(found), reports), record.agents_asked
         assert len(found.world.turns.log) >= 6
 
     asleep = awake = 0
