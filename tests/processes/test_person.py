@@ -83,19 +83,19 @@ def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: P
     first: list[Turn] = []
     second: list[Turn] = []
 
-    def console(sent: list[Turn], go_on: bool) -> ConsoleServer:
+    def console(sent: list[Turn], saved: str | None = None) -> ConsoleServer:
         return ConsoleServer(
             *("run", Console(briefing), tmp_path, sent.append, lambda _: None, lambda _: None, None),
             is_awaited=briefing.is_awaited,
-            go_on=go_on,
+            step=4,
+            saved=saved,
         )
 
-    before = console(first, go_on=False)
+    before = console(first)
     for step in range(5):
         workload = Workload(step, float(step), 0, 0, 0.0, 0.0, 0.0, 0, 0, 0)
         before.close_step(Clock(step, float(step), False), workload, ())
-    after = console(second, go_on=True)
-    after.restore(4, before.state())
+    after = console(second, before.state())
     after.start()
     assert [turn.step for turn in first] == [0, 1, 2, 3, 4]
     assert second == first[-2:]
@@ -106,12 +106,20 @@ def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) 
     """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
     with running(tmp_path / "run", "--record", "off", *flags(COMMANDER)) as swarm:
         operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
-        swarm.wait_for_steps(30)
-        os.kill(operator, signal.SIGKILL)
+        for steps in (30, 50):
+            swarm.wait_for_steps(steps)
+            os.kill(operator, signal.SIGKILL)
+            operator = wait_until(
+                lambda before=operator: (pid := swarm.pids.get("operator")) and pid != before and pid, "its successor"
+            )
         code, printed, errors = swarm.finish()
         assert code == 0, errors + printed
         outside = swarm.summary()
     alone = inside(*COMMANDER)
-    assert outside["operator_restarts"] == 1
+    assert outside["operator_restarts"] == 2
     assert outside["digest"] == alone["digest"]
     assert outside["person"] == alone["person"]
+    with (tmp_path / "run" / "operator.csv").open(newline="") as table:
+        kinds = [row["kind"] for row in csv.DictReader(table)]
+    assert kinds.count("read") == outside["person"]["read"]
+    assert kinds.count("command") == outside["person"]["commands"]

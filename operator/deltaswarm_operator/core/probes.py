@@ -67,11 +67,19 @@ class Probes:
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
         due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
-        return {"isa_number": self._isa_number, "isa_due_s": due_s, "consented": self._is_consented}
+        open_isa_s = self._asked.asked_s if self._asked is not None and self._asked.kind == ISA else None
+        return {
+            "isa_number": self._isa_number,
+            "isa_due_s": due_s,
+            "open_isa_s": open_isa_s,
+            "consented": self._is_consented,
+        }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`; a question open at that time is not asked again."""
+        """Resume from another object's `state`; an ISA question open at that time is missing."""
         self._isa_number, self._is_consented = state["isa_number"], state["consented"]
+        if state["open_isa_s"] is not None:
+            self.rows.append(ProbeRow(ISA, self._isa_number - 1, ISA, None, state["open_isa_s"], None))
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
     def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:

@@ -32,9 +32,9 @@ class ConsoleServer:
         is_awaited: whether the world waits for each turn.
         folder: for the tables of the person's acts and answers.
         send_turn, send_pace: send to the world, or on the air.
-        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
         end: the operator's end of the socket pair, if there is a station.
-        go_on: continue the tables of a killed operator.
+        step, saved: resume after this step from the `state` of a killed operator.
     """
 
     def __init__(
@@ -48,18 +48,25 @@ class ConsoleServer:
         end: socket.socket | None,
         *,
         is_awaited: bool = False,
-        go_on: bool = False,
+        step: int = -1,
+        saved: str | None = None,
     ) -> None:
         self.console = console
         self.is_awaited = is_awaited
         self._run = run
         self._send_turn, self._send_pace = send_turn, send_pace
-        self._tables = ActionLog(folder, go_on=go_on)
         self._channel = None if end is None else Channel(end, on_intent)
         self._pace = self.console.pace
         self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
         """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
         self._show_due = self._hello_due = 0.0
+        sizes: list[int] = []
+        if saved is not None:
+            state = json.loads(saved)
+            self.console.restore(step, state["console"])
+            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in state["turns"]]
+            sizes = state["table_bytes"]
+        self._tables = ActionLog(folder, sizes)
 
     @property
     def wait_s(self) -> float | None:
@@ -90,12 +97,12 @@ class ConsoleServer:
     def on_intent(self, intent: bytes | None) -> bool:
         """Carry out an intent of the station; return whether to save `state` before `show` shows the result.
 
+        It must be saved if anything was written down, or else the operator that replaces a killed one cuts it off.
         None: the station has gone, and the run continues without it.
         """
         console, channel = self.console, self._channel
         if channel is None:
             return False
-        given = len(console.command_log.sent)
         if intent is None:
             self._channel = None
             if console.pace.hold_step >= 0:  # nobody could resume the run
@@ -105,7 +112,7 @@ class ConsoleServer:
                 channel.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
-        has_news = len(console.command_log.sent) > given or console.pace != self._pace
+        has_news = self._tables.write(console) or console.pace != self._pace
         if console.pace != self._pace:
             self._pace = console.pace
             self._send_pace(self._pace)
@@ -129,16 +136,13 @@ class ConsoleServer:
         """Whether a question to the person at the station is open."""
         return self._channel is not None and self.console.probes.open(time.monotonic()) is not None
 
-    def restore(self, step: int, state: str | None) -> None:
-        """Resume after a step from the state of a killed operator."""
-        if state is not None:
-            saved = json.loads(state)
-            self.console.restore(step, saved["console"])
-            self._turns += [decode_turn(bytes.fromhex(turn)) for turn in saved["turns"]]
-
-    def state(self) -> str:
+    def state(self, *, sync: bool = False) -> str:
         """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""
-        return json.dumps({"console": self.console.state(), "turns": [encode_turn(turn).hex() for turn in self._turns]})
+        self._tables.write(self.console)
+        if sync:
+            self._tables.sync()
+        turns = [encode_turn(turn).hex() for turn in self._turns]
+        return json.dumps({"console": self.console.state(), "turns": turns, "table_bytes": self._tables.sizes})
 
     @property
     def totals(self) -> dict[str, Any]:

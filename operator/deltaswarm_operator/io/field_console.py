@@ -28,7 +28,7 @@ class FieldConsole:
         command_options: settings from the command line.
         folder: for the tables of the person's acts.
         put: publishes a radio frame of the base, with its attachment.
-        on_intent: called in the channel's thread; the main thread must then pass the intent to `take`.
+        on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
         station: the operator's end of the channel, if there is a station.
     """
 
@@ -72,7 +72,7 @@ class FieldConsole:
             self._put(frame, attachment=encode_sent(Sent(now_s, *self._base_m)) if self._base_m else None)
 
     def wait_s(self, now_s: float) -> float:
-        """Return the longest time until `go_on` must be called again [s]."""
+        """Return the longest time until `advance` must be called again [s]."""
         waits = [wait_s for wait_s in (self._server.wait_s, self.base.wait_s(now_s)) if wait_s is not None]
         return min(waits, default=self._step_s)
 

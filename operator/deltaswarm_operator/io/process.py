@@ -121,10 +121,9 @@ class OperatorProcess:
                 lambda intent: inbox.put((ItemKind.INTENT, intent)),
                 config.station,
                 is_awaited=config.briefing.is_awaited,
-                go_on=output.state is not None,
+                step=self.meter.step,
+                saved=output.console,
             )
-            if output.state is not None:
-                self._console.restore(self.meter.step, output.console)
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
         """Publishers without a subscriber; the operator is not ready before this is empty."""
         listen = self._direct(lambda _: self._inbox.put((ItemKind.LISTENER, None)))
@@ -235,7 +234,8 @@ class OperatorProcess:
         """Save the counts, and confirm the step to the world."""
         self._save_due = time.monotonic() + SAVE_EVERY_S
         if self.meter.step > self._saved:
-            self._output.save(self.meter.state(), None if self._console is None else self._console.state())
+            console = None if self._console is None else self._console.state(sync=has_checkpoint)
+            self._output.save(self.meter.state(), console)
             if has_checkpoint:
                 self._output.checkpoint(self.meter.step)
             self._saved = self.meter.step

@@ -285,10 +285,10 @@ def test_a_run_waits_for_consent() -> None:
 
 
 def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
-    """At once on disk, whatever is in it; who goes on adds to the table."""
+    """At once on disk, whatever is in it; who replaces a killed operator cuts the table back to what was saved."""
     console = Console(briefing(operator={"probes": {"isa_every_s": 1}}))
     text = 'ä, "quoted"\nline\r\n\x00'
-    tables = ActionLog(tmp_path, go_on=False)
+    tables = ActionLog(tmp_path)
     for step in range(2):
         close(console, step)
     say(console, "isa", number=0, answer=2)
@@ -297,10 +297,13 @@ def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
     with (tmp_path / "actions.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
     assert [(row["kind"], json.loads(row["detail"])) for row in rows] == [("isa", 2), ("note", text)]
-    more = ActionLog(tmp_path, go_on=True)
-    say(console, "note", text="x" * 9999)
+    sizes = tables.sizes
+    say(console, "note", text="not saved")
+    tables.write(console)
+    more = ActionLog(tmp_path, sizes)
+    say(console, "note", text="x" * 99)
     more.close(console)
     with (tmp_path / "actions.csv").open(newline="") as stream:
-        assert len(list(csv.reader(stream))) == 4
+        assert [json.loads(row["detail"]) for row in csv.DictReader(stream)] == [2, text, "x" * 99]
     with (tmp_path / "probes.csv").open(newline="") as stream:
         assert next(csv.DictReader(stream))["value"] == "2"

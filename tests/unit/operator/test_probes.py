@@ -1,5 +1,6 @@
 """What a person at the station is asked: when, and which answers count."""
 
+import json
 from random import Random
 from typing import Any
 
@@ -74,3 +75,15 @@ def test_a_late_question_does_not_bring_on_the_next() -> None:
             times.append(question["asked_s"])
             asked.answer_isa(question["number"], 3, 3.0)
     assert times == [60.0, 70.0, 80.0, 90.0, 100.0, 110.0]
+
+
+def test_a_question_that_was_open_when_the_operator_was_killed_is_missing() -> None:
+    """Its row is there, and it is not asked again."""
+    killed = probes(isa_every_s=100, isa_wait_s=30)
+    killed.tick(100.0, False, 0.0)
+    successor = probes(isa_every_s=100, isa_wait_s=30)
+    successor.restore(json.loads(json.dumps(killed.state())))
+    assert [(row.number, row.value, row.asked_s) for row in successor.rows] == [(0, None, 100.0)]
+    assert successor.open(1.0) is None
+    successor.tick(200.0, False, 100.0)
+    assert successor.open(100.0)["number"] == 1
