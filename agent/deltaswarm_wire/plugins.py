@@ -4,10 +4,8 @@ A name is that of a shipped class, of an entry point, or `module:Class`.
 """
 
 import importlib
-import sys
 from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
-from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire import checked
@@ -111,20 +109,6 @@ def find_controller(mode: str, path: str = "control.mode") -> type[Any]:
         group=CONTROLLER_GROUP,
         needed=("Settings", "step"),
     )
-
-
-def source_digest(mode: str) -> str | None:
-    """Digest the source file of a third-party controller; None for a shipped one, which the version identifies.
-
-    Raises:
-        SettingsError: as `find_class`.
-    """
-    if mode in CONTROLLERS:
-        return None
-    import hashlib  # costs a board 4 MB, and no agent needs it
-
-    file = sys.modules[find_controller(mode).__module__].__file__
-    return hashlib.blake2b(Path(file).read_bytes(), digest_size=8).hexdigest() if file else None
 
 
 def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path: str = "control") -> Any:

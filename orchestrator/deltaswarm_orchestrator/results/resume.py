@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.sources import source_digest
 from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
-from deltaswarm_wire.plugins import source_digest
 
 BEFORE = ".before"
 """Suffix of an earlier recording that the new recording is copied from."""

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
+from deltaswarm_orchestrator.base.sources import source_digest
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.results.metrics import metrics
 from deltaswarm_orchestrator.results.outcome import Outcome
@@ -19,7 +20,6 @@ from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
-from deltaswarm_wire.plugins import source_digest
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""

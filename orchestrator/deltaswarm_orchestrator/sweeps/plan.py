@@ -5,15 +5,16 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.base.sources import source_digest
 from deltaswarm_scenario.scenario import NAME, Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, key
-from deltaswarm_wire.plugins import source_digest
 
 MAX_RUNS = 100_000
 SEED_BITS = 53
@@ -75,7 +76,7 @@ class Job:
 
     @cached_property
     def key(self) -> str:
-        """The key that identifies a finished run, made from scenario (except its name), controller and windows."""
+        """The key that identifies a finished run: scenario (except its name), controller, windows, version of numpy."""
         grid = ""
         table = checked.plain(replace(self.scenario, name=""))
         density = table["events"]["density"]
@@ -83,7 +84,7 @@ class Job:
             grid = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
             density["file"] = ""
         controller = source_digest(self.scenario.control.mode)
-        text = json.dumps([table, self.series_every_s, grid, controller], sort_keys=True)
+        text = json.dumps([table, self.series_every_s, grid, controller, version("numpy")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     @property

@@ -1,0 +1,83 @@
+"""What a third-party controller's results rest on: every file that decides what it does is in its digest."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FILES = {
+    "mine.py": """
+        import json
+        import numpy
+        from helpers import rules
+        from helpers.deep import Base
+        from dataclasses import dataclass
+
+        @dataclass(frozen=True)
+        class NoSettings:
+            pass
+
+        class Mine(Base):
+            Settings = NoSettings
+            data_files = ("table.csv",)
+
+            def step(self, percept):
+                import late
+    """,
+    "late.py": "LIMIT = 3\n",
+    "unused.py": "LIMIT = 3\n",
+    "table.csv": "1,2\n",
+    "helpers/__init__.py": "from . import constants\n",
+    "helpers/constants.py": "LIMIT = 3\n",
+    "helpers/rules.py": "LIMIT = 3\n",
+    "helpers/deep/__init__.py": "from .base import Base\n",
+    "helpers/deep/base.py": "from ..siblings import LIMIT\n\n\nclass Base:\n    pass\n",
+    "helpers/siblings.py": "LIMIT = 3\n",
+    "helpers/unused.py": "LIMIT = 3\n",
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name, text in FILES.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        lines = text.strip("\n").splitlines()
+        indent = len(lines[0]) - len(lines[0].lstrip()) if lines else 0
+        (tmp_path / name).write_text("\n".join(line[indent:] for line in lines) + "\n")
+    return tmp_path
+
+
+def digest(folder: Path) -> str:
+    """As a new process sees it: a module that is loaded already does not change with its file."""
+    code = "from deltaswarm_orchestrator.base.sources import source_digest; print(source_digest('mine:Mine'))"
+    environment = {**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_every_file_that_it_imports_or_declares_counts(folder: Path) -> None:
+    """Helpers in packages, relative and late imports, bases and data; not what nothing imports."""
+    before = digest(folder)
+    for name in FILES:
+        with (folder / name).open("a") as file:
+            file.write("# edited\n")
+        after = digest(folder)
+        assert (after != before) == ("unused" not in name), name
+        before = after
+
+
+def test_a_file_that_it_declares_must_be_there(folder: Path) -> None:
+    """Else nobody would know what the results rest on."""
+    (folder / "table.csv").unlink()
+    with pytest.raises(AssertionError, match=r"must be a controller whose files can be read: .*table\.csv"):
+        digest(folder)
+
+
+def test_shipped_controllers_are_identified_by_the_version() -> None:
+    """Their code is in the digest of deltaswarm's own."""
+    code = "from deltaswarm_orchestrator.base.sources import source_digest; print(source_digest('hybrid'))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "None\n"
