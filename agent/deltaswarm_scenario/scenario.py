@@ -3,9 +3,13 @@
 `source` says where a default comes from: "paper", or "our reading" where the paper is silent.
 """
 
+import hashlib
+import json
 import re
 from copy import deepcopy
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 from deltaswarm_scenario.density import DensitySettings, density_problems, room_problems
 from deltaswarm_scenario.downlink import CommandSettings, DownlinkSettings, downlink_problems
@@ -13,7 +17,7 @@ from deltaswarm_scenario.fault import FaultSettings, fault_problems
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, begun_with
 from deltaswarm_scenario.radio import RadioSettings, radio_problems
 from deltaswarm_scenario.uplink import UplinkSettings, uplink_problems
-from deltaswarm_wire.checked import OURS, PAPER, Problem, key
+from deltaswarm_wire.checked import OURS, PAPER, Problem, key, plain
 from deltaswarm_wire.codec import MAX_STEP
 from deltaswarm_wire.commands import BASE_ID, CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings, obstacle_problems
@@ -188,3 +192,21 @@ class Scenario:
             command=self.command,
             speed=speed,
         )
+
+
+def content_of(scenario: Scenario) -> dict[str, Any]:
+    """All effective keys as a table, with the digest of the density's file, if there is one, in place of its name.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    table = plain(scenario)
+    density = table["events"]["density"]
+    if density["kind"] == "grid":
+        density["file"] = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
+    return table
+
+
+def scenario_digest(scenario: Scenario) -> str:
+    """Digest of `content_of`, in hexadecimal digits. Raises OSError."""
+    return hashlib.sha256(json.dumps(content_of(scenario), sort_keys=True).encode()).hexdigest()

@@ -1,6 +1,6 @@
 """Checkpoints of a run: their steps and their files.
 
-    RUN/checkpoint/newest.json              step, agents and files' digests of the newest complete checkpoint
+    RUN/checkpoint/newest.json              step, agents, and digests of files, scenario and tables at the newest one
     RUN/checkpoint/<step>/world.pickle      each part writes its own
     RUN/checkpoint/<step>/agent-<id>.pickle
     RUN/checkpoint/<step>/operator.json
@@ -8,8 +8,10 @@
 A checkpoint is unpickled and can therefore run arbitrary code: resume only your own runs.
 """
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_wire.files import write_whole
 
@@ -38,9 +40,40 @@ def write(file: Path, data: bytes) -> None:
     write_whole(file, data)
 
 
-def digest(file: Path) -> str:
-    """Return a file's SHA-256 in hexadecimal digits. Raises OSError."""
+def digest(data: bytes) -> str:
+    """Return the SHA-256 in hexadecimal digits."""
     import hashlib  # costs a board 4 MB, and no agent needs it
 
-    with file.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
+    return hashlib.sha256(data).hexdigest()
+
+
+def table_seals(folder: Path, sizes: Mapping[str, int]) -> dict[str, Sequence[int | str]]:
+    """Return length [bytes] and digest of tables in a run's folder, up to these lengths. Raises OSError."""
+    return {name: (size, digest((folder / name).read_bytes()[:size])) for name, size in sizes.items()}
+
+
+def check_tables(folder: Path, seals: Mapping[str, Sequence[Any]]) -> None:
+    """Check tables against what `table_seals` returned.
+
+    Raises:
+        OSError, ValueError: a table is missing, shorter than then, or was changed before that length.
+    """
+    for name, (size, sealed) in seals.items():
+        data = (folder / name).read_bytes()
+        if len(data) < size:
+            raise ValueError(f"{name} must have at least {size} bytes (got {len(data)})")
+        if digest(data[:size]) != sealed:
+            raise ValueError(f"{name} has been changed or damaged")
+
+
+def sealed(content: Mapping[str, Any]) -> bytes:
+    """Encode as JSON that shows whether it was changed."""
+    return json.dumps({**content, "seal": digest(json.dumps(content).encode())}).encode()
+
+
+def unsealed(data: bytes) -> dict[str, Any]:
+    """Decode. Raises ValueError if it is damaged, or was changed."""
+    content = json.loads(data)
+    if not isinstance(content, dict) or content.pop("seal", None) != digest(json.dumps(content).encode()):
+        raise ValueError("it has been changed or damaged")
+    return content

@@ -2,7 +2,7 @@
 
 import csv
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from deltaswarm_operator.core.console import Console, OperatorAction
@@ -17,11 +17,10 @@ class ActionLog:
     With `sizes` it continues the tables of a killed operator, cut back to these lengths [bytes].
     """
 
-    def __init__(self, folder: Path, sizes: Sequence[int] = ()) -> None:
-        files = [folder / name for name in (ACTIONS, PROBES)]
-        for file, size in zip(files, sizes, strict=False):
-            os.truncate(file, size)
-        self._streams = [file.open("a" if sizes else "w", newline="") for file in files]
+    def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None) -> None:
+        for name, size in (sizes or {}).items():
+            os.truncate(folder / name, size)
+        self._streams = [(folder / name).open("a" if sizes else "w", newline="") for name in (ACTIONS, PROBES)]
         self._actions, self._probes = (csv.writer(stream) for stream in self._streams)
         if not sizes:
             self._actions.writerow(OperatorAction._fields)
@@ -47,9 +46,9 @@ class ActionLog:
             os.fsync(stream.fileno())
 
     @property
-    def sizes(self) -> list[int]:
-        """The lengths of the tables [bytes], to continue them from."""
-        return [stream.tell() for stream in self._streams]
+    def sizes(self) -> dict[str, int]:
+        """The lengths of the tables by name [bytes], to continue them from."""
+        return {name: stream.tell() for name, stream in zip((ACTIONS, PROBES), self._streams, strict=True)}
 
     def close(self, console: Console) -> None:
         """Write the remaining rows and close the files."""

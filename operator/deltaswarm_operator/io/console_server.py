@@ -60,7 +60,7 @@ class ConsoleServer:
         self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
         """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
         self._show_due = self._hello_due = 0.0
-        sizes: list[int] = []
+        sizes: dict[str, int] | None = None
         if saved is not None:
             state = json.loads(saved)
             self.console.restore(step, state["console"])
@@ -143,6 +143,11 @@ class ConsoleServer:
             self._tables.sync()
         turns = [encode_turn(turn).hex() for turn in self._turns]
         return json.dumps({"console": self.console.state(), "turns": turns, "table_bytes": self._tables.sizes})
+
+    @property
+    def table_sizes(self) -> dict[str, int]:
+        """The lengths of its tables by name [bytes]."""
+        return self._tables.sizes
 
     @property
     def totals(self) -> dict[str, Any]:

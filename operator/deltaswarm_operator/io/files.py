@@ -69,11 +69,13 @@ class Output:
         self.flush()
         self._write(STATE, {"table_bytes": self._stream.tell(), "meter": meter, "console": console})
 
-    def checkpoint(self, step: int) -> None:
-        """Copy the state just saved for this step into a checkpoint."""
+    def checkpoint(self, step: int, other_tables: Mapping[str, int]) -> None:
+        """Copy the state just saved for this step into a checkpoint; seal all tables, the others up to these sizes."""
         os.fsync(self._stream.fileno())
+        state = json.loads((self._folder / STATE).read_text())
+        state["tables"] = checkpoint.table_seals(self._folder, {TABLE: self._stream.tell(), **other_tables})
         file = self._folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE
-        checkpoint.write(file, (self._folder / STATE).read_bytes())
+        checkpoint.write(file, json.dumps(state).encode())
 
     def totals(self, totals: Mapping[str, Any]) -> None:
         """Write all rows so far, and the totals atomically."""

@@ -237,7 +237,7 @@ class OperatorProcess:
             console = None if self._console is None else self._console.state(sync=has_checkpoint)
             self._output.save(self.meter.state(), console)
             if has_checkpoint:
-                self._output.checkpoint(self.meter.step)
+                self._output.checkpoint(self.meter.step, {} if self._console is None else self._console.table_sizes)
             self._saved = self.meter.step
             self._taken.put(encode_taken(self._saved))
 

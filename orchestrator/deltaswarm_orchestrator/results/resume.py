@@ -9,7 +9,7 @@ from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import source_digest
 from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
 from deltaswarm_orchestrator.results.folder import FolderError
-from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.scenario import Scenario, scenario_digest
 from deltaswarm_wire import checkpoint
 
 BEFORE = ".before"
@@ -17,8 +17,8 @@ BEFORE = ".before"
 
 LEFTOVERS_S = 10.0
 
-OPERATOR_STATE, OPERATOR_ROWS = "operator-state.json", "operator.csv"
-"""The operator's files during a run."""
+OPERATOR_STATE = "operator-state.json"
+"""What an operator resumes from."""
 
 OF_AN_END = ("series.csv", "events.csv", "summary.json", "world.json", "operator.json")
 """Files that a run writes when it ends, complete or not."""
@@ -34,6 +34,8 @@ class Resumed:
     """The agents that were in the run at that step."""
     restarts: dict[int, int]
     """How often each agent had been restarted."""
+    scenario: str
+    """`scenario_digest` of the run."""
 
 
 def newest(folder: Path) -> Resumed:
@@ -47,29 +49,30 @@ def newest(folder: Path) -> Resumed:
         reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
         raise FolderError(reason)
     try:
-        told = json.loads(file.read_text())
-        resumed = Resumed(int(told["step"]), tuple(map(int, told["agents"])), dict(told["restarts"]))
-        saved, digests = file.with_name(str(resumed.step)), dict(told["sha256"])
+        content = checkpoint.unsealed(file.read_bytes())
+        resumed = Resumed(
+            int(content["step"]), tuple(map(int, content["agents"])), dict(content["restarts"]), content["scenario"]
+        )
+        saved, digests = file.with_name(str(resumed.step)), dict(content["sha256"])
         for file in checkpoint.files(saved, resumed.agents):
-            if checkpoint.digest(file) != digests[file.name]:
+            if checkpoint.digest(file.read_bytes()) != digests[file.name]:
                 raise ValueError("it has been changed or damaged")
         file = saved / checkpoint.OPERATOR_FILE
-        least_bytes = {folder / name: int(size) for name, size in told["tables"].items()}
-        least_bytes |= {folder / OPERATOR_ROWS: int(json.loads(file.read_text())["table_bytes"])}
-        for file, least in least_bytes.items():
-            if (size := file.stat().st_size) < least:
-                raise ValueError(f"it must have at least {least} bytes (got {size})")
+        tables = content["tables"] | json.loads(file.read_text())["tables"]
+        for name in tables:
+            file = folder / name
+            checkpoint.check_tables(folder, {name: tables[name]})
     except (OSError, ValueError, TypeError, KeyError, AttributeError) as error:
         reason = str(error) if isinstance(error, OSError | ValueError) else repr(error)
         raise FolderError(f"{file}, which is part of the checkpoint, cannot be used: {reason}") from None
     return resumed
 
 
-def check_code(folder: Path, scenario: Scenario) -> None:
-    """Refuse a run that another version of the code began, whose checkpoint this one cannot use.
+def check_inputs(folder: Path, scenario: Scenario) -> None:
+    """Refuse a run that began with another scenario or other code, whose checkpoint these cannot go on from.
 
     Raises:
-        FolderError: the code differs, or the manifest cannot be read.
+        FolderError: scenario or code differ, or the manifest cannot be read.
     """
     file = folder / "manifest.json"
     try:
@@ -79,6 +82,9 @@ def check_code(folder: Path, scenario: Scenario) -> None:
         raise FolderError(f"{file} cannot be read: {error}") from None
     if begun_by != (provenance.code_digest(), source_digest(scenario.control.mode)):
         raise FolderError(f"{folder} was started by another version of deltaswarm; resume it with that version")
+    if newest(folder).scenario != scenario_digest(scenario):
+        reason = "or a file that it names has been changed since the run began: undo that, or start a new run"
+        raise FolderError(f"{folder / 'scenario.toml'} {reason}")
 
 
 def wait_for_leftovers(folder: Path) -> None:

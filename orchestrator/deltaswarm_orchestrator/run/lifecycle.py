@@ -126,8 +126,7 @@ def _run(
     if options.boards:
         options.boards.prepare(scenario)
     if options.resume:
-        resume.check_code(options.out, scenario)  # before the folder is touched
-        resume.newest(options.out)
+        resume.check_inputs(options.out, scenario)  # before the folder is touched
         with ResumedFolder(options.out) as folder:
             resume.wait_for_leftovers(folder.path)
             return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).do()

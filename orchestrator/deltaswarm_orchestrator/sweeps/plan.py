@@ -6,14 +6,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import orjson
 
 from deltaswarm_orchestrator.base.sources import source_digest
-from deltaswarm_scenario.scenario import NAME, Scenario
-from deltaswarm_wire import checked
+from deltaswarm_scenario.scenario import NAME, Scenario, content_of
 from deltaswarm_wire.checked import Problem, key
 
 MAX_RUNS = 100_000
@@ -77,14 +75,9 @@ class Job:
     @cached_property
     def key(self) -> str:
         """The key that identifies a finished run: scenario (except its name), controller, windows, version of numpy."""
-        grid = ""
-        table = checked.plain(replace(self.scenario, name=""))
-        density = table["events"]["density"]
-        if density["kind"] == "grid":  # identified by its content, so the file may be moved
-            grid = hashlib.sha256(Path(density["file"]).read_bytes()).hexdigest()
-            density["file"] = ""
+        table = content_of(replace(self.scenario, name=""))
         controller = source_digest(self.scenario.control.mode)
-        text = json.dumps([table, self.series_every_s, grid, controller, version("numpy")], sort_keys=True)
+        text = json.dumps([table, self.series_every_s, controller, version("numpy")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     @property

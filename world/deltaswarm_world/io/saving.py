@@ -1,6 +1,5 @@
 """The world's part of a checkpoint, written last, which completes it."""
 
-import json
 import pickle
 import shutil
 from collections import Counter
@@ -9,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Self
 
+from deltaswarm_scenario.scenario import scenario_digest
 from deltaswarm_wire import checkpoint
 from deltaswarm_world.core.backoff import TimeoutBackoff
 from deltaswarm_world.core.world import WorldCore
@@ -58,11 +58,12 @@ def save(run_folder: Path, saved: SavedWorld) -> None:
     content = {
         "step": participants.step,
         "agents": agents,
-        "sha256": {file.name: checkpoint.digest(file) for file in files},
+        "sha256": {file.name: checkpoint.digest(file.read_bytes()) for file in files},
+        "scenario": scenario_digest(saved.core.scenario),
         "restarts": list(saved.restarts.items()),
-        "tables": dict(zip(TABLES, saved.table_bytes, strict=True)),
+        "tables": checkpoint.table_seals(run_folder, dict(zip(TABLES, saved.table_bytes, strict=True))),
     }
-    checkpoint.write(folder / checkpoint.NEWEST, json.dumps(content).encode())
+    checkpoint.write(folder / checkpoint.NEWEST, checkpoint.sealed(content))
     for other in folder.iterdir():
         if other.name.isdecimal() and int(other.name) < participants.step:
             shutil.rmtree(other, ignore_errors=True)
