@@ -3,6 +3,8 @@
 #   sudo sh install.sh            the agent in /opt/deltaswarm, its user, its folders and its systemd unit
 #   sh install.sh --venv FOLDER   the agent in FOLDER, and nothing else
 set -eu
+umask 022 # the unit's user reads what root installs
+unset PYTHONPATH PYTHONHOME PIP_TARGET PIP_PREFIX PIP_ROOT PIP_USER # they would install elsewhere
 
 fail() {
     echo "install.sh: $*" >&2
@@ -25,8 +27,13 @@ case "${1-}" in
 esac
 
 python3 -c 'import sys; sys.exit(sys.version_info < (3, 11))' || fail "Python 3.11 or newer is needed"
-if [ -f "$here/SHA256SUMS" ]; then
+if [ -d "$here/wheels" ]; then
+    [ -f "$here/SHA256SUMS" ] || fail "SHA256SUMS is missing; copy the bundle again"
     (cd "$here" && sha256sum --check --quiet --strict SHA256SUMS) || fail "the bundle is damaged; copy it again"
+    for wheel in "$here"/wheels/*; do
+        cut -d ' ' -f 3 "$here/SHA256SUMS" | grep -qxF "wheels/$(basename "$wheel")" ||
+            fail "$wheel is not listed in SHA256SUMS; copy the bundle again"
+    done
 fi
 python3 -m venv "$venv" || fail "no environment could be made; on Debian: apt install python3-venv"
 agent=deltaswarm-agent
@@ -34,7 +41,7 @@ for wheel in "$here"/wheels/cryptography-*; do
     [ ! -f "$wheel" ] || agent="deltaswarm-agent[commands]"
 done
 if [ -d "$here/wheels" ]; then
-    "$venv/bin/python" -m pip install --quiet --disable-pip-version-check \
+    PIP_CONFIG_FILE=/dev/null "$venv/bin/python" -m pip --isolated install --quiet --disable-pip-version-check \
         --no-index --find-links "$here/wheels" --force-reinstall "$agent" ||
         fail "no wheels for the Python of this board ($(python3 --version)); see $here/wheels"
 else
@@ -50,5 +57,10 @@ if [ $whole = yes ]; then
     if [ -d /run/systemd/system ]; then
         systemctl daemon-reload
     fi
+    chmod -R a+rX "$venv"
+    runuser -u deltaswarm -- "$venv/bin/deltaswarm-agent" board --help >/dev/null ||
+        fail "$venv/bin/deltaswarm-agent does not start as the user deltaswarm"
+else
+    "$venv/bin/deltaswarm-agent" board --help >/dev/null || fail "$venv/bin/deltaswarm-agent does not start"
 fi
 echo "installed: $venv/bin/deltaswarm-agent"

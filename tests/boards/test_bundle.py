@@ -247,6 +247,37 @@ def test_a_damaged_bundle_is_not_installed(made: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "board").exists()
 
 
+def test_what_the_list_does_not_name_is_not_installed(made: Path, tmp_path: Path) -> None:
+    """A wheel that somebody added, with or without the list."""
+    bundle = shutil.copytree(made / PC, tmp_path / "bundle")
+    (bundle / "wheels" / "msgpack-99.0-py3-none-any.whl").write_bytes(b"")
+    done = install(bundle, tmp_path / "board")
+    assert done.returncode == 1
+    assert "msgpack-99.0-py3-none-any.whl is not listed in SHA256SUMS" in done.stderr
+    (bundle / "SHA256SUMS").unlink()
+    done = install(bundle, tmp_path / "board")
+    assert done.returncode == 1
+    assert "SHA256SUMS is missing" in done.stderr
+    assert not (tmp_path / "board").exists()
+
+
+def test_settings_of_whoever_installs_change_nothing(
+    made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Others can read what root installs, and it is where it is said to be."""
+    for name, value in (("PIP_TARGET", "elsewhere"), ("PIP_NO_DEPS", "1"), ("PYTHONPATH", "elsewhere")):
+        monkeypatch.setenv(name, str(tmp_path / value) if value == "elsewhere" else value)
+    before = os.umask(0o077)
+    try:
+        done = install(made / PC, tmp_path / "board")
+    finally:
+        os.umask(before)
+    assert done.returncode == 0, done.stderr
+    assert names_of(tmp_path / "board") == {"deltaswarm-agent", "eclipse-zenoh", "msgpack"}
+    files = [path for path in (tmp_path / "board").rglob("*") if not path.is_symlink()]
+    assert all(path.stat().st_mode & 0o044 == 0o044 for path in files)
+
+
 def test_another_machines_bundle_is_not_installed(made: Path, installed: Path) -> None:
     """It says why, and what was installed before stays."""
     before = names_of(installed)
