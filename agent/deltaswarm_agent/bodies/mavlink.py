@@ -44,6 +44,7 @@ STATE_EVERY_S = 0.5
 RESTARTED_MS = 1000
 """If the autopilot's clock goes back by more, it restarted; by less, datagrams were reordered."""
 
+TWO_VEHICLES = "two vehicles have its number: messages come from two addresses"
 NOT_IN_THE_AIR = "the vehicle is not in the air"
 RESTARTED = "the autopilot restarted, and its local frame may have moved: restart the agent"
 CLOSE_S = 1.0
@@ -59,6 +60,7 @@ class MavlinkSettings:
     )
     baud: int = key(115200, "baud rate of a serial device", low=MIN_BAUD, high=MAX_BAUD)
     system_id: int = key(245, "this board's own MAVLink number", low=1, high=255)
+    vehicle: int = key(0, "the vehicle's MAVLink number; 0: that of the first autopilot heard", low=0, high=255)
     origin_north_m: float = key(0.0, "the arena's corner (0, 0), north in the vehicle's local frame [m]")
     origin_east_m: float = key(0.0, "the arena's corner (0, 0), east in the vehicle's local frame [m]")
     heading_deg: float = key(
@@ -72,6 +74,8 @@ class MavlinkSettings:
     ahead_s: float = key(1.5, "time for which a velocity must stay inside the fence [s]", low=0, high=60)
     stall_s: float = key(0.5, "time without a command after which the vehicle must stop [s]", above=0, high=10)
     position_s: float = key(1.0, "maximum age of a position [s]", above=0, high=60)
+    jump_m: float = key(5.0, "a jump of the position beyond what max_speed_mps allows is a fault [m]", above=0)
+    follow_s: float = key(5.0, "not to have begun to follow set-points after this time is a fault [s]", low=1)
     heartbeat_s: float = key(3.0, "maximum age of a heartbeat [s]", above=0, high=60)
     needs_armed: bool = key(True, "wait for the vehicle to be armed")
     modes: tuple[str, ...] = key(
@@ -127,6 +131,8 @@ class MavlinkSettings:
             heartbeat_s=self.heartbeat_s,
             needs_armed=self.needs_armed,
             modes=tuple(mode.upper() for mode in self.modes),
+            jump_m=self.jump_m,
+            follow_s=self.follow_s,
         )
 
 
@@ -156,14 +162,17 @@ class MavlinkBody:
         self._landed_state: int | None = None
         self._is_px4 = False
         self._has_restarted = False
+        self._peer_heard_s = self._rival_heard_s = -math.inf
+        """When the vehicle's newest heartbeat came from its address, and one with its number from another one."""
+        self._others: set[tuple[int, int]] = set()
+        """Other autopilots that were heard."""
         self._boot_ms: int | None = None
         self._came_s: dict[int, float] = {}
         self._no_link = ""
         self._told_stalls = 0
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
-        self._mav = self._mavlink.MAVLink(self._link, options.system_id, self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
-        self._mav.robust_parsing = True  # skip bytes that are no message
+        self._mav = self._parser()
         self._thread = threading.Thread(target=self._serve, name="mavlink", daemon=True)
         self._thread.start()
 
@@ -220,19 +229,27 @@ class MavlinkBody:
                     return
                 data = self._link.receive(max(0.001, min(set_point_due_s, heartbeat_due_s) - now_s))
                 self._no_link = ""
-                for message in self._messages(data):
+                is_peer = self._link.sender == self._link.peer
+                for message in self._messages(self._mav if is_peer else self._parser(), data):
                     self._take(message, time.monotonic())
             except OSError as error:
                 self._no_link = f"no link to {self._options.device}: {error.strerror or error}"
                 if is_last or self._closing.wait(RETRY_S):
                     return
 
-    def _messages(self, data: bytes) -> Iterator[Any]:
+    def _parser(self) -> Any:
+        """Make a parser and sender of messages; strangers' bytes get one of their own, as they may be no messages."""
+        made = self._mavlink.MAVLink(self._link, self._options.system_id, self._mavlink.MAV_COMP_ID_ONBOARD_COMPUTER)
+        made.robust_parsing = True  # skip bytes that are no message
+        return made
+
+    @staticmethod
+    def _messages(parser: Any, data: bytes) -> Iterator[Any]:
         """Parse messages; feed the parser only what it needs, or its buffer would grow."""
         at = 0
         while at < len(data):
-            until = at + self._mav.bytes_needed()
-            message = self._mav.parse_char(data[at:until])
+            until = at + parser.bytes_needed()
+            message = parser.parse_char(data[at:until])
             at = until
             if message is not None:
                 yield message
@@ -241,9 +258,9 @@ class MavlinkBody:
         mavlink = self._mavlink
         source = (message.get_srcSystem(), message.get_srcComponent())
         match message.get_msgId():
-            case mavlink.MAVLINK_MSG_ID_HEARTBEAT if self._is_of_the_vehicle(message, source):
+            case mavlink.MAVLINK_MSG_ID_HEARTBEAT if self._is_of_the_vehicle(message, source, now_s):
                 self._hear_heartbeat(message, source, now_s)
-            case _ if source != self._target:
+            case _ if source != self._target or self._link.sender != self._link.peer:
                 return
             case mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED as kind:
                 self._came_s[kind] = now_s
@@ -259,9 +276,31 @@ class MavlinkBody:
                 with self._lock:
                     self._guard.set_uncertainty(message.pos_horiz_accuracy)
 
-    def _is_of_the_vehicle(self, heartbeat: Any, source: tuple[int, int]) -> bool:
-        # The first autopilot heard, not a ground station or another companion.
-        return heartbeat.autopilot != self._mavlink.MAV_AUTOPILOT_INVALID and self._target in (None, source)
+    def _is_of_the_vehicle(self, heartbeat: Any, source: tuple[int, int], now_s: float) -> bool:
+        """Whether it is from the vehicle that is flown: no ground station, companion or other autopilot.
+
+        What comes from another address is not believed as long as the vehicle's own address is heard.
+        """
+        if heartbeat.autopilot == self._mavlink.MAV_AUTOPILOT_INVALID:
+            return False
+        is_wanted = self._options.vehicle in (0, source[0]) and self._target in (None, source)
+        if not is_wanted:
+            if source not in self._others:
+                self._others.add(source)
+                log.warning("autopilot %d is heard, too; the vehicle is %s", source[0], self._vehicle)
+            return False
+        sender, is_lost = self._link.sender, now_s - self._peer_heard_s > self._options.heartbeat_s
+        if self._target is not None and sender != self._link.peer and not is_lost:
+            self._rival_heard_s = now_s
+            self._object()
+            return False
+        self._link.peer, self._peer_heard_s = sender, now_s
+        return True
+
+    @property
+    def _vehicle(self) -> str:
+        number = self._options.vehicle or (self._target[0] if self._target else 0)
+        return str(number) if number else "not known yet"
 
     def _hear_heartbeat(self, heartbeat: Any, source: tuple[int, int], now_s: float) -> None:
         if self._target is None:
@@ -296,7 +335,9 @@ class MavlinkBody:
             log.warning("%s", RESTARTED)
 
     def _object(self) -> None:
-        objection = RESTARTED if self._has_restarted else NOT_IN_THE_AIR if self._is_grounded else ""
+        is_doubtful = time.monotonic() - self._rival_heard_s <= self._options.heartbeat_s
+        reasons = ((self._has_restarted, RESTARTED), (is_doubtful, TWO_VEHICLES), (self._is_grounded, NOT_IN_THE_AIR))
+        objection = next((reason for holds, reason in reasons if holds), "")
         with self._lock:
             self._guard.object(objection)
 

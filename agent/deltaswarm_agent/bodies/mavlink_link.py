@@ -69,6 +69,10 @@ class Link(abc.ABC):
     def __init__(self) -> None:
         self._end: Any = None
         """The socket or serial port; None while closed."""
+        self.sender: Any = None
+        """The address that the newest data came from, where others may send to this link; else None."""
+        self.peer: Any = None
+        """The address to send to, where there is a choice; None: nobody is sent anything."""
 
     def open(self) -> None:
         """Open the link if it is closed."""
@@ -133,13 +137,12 @@ def open_link(device: Device) -> Link:
 
 
 class UdpLink(Link):
-    """Listens and replies to the latest sender, or sends to one address. Reads one datagram."""
+    """Listens and sends to its `peer`, which its owner chooses, or sends to one address. Reads one datagram."""
 
     def __init__(self, host: str, port: int, *, listens: bool) -> None:
         super().__init__()
         self._address = (host, port)
         self._listens = listens
-        self._peer: Any = None
 
     def _opened(self) -> socket.socket:
         host, port = self._address
@@ -157,16 +160,18 @@ class UdpLink(Link):
     def _read(self, wait_s: float) -> bytes:
         self._end.settimeout(wait_s)
         try:
-            data, self._peer = self._end.recvfrom(READ_BYTES)
+            data, sender = self._end.recvfrom(READ_BYTES)
         except TimeoutError:
             return b""
+        if self._listens:
+            self.sender = sender
         return bytes(data)
 
     def _send(self, data: bytes) -> None:
         if not self._listens:
             self._end.send(data)
-        elif self._peer is not None:
-            self._end.sendto(data, self._peer)
+        elif self.peer is not None:
+            self._end.sendto(data, self.peer)
 
 
 class TcpLink(Link):

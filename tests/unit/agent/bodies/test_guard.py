@@ -59,7 +59,7 @@ def test_no_way_leads_across_a_gap() -> None:
 
 @given(places, speeds)
 def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place) -> None:
-    """TreeStatus, too."""
+    """Standing is, too."""
     assume(not SQUARE.holds(at) and min(abs(at[0]), abs(at[0] - 10), abs(at[1]), abs(at[1] - 10)) > 0.01)
 
     def beyond_m(place: Place) -> float:
@@ -206,3 +206,58 @@ def test_a_vehicle_that_objects_stands_and_says_why() -> None:
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "on the ground")
     guard.object("")
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == ((1.0, 0.0), "")
+
+
+CHECKED = dataclasses.replace(LIMITS, jump_m=5.0, follow_s=5.0)
+TENTH_S = 0.1
+
+
+def flown(guard: Guard, share: float, steps: int, begin_s: float = 0.0, wish: Place = (0.0, 1.0)) -> list[str]:
+    """The faults of a vehicle that moves at this share of what it is told, at ten set-points per second."""
+    at, faults = (5.0, 1.0), []
+    for step in range(steps):
+        now_s = begin_s + TENTH_S * step
+        guard.beat(True, "GUIDED", now_s)
+        guard.locate(*at, now_s)
+        guard.command(*wish, now_s)
+        vx_mps, vy_mps = guard.velocity(now_s)
+        at = (at[0] + share * vx_mps * TENTH_S, at[1] + share * vy_mps * TENTH_S)
+        faults.append(guard.sensed(now_s).fault)
+    return faults
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5])
+def test_a_vehicle_that_follows_is_not_doubted(share: float) -> None:
+    """Though it is slow, or lags behind."""
+    assert not any(flown(Guard(CHECKED, SQUARE, 0.1), share, 85))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, -1.0])
+def test_a_vehicle_that_does_not_follow_stands_and_says_so(share: float) -> None:
+    """It stands for a while, and is tried again."""
+    guard = Guard(CHECKED, Fence([(-50, -50), (50, -50), (50, 50), (-50, 50)]), 0.1)
+    faults = flown(guard, share, 130)
+    assert not any(faults[:50])
+    assert all("does not follow" in fault for fault in faults[52:98])
+    assert not faults[104]
+
+
+def test_a_position_that_jumps_is_doubted() -> None:
+    """And the vehicle stands; what its speed allows is no jump."""
+    guard = Guard(CHECKED, SQUARE, 0.1)
+    guard.beat(True, "GUIDED", 0.0)
+    for now_s, at, fault in ((0.0, (1.0, 1.0), ""), (0.5, (3.0, 1.0), ""), (0.6, (9.0, 1.0), "jumped by 6.0 m")):
+        guard.locate(*at, now_s)
+        guard.command(0.1, 0.0, now_s)
+        assert fault in guard.sensed(now_s).fault
+        assert (guard.velocity(now_s) == STAND) == bool(fault)
+
+
+def test_outside_its_fence_a_vehicle_stands_and_says_so() -> None:
+    """Nobody knows how it came there: a pilot brings it back."""
+    guard = Guard(CHECKED, SQUARE, 0.1)
+    guard.beat(True, "GUIDED", 0.0)
+    guard.locate(12.0, 5.0, 0.0)
+    guard.command(-1.0, 0.0, 0.0)
+    assert guard.velocity(0.0) == STAND
+    assert guard.sensed(0.0).fault == "the vehicle is outside its fence"

@@ -72,8 +72,8 @@ def received(link: Link, length: int) -> bytes:
 
 
 @pytest.mark.parametrize("host", [LOCAL, "[::1]", "localhost"])
-def test_udp_answers_whoever_spoke_last(host: str) -> None:
-    """An autopilot that restarts speaks from another port; before anyone has spoken, what is said is lost."""
+def test_udp_sends_to_its_peer_alone(host: str) -> None:
+    """Whoever else speaks, and nothing before there is one; an autopilot that restarts speaks from another port."""
     if host == "[::1]" and not HAS_IPV6:
         pytest.skip("no IPv6 here")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -89,8 +89,16 @@ def test_udp_answers_whoever_spoke_last(host: str) -> None:
             autopilot.open()
             autopilot.write(b"hello")
             assert received(link, 5) == b"hello"
+            link.peer = link.sender
+            stranger = open_link(parse_device(f"udpout:{host}:{port}", 57600))
+            stranger.open()
+            stranger.write(b"x")
+            assert received(link, 1) == b"x"
+            assert link.sender != link.peer
             link.write(b"go")
             assert received(autopilot, 2) == b"go"
+            assert stranger.receive(0.01) == b""
+            stranger.close()
             autopilot.close()
     finally:
         link.close()
