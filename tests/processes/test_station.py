@@ -17,7 +17,7 @@ import pytest
 
 from deltaswarm_operator.core.replay import Replay
 from deltaswarm_operator.io import replaying
-from deltaswarm_orchestrator.recording.records import RecordingError
+from deltaswarm_orchestrator.recording.reader import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
 from tests.support.persons import CONSENT, Person

@@ -12,7 +12,6 @@ from deltaswarm_orchestrator.recording.names import RECORDING
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DEAD, Body, EventState, StepRecord, Truth
-from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import NOBODY, Event
 from deltaswarm_wire.operator_messages import Report, Workload
 
@@ -95,12 +94,12 @@ def _workload(rng: random.Random, step: int, time_s: float, messages: int) -> Wo
 
 def recorded(folder: Path, scenario: Scenario, count: int) -> Path:
     """The file of a recording of `count` plausible steps, with a line of log in each."""
-    with Recorder(folder, plain(scenario), scenario, wall=lambda: 0.0) as recorder:
+    with Recorder(folder, scenario, wall=lambda: 0.0) as recorder:
         for truth, reports, workload in steps(scenario, count):
             recorder.step(truth, reports)
             recorder.workload(workload)
             recorder.log(20, "world", f"step {truth.step}", truth.time_s)
-        recorder.close({"exit": "completed"})
+        recorder.complete({"exit": "completed"})
     return folder / RECORDING
 
 
@@ -122,8 +121,8 @@ def truth(*bodies: Body, events: tuple[EventState, ...] = (), links: tuple[tuple
 
 def shown(folder: Path, *truths: Truth) -> list[tuple[str, int, Any]]:
     """What is recorded of a few truths."""
-    with Recorder(folder, plain(Scenario()), Scenario()) as recorder:
+    with Recorder(folder, Scenario()) as recorder:
         for one in truths:
             recorder.step(one, ())
-        recorder.close({})
+        recorder.complete({})
     return messages(folder / "recording.mcap")

@@ -12,7 +12,6 @@ from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.in_process import InProcess, run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.truth import DROP_REASONS, StepRecord
-from deltaswarm_wire.checked import plain
 from deltaswarm_wire.messages import Frame
 from deltaswarm_wire.operator_messages import Clock
 from tests.support.cores import paper, swarm
@@ -251,7 +250,7 @@ def test_faults_stand_in_the_log_of_the_recording(tmp_path: Any) -> None:
         "smoke", ["run.duration_s=30", timeline('kind="radio-dead", at_s=5, duration_s=5, agents=[1]')]
     )
     lines = []
-    with Recorder(tmp_path, plain(scenario), scenario) as recorder:
+    with Recorder(tmp_path, scenario) as recorder:
         log = recorder.log
 
         def kept(level: int, name: str, text: str, time_s: float) -> None:
@@ -260,7 +259,7 @@ def test_faults_stand_in_the_log_of_the_recording(tmp_path: Any) -> None:
 
         recorder.log = kept  # type: ignore[method-assign]
         run_in_process(scenario, recorder)
-        recorder.close({})
+        recorder.complete({})
     assert [(time_s, "radio-dead" in text and "agent 1" in text) for time_s, text in lines] == [
         (5.0, True),
         (10.0, True),

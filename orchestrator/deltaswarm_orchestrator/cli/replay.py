@@ -24,7 +24,7 @@ def add(command: argparse.ArgumentParser) -> None:
 
 def replay(arguments: argparse.Namespace) -> int:
     """Serve the station's page from a recording, until Ctrl-C."""
-    from deltaswarm_orchestrator.recording.records import RecordingError
+    from deltaswarm_orchestrator.recording.reader import RecordingError
     from deltaswarm_orchestrator.recording.replay import write_steps
 
     must_exist(arguments.run, "RUN", A_RUN)

@@ -8,8 +8,7 @@ from tempfile import TemporaryDirectory
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
-from deltaswarm_orchestrator.recording.reader import recording_in
-from deltaswarm_orchestrator.recording.records import RecordingError
+from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in
 
 
 class ExportError(CommandError):

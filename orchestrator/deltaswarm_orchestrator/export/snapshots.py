@@ -2,16 +2,22 @@
 
 import tomllib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.recording.reader import Recording, read_recording
-from deltaswarm_orchestrator.recording.records import Messages, RecordingError, records, row_of, values_of
+from deltaswarm_orchestrator.recording.reader import (
+    Recording,
+    RecordingError,
+    entries,
+    read_recording,
+    row_of,
+    values_of,
+)
 from deltaswarm_orchestrator.recording.schemas import AGENT_FIELDS
 from deltaswarm_scenario.truth import Body, EventState
 
-_TOPICS = frozenset({"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"})
+Line = list[tuple[float, float]]
 
 
 class Snapshot(NamedTuple):
@@ -23,7 +29,7 @@ class Snapshot(NamedTuple):
     events: tuple[EventState, ...]
 
     @property
-    def trees_m(self) -> list[list[tuple[float, float]]]:
+    def trees_m(self) -> list[Line]:
         """A line from each child to its parent."""
         places = {body.agent: (body.x_m, body.y_m) for body in self.bodies}
         return [[places[body.agent], places[body.parent]] for body in self.bodies if body.parent in places]
@@ -37,19 +43,37 @@ class Film:
     recording: Recording
     width_m: float
     height_m: float
-    obstacles_m: list[list[tuple[float, float]]] = field(default_factory=list)
-    """The corners of each obstacle."""
+    walls_m: list[Line]
+    """The edges of the arena and of the obstacles, as closed lines."""
 
     def snapshots(self) -> Iterator[Snapshot]:
-        """Yield each view, read from the file."""
-        return snapshots(self.path)
+        """Yield each view, as far as the file can be read.
 
-    @property
-    def walls_m(self) -> list[list[tuple[float, float]]]:
-        """The edges of the arena and of the obstacles, as closed lines."""
-        width, height = self.width_m, self.height_m
-        loops = [[(0.0, 0.0), (width, 0.0), (width, height), (0.0, height)], *self.obstacles_m]
-        return [[*loop, loop[0]] for loop in loops]
+        A view is complete when the next one begins: the agents' standings follow the frames if one of them changed.
+        """
+        events: dict[int, EventState] = {}
+        step, time_s = 0, 0.0
+        view: Snapshot | None = None
+        standings: list[tuple[Any, ...]] = []
+        for topic, message in entries(self.path, {"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"}):
+            match topic:
+                case "/swarm/state":
+                    step, time_s = message.step, message.time_s
+                case "/swarm/event":
+                    event = row_of(EventState, values_of(message))
+                    events[event.event] = event
+                    if event.completed_s is not None:
+                        del events[event.event]
+                case "/swarm/agents":
+                    standings = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
+                case "/tf":
+                    if view is not None:
+                        yield _with_standings(view, standings)
+                    _, *frames = message.transforms
+                    places = tuple(Body(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames)
+                    view = Snapshot(step, time_s, places, tuple(events.values()))
+        if view is not None:
+            yield _with_standings(view, standings)
 
 
 def read_film(path: Path) -> Film:
@@ -66,49 +90,16 @@ def read_film(path: Path) -> Film:
         arena = tomllib.loads(recording.scenario)["arena"]
     except (tomllib.TOMLDecodeError, KeyError) as error:
         raise RecordingError(f"{path} must hold a valid scenario: {error}") from None
+    width_m, height_m = arena["width_m"], arena["height_m"]
     obstacles = [[(x, y) for x, y in obstacle["corners_m"]] for obstacle in arena.get("obstacles", [])]
-    return Film(path, recording, arena["width_m"], arena["height_m"], obstacles)
-
-
-def snapshots(path: Path) -> Iterator[Snapshot]:
-    """Yield each view of a recording, as far as the file can be read.
-
-    A view is complete when the next one begins: the agents' standings follow the frames if one of them changed.
-    """
-    messages = Messages(_TOPICS)
-    events: dict[int, EventState] = {}
-    step, time_s = 0, 0.0
-    view: Snapshot | None = None
-    standings: list[tuple[Any, ...]] = []
-    for record in records(path):
-        found = messages.take(record) if record is not None else None
-        if found is None:
-            continue
-        topic, message = found
-        match topic:
-            case "/swarm/state":
-                step, time_s = message.step, message.time_s
-            case "/swarm/event":
-                event = row_of(EventState, values_of(message))
-                events[event.event] = event
-                if event.completed_s is not None:
-                    del events[event.event]
-            case "/swarm/agents":
-                standings = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
-            case "/tf":
-                if view is not None:
-                    yield _with_standings(view, standings)
-                _, *frames = message.transforms
-                places = tuple(Body(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames)
-                view = Snapshot(step, time_s, places, tuple(events.values()))
-    if view is not None:
-        yield _with_standings(view, standings)
+    loops = [[(0.0, 0.0), (width_m, 0.0), (width_m, height_m), (0.0, height_m)], *obstacles]
+    return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops])
 
 
 def _with_standings(view: Snapshot, standings: list[tuple[Any, ...]]) -> Snapshot:
     """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
     if len(standings) != len(view.bodies):
         return view._replace(bodies=())
-    named = zip(view.bodies, standings, strict=True)
-    bodies = (body._replace(**dict(zip(AGENT_FIELDS, standing, strict=True))) for body, standing in named)
+    pairs = zip(view.bodies, standings, strict=True)
+    bodies = (body._replace(**dict(zip(AGENT_FIELDS, standing, strict=True))) for body, standing in pairs)
     return view._replace(bodies=tuple(bodies))

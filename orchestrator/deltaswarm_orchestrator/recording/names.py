@@ -1,7 +1,10 @@
-"""Names of files in a run folder. This module imports nothing, for commands that only check whether files exist."""
+"""Names in a run folder and its recording. This module imports nothing, for commands that only look for files."""
 
 RECORDING, WIRE, PART = "recording.mcap", "wire.mcap", ".part"
 """The recording for viewers, the raw frames, and the suffix that both have while they are written."""
+
+SCENARIO, MANIFEST = "scenario.toml", "manifest"
+"""A recording's attachment with the effective scenario, and its last record, the manifest."""
 
 COMMANDS = "commands.toml"
 """The commands that left the base, in the format of `deltaswarm run --commands`, to repeat the run."""

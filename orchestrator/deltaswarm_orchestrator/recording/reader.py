@@ -1,20 +1,39 @@
-"""Read a recording back: the numbers of a run, exactly as they were written.
+"""Read a recording back, complete or cut off anywhere: its records, and the numbers exactly as they were written.
 
-The recording of a killed run can be read too. It holds what had been flushed, and `complete` is false.
+The recording of a killed run holds what had been flushed.
 """
 
+import struct
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Attachment, McapRecord, Metadata
+from mcap.exceptions import McapError
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap_protobuf.decoder import DecoderFactory
+from zstandard import ZstdError
 
-from deltaswarm_orchestrator.recording.names import PART, RECORDING
-from deltaswarm_orchestrator.recording.recorder import MANIFEST, SCENARIO_ATTACHMENT
-from deltaswarm_orchestrator.recording.records import Messages, records, row_of, values_of
+from deltaswarm_orchestrator.recording import names
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import Answer, Report, ReportedMember, Workload
+
+_MAGIC = b"\x89MCAP0\r\n"
+
+_DAMAGE = (McapError, ZstdError, struct.error, ValueError, OverflowError, MemoryError)
+"""The exceptions that reading a truncated or damaged file can raise."""
+
+DAMAGED = "damaged"
+"""The name of the last entry of a damaged or cut-off file."""
+
+FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
+"""The topics with the numbers of a run."""
+
+
+class RecordingError(ValueError):
+    """The file is not a usable recording."""
 
 
 @dataclass
@@ -37,75 +56,120 @@ class Recording:
     """Whether the recording was closed with its manifest and nothing is missing."""
 
 
-FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
-"""The topics that are read."""
-
-
 def recording_in(path: Path) -> Path:
     """Return the file itself, or the recording in a run's folder: the finished one, else the partial one."""
     if not path.is_dir():
         return path
-    whole = path / RECORDING
-    return whole if whole.exists() else whole.with_name(RECORDING + PART)
+    whole = path / names.RECORDING
+    return whole if whole.exists() else whole.with_name(names.RECORDING + names.PART)
 
 
 def read_recording(path: Path) -> Recording:
     """Read the recording in a file or in a run's folder, whether it was finished or cut off.
 
+    The step records of an incomplete recording end before the first missing step, since damage can hide a whole chunk.
+
     Raises:
         FileNotFoundError: there is no recording.
         RecordingError: the file is not an MCAP file.
     """
-    reader = _Reader()
-    for record in records(recording_in(path)):
-        if record is None:
-            return reader.recording(is_whole=False)
-        reader.take(record)
-    return reader.recording(is_whole=True)
-
-
-class _Reader:
-    """Collects the numbers of a run, record by record."""
-
-    def __init__(self) -> None:
-        self._found = Recording()
-        self._messages = Messages(FIGURES)
-        self._events: dict[int, EventState] = {}
-        self._net: dict[int, dict[str, Any]] = {}
-        self._state: dict[int, dict[str, Any]] = {}
-
-    def take(self, record: McapRecord) -> None:
-        if found := self._messages.take(record):
-            self._take_message(*found)
-        elif isinstance(record, Attachment) and record.name == SCENARIO_ATTACHMENT:
-            self._found.scenario = record.data.decode()
-        elif isinstance(record, Metadata) and record.name == MANIFEST:
-            self._found.metadata = dict(record.metadata)
-            self._found.complete = True
-
-    def _take_message(self, topic: str, message: Any) -> None:
-        match topic:
+    recording = Recording()
+    events: dict[int, EventState] = {}
+    net: dict[int, dict[str, Any]] = {}
+    state: dict[int, dict[str, Any]] = {}
+    for name, content in entries(recording_in(path), FIGURES | {names.SCENARIO, names.MANIFEST}):
+        match name:
             case "/net/stats":
-                self._net[message.step] = values_of(message)
+                net[content.step] = values_of(content)
             case "/swarm/state":
-                self._state[message.step] = values_of(message)
+                state[content.step] = values_of(content)
             case "/swarm/event":
-                self._events[message.event] = row_of(EventState, values_of(message))
+                events[content.event] = row_of(EventState, values_of(content))
             case "/operator/inbox":
-                self._found.reports[message.step] = tuple(_report(report) for report in message.reports)
+                recording.reports[content.step] = tuple(_report(report) for report in content.reports)
             case "/operator/workload":
-                self._found.workloads.append(row_of(Workload, values_of(message)))
+                recording.workloads.append(row_of(Workload, values_of(content)))
+            case names.SCENARIO:
+                recording.scenario = content.decode()
+            case names.MANIFEST:
+                recording.metadata, recording.complete = dict(content), True
+            case _:
+                recording.complete = False
+    recording.events = sorted(events.values(), key=lambda event: (event.arrived_s, event.event))
+    steps = sorted(net.keys() & state)
+    if not recording.complete:
+        steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
+    recording.step_records = [row_of(StepRecord, {**net[step], **state[step]}) for step in steps]
+    return recording
 
-    def recording(self, is_whole: bool) -> Recording:
-        """Return what was found; if it is incomplete, the step_records end before the first missing step."""
-        found = self._found
-        found.complete &= is_whole
-        found.events = sorted(self._events.values(), key=lambda event: (event.arrived_s, event.event))
-        steps = sorted(self._net.keys() & self._state)
-        if not found.complete:  # damage can hide a whole chunk
-            steps = [step for place, step in enumerate(steps) if step == steps[0] + place]
-        found.step_records = [row_of(StepRecord, {**self._net[step], **self._state[step]}) for step in steps]
-        return found
+
+def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:
+    """Yield name and content of each wanted entry: a topic's message, an attachment's bytes, or metadata.
+
+    Messages are decoded by the schema that the file itself holds. A damaged or cut-off file ends with DAMAGED.
+
+    Raises:
+        FileNotFoundError: there is no file.
+        RecordingError: it is not an MCAP file, or a topic is not in protobuf, as in recordings of earlier versions.
+    """
+    factory = DecoderFactory()
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[str, Callable[[bytes], Any]]] = {}
+    for record in records(path):
+        match record:
+            case Message() if record.channel_id in channels:
+                topic, decode = channels[record.channel_id]
+                yield topic, decode(record.data)
+            case Schema():
+                schemas[record.id] = record
+            case Channel() if record.topic in wanted:
+                decoder = factory.decoder_for(record.message_encoding, schemas.get(record.schema_id))
+                if decoder is None:
+                    raise RecordingError(f"{record.topic} must be in protobuf (got {record.message_encoding})")
+                channels[record.id] = record.topic, decoder
+            case Attachment() if record.name in wanted:
+                yield record.name, record.data
+            case Metadata() if record.name in wanted:
+                yield record.name, record.metadata
+            case None:
+                yield DAMAGED, None
+
+
+def records(path: Path) -> Iterator[McapRecord | None]:
+    """Yield each record up to the end of the file, or up to the first damage and then None.
+
+    Raises:
+        FileNotFoundError: there is no file.
+        RecordingError: the file is not an MCAP file.
+    """
+    size_bytes = path.stat().st_size
+    with path.open("rb") as stream:
+        if not _MAGIC.startswith(stream.read(len(_MAGIC))):
+            raise RecordingError(f"{path} is not an MCAP file")
+        stream.seek(0)
+        remaining = StreamReader(stream, validate_crcs=True, record_size_limit=size_bytes).records
+        while True:
+            try:
+                record = next(remaining, None)
+            except _DAMAGE:
+                yield None
+                return
+            if record is None:
+                return
+            yield record
+
+
+def values_of(message: Any) -> dict[str, Any]:
+    """Return the fields of a message by name; None for absent fields."""
+    return {
+        field.name: None if field.has_presence and not message.HasField(field.name) else getattr(message, field.name)
+        for field in message.DESCRIPTOR.fields
+    }
+
+
+def row_of(kind: Any, values: Mapping[str, Any]) -> Any:
+    """Make a named tuple of the wire from the values of its fields."""
+    return kind(*[values[name] for name in kind._fields])
 
 
 def _report(message: Any) -> Report:

@@ -9,19 +9,17 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import orjson
-import tomli_w
 from mcap.records import Channel, Message
 from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.base.disk import RoomError, no_room, room_for
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
-from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
-from deltaswarm_orchestrator.recording.records import RecordingError, records, row_of, values_of
+from deltaswarm_orchestrator.recording.names import MANIFEST, PART, RECORDING, SCENARIO, WIRE
+from deltaswarm_orchestrator.recording.reader import RecordingError, records, row_of, values_of
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import OURS, TOPICS
 from deltaswarm_orchestrator.recording.sink import Viewer
@@ -32,11 +30,10 @@ from deltaswarm_orchestrator.recording.transcriber import (
     steps_between_views,
     workload_message,
 )
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, Truth
 from deltaswarm_wire.operator_messages import Report, Workload
-
-SCENARIO_ATTACHMENT, MANIFEST = "scenario.toml", "manifest"
 
 CHUNK_BYTES = 256 * 1024
 FLUSH_EVERY_S = 1.0
@@ -46,13 +43,12 @@ FLUSH_EVERY_S = 1.0
 class Recorder:
     """Writes `recording.mcap` into `folder` and, with `wire`, the raw frames into `wire.mcap`.
 
-    Until `close`, the names of the files end in `.part`. Leaving the context without `close` keeps these names: the
-    files can be read, but count as incomplete.
+    Until `complete`, the names of the files end in `.part`. Leaving the context without it keeps these names: the files
+    can be read, but count as incomplete.
 
     Args:
         folder: the run's folder, which must exist.
-        scenario_table: the effective scenario as a plain table, kept as TOML.
-        scenario: the same, checked.
+        scenario: the effective scenario, kept as TOML.
         wire: whether raw frames are kept.
         wall: a wall clock [s].
         viewer: is given the same messages while the run is under way.
@@ -61,7 +57,6 @@ class Recorder:
     def __init__(
         self,
         folder: Path,
-        scenario_table: Mapping[str, Any],
         scenario: Scenario,
         wire: bool = False,
         wall: Callable[[], float] = time.monotonic,
@@ -81,7 +76,8 @@ class Recorder:
         (folder / LAYOUT).write_bytes(shown)
         self._file = _File(folder / RECORDING)
         self._wire = _File(folder / WIRE) if wire else None
-        self._file.attach(SCENARIO_ATTACHMENT, "application/toml", tomli_w.dumps(scenario_table).encode())
+        self._files = [file for file in (self._file, self._wire) if file is not None]
+        self._file.attach(SCENARIO, "application/toml", to_toml(scenario).encode())
         self._file.attach(LAYOUT, "application/json", shown)
         for topic in TOPICS:  # announced even if it gets no messages
             self._file.channel(topic)
@@ -90,21 +86,17 @@ class Recorder:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._end(None)
+    def __exit__(self, *_: object) -> None:
+        self._finish(None)
 
-    def take_over(self, before: Mapping[str, Path], step: int) -> list[str]:
+    def continue_from(self, before: Mapping[str, Path], step: int) -> list[str]:
         """Begin with the messages of earlier recordings up to a step; return what is lost of them, one line each.
 
         `before` maps the name of each new file to the earlier file that it continues.
         """
         self._step, self._time_s, self._steps = step, step * self._step_s, step + 1
         lost = []
-        for file in (self._file, self._wire):
-            if file is None:
-                continue
+        for file in self._files:
             newest = self._copy(file, before[file.name]) if file.name in before else -1
             if file is self._file and newest < step:
                 lost.append(
@@ -117,36 +109,37 @@ class Recorder:
         """Add the messages of an earlier file as far as it can be read; return its newest step, or -1."""
         newest = -1
         with suppress(RecordingError):
-            for topic, taken, data in file.take_over(before, log_time_ns(self._time_s)):
-                newest = max(newest, taken)
+            for topic, step, data in file.copy(before, log_time_ns(self._time_s)):
+                newest = max(newest, step)
                 if topic == "/swarm/event":
                     self._transcriber.note(row_of(EventState, values_of(OURS["Event"].FromString(data))))
         return newest
 
     def save(self) -> None:
         """Write everything so far to disk, so that it survives a crash of the machine."""
-        for file in (self._file, self._wire):
-            if file is not None:
-                file.save()
+        for file in self._files:
+            file.save()
 
     def step(self, truth: Truth, reports: Sequence[Report]) -> None:
         """Record a closed step: its truth, and the reports that reached the operator in it."""
         self._step, self._time_s = truth.step, truth.time_s
         transcriber = self._transcriber
-        self._write(transcriber.figures(truth, reports, round(self._wall() - self._started_s, 3)))
-        self._write(transcriber.events(truth.events))
+        self._write(transcriber.figures(truth, reports, round(self._wall() - self._started_s, 3)), *truth[:2])
+        self._write(transcriber.events(truth.events), *truth[:2])
         if self._steps % self._view_every == 0:
-            self._write(transcriber.views(truth))
+            self._write(transcriber.views(truth), *truth[:2])
         self._steps += 1
         self._end_of_step()
 
     def workload(self, workload: Workload) -> None:
         """Record what the operator counted in one step."""
-        self._write_at(workload.step, workload.time_s, "/operator/workload", workload_message(workload))
+        self._write([("/operator/workload", workload_message(workload))], workload.step, workload.time_s)
+        self._end_of_step()
 
     def log(self, level: int, name: str, text: str, time_s: float) -> None:
         """Record a line of a part's log; `level` is that of Python's logging, `time_s` is simulated [s]."""
-        self._write_at(self._step, time_s, "/log", log_message(level, name, text, time_s))
+        self._write([("/log", log_message(level, name, text, time_s))], self._step, time_s)
+        self._end_of_step()
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
         """Record a radio frame as its sender made it, if `wire` is on."""
@@ -163,56 +156,49 @@ class Recorder:
         now_s = self._wall()
         if now_s - self._flushed_s >= FLUSH_EVERY_S:
             self._flushed_s = now_s
-            self._file.flush()
-            if self._wire:
-                self._wire.flush()
+            for file in self._files:
+                file.flush()
 
-    def close(self, manifest: Mapping[str, Any], tables: Iterable[tuple[str, bytes]] = ()) -> None:
+    def complete(self, manifest: Mapping[str, Any], tables: Iterable[tuple[str, bytes]] = ()) -> None:
         """Add the manifest and tables (name, CSV), finish the files, and give them their final names.
 
         Values of the manifest that are not text become JSON.
         """
         for name, data in tables:
             self._file.attach(name, "text/csv", data)
-        self._end(
+        self._finish(
             {name: text if isinstance(text, str) else orjson.dumps(text).decode() for name, text in manifest.items()}
         )
 
-    def _write(self, messages: Iterable[TopicMessage]) -> None:
-        """Write messages of the current step."""
-        step, time_s, write, viewer = self._step, self._time_s, self._file.write, self._viewer
+    def _write(self, messages: Iterable[TopicMessage], step: int, time_s: float) -> None:
+        """Write messages of a step, and show them to the viewer."""
+        write, viewer = self._file.write, self._viewer
         for topic, data in messages:
             write(topic, step, time_s, data)
             if viewer is not None:
                 viewer.put(topic, time_s, data)
-
-    def _write_at(self, step: int, time_s: float, topic: str, data: bytes) -> None:
-        self._file.write(topic, step, time_s, data)
-        if self._viewer is not None:
-            self._viewer.put(topic, time_s, data)
-        self._end_of_step()
 
     def _end_of_step(self) -> None:
         self.flush_when_due()
         if self._viewer is not None:
             self._viewer.tick()
 
-    def _end(self, manifest: dict[str, str] | None) -> None:
-        if self._file.is_closed:
+    def _finish(self, manifest: dict[str, str] | None) -> None:
+        """Finish the files, complete or not; a full disk is no error of an incomplete file."""
+        if self._file.is_finished:
             return
         with suppress(RoomError) if manifest is None else nullcontext():
-            self._write(self._transcriber.open_events())
-        for file in (self._file, self._wire):
-            if file:
-                with suppress(RoomError) if manifest is None else nullcontext():
-                    file.close(manifest)
+            self._write(self._transcriber.open_events(), self._step, self._time_s)
+        for file in self._files:
+            with suppress(RoomError) if manifest is None else nullcontext():
+                file.finish(manifest)
 
 
 class _File:
     """One MCAP file, whose name ends in `.part` until it is complete."""
 
     def __init__(self, path: Path) -> None:
-        self.is_closed = False
+        self.is_finished = False
         self.name = path.name
         self._path = path
         self._part = path.with_name(path.name + PART)
@@ -220,7 +206,7 @@ class _File:
         self._writer: Any = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
         self._writer.start()
         self._channels: dict[str, int] = {}
-        self._schemas: dict[str, int] = {}
+        self._schemas: dict[Any, int] = {}
 
     def attach(self, name: str, media_type: str, data: bytes) -> None:
         self._writer.add_attachment(0, log_time_ns(0.0), name, media_type, data)
@@ -229,15 +215,11 @@ class _File:
         """Return the channel of a topic, registering it at first use; raw bytes have no schema."""
         if topic not in self._channels:
             kind = TOPICS.get(topic)
-            schema = self._schema(kind) if kind else 0
-            self._channels[topic] = self._writer.register_channel(topic, "protobuf" if kind else "msgpack", schema)
+            if kind and kind not in self._schemas:
+                self._schemas[kind] = register_schema(self._writer, kind)
+            encoding = "protobuf" if kind else "msgpack"
+            self._channels[topic] = self._writer.register_channel(topic, encoding, self._schemas.get(kind, 0))
         return self._channels[topic]
-
-    def _schema(self, kind: Any) -> int:
-        name = kind.DESCRIPTOR.full_name
-        if name not in self._schemas:
-            self._schemas[name] = register_schema(self._writer, kind)
-        return self._schemas[name]
 
     def write(self, topic: str, step: int, time_s: float, data: bytes) -> None:
         """Add a message that is already encoded."""
@@ -249,7 +231,7 @@ class _File:
         except OSError as error:
             raise no_room(error, self._part) from None
 
-    def take_over(self, before: Path, until_ns: int) -> Iterator[tuple[str, int, bytes]]:
+    def copy(self, before: Path, until_ns: int) -> Iterator[tuple[str, int, bytes]]:
         """Add the messages of another file up to a time; yield topic, step and data of each."""
         topics: dict[int, str] = {}
         for record in records(before):
@@ -269,9 +251,9 @@ class _File:
         with room_for(self._part):
             os.fsync(self._stream.fileno())
 
-    def close(self, manifest: dict[str, str] | None) -> None:
+    def finish(self, manifest: dict[str, str] | None) -> None:
         """Finish the file; with a manifest, it is complete and gets its final name."""
-        self.is_closed = True
+        self.is_finished = True
         with room_for(self._part), self._stream:
             if manifest is not None:
                 self._writer.flush()  # the manifest comes after the messages

@@ -10,8 +10,7 @@ from typing import Any
 import msgpack
 
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
-from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.recording.records import RecordingError
+from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -27,20 +26,20 @@ def write_steps(run: Path, file: Path) -> None:
         RecordingError: the recording is damaged, or holds no step.
         FileNotFoundError: there is no recording.
     """
-    found = read_recording(run)
-    if not found.workloads:
+    recording = read_recording(run)
+    if not recording.workloads:
         raise RecordingError("the recording must hold at least one step (got none)")
-    table = tomllib.loads(found.scenario)
+    table = tomllib.loads(recording.scenario)
     scenario = checked.load(Scenario, table)
     if not scenario.operator.person.is_on:  # a simulated person gives its commands again by itself
         scenario = checked.load(Scenario, table | _commands(run, scenario.run.step_s))
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
     with file.open("wb") as stream:
         stream.write(msgpack.packb(checked.plain(briefing)))
-        last = found.workloads[-1].step
-        for workload in found.workloads:
+        last = recording.workloads[-1].step
+        for workload in recording.workloads:
             clock = Clock(workload.step, workload.time_s, workload.step == last)
-            reports = [encode_report(report) for report in found.reports.get(workload.step, ())]
+            reports = [encode_report(report) for report in recording.reports.get(workload.step, ())]
             stream.write(msgpack.packb((clock, workload, reports)))
 
 

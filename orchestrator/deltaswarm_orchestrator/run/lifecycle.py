@@ -32,7 +32,7 @@ from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire import checked, checkpoint
+from deltaswarm_wire import checkpoint
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.files import sync_folder
 
@@ -196,7 +196,7 @@ class _Run:
                     self._do_steps(recorder)
                     summary = self._conclude()
                     if isinstance(recorder, Recorder):
-                        recorder.close(self._manifest, run_tables.person_tables(folder))
+                        recorder.complete(self._manifest, run_tables.person_tables(folder))
                 self._write_tables()
         except (RoomError, KeyboardInterrupt) as error:
             self._stop.conclude()
@@ -255,10 +255,9 @@ class _Run:
                 (folder / LAYOUT).write_bytes(layout_json(scenario.arena.width_m, scenario.arena.height_m))
             yield ViewersOnly(scenario, self._viewer) if self._viewer else None
             return
-        wire, table = scenario.record == "wire", checked.plain(scenario)
-        with Recorder(folder, table, scenario, wire=wire, viewer=self._viewer) as recorder:
+        with Recorder(folder, scenario, wire=scenario.record == "wire", viewer=self._viewer) as recorder:
             if self._resumed:
-                self._why += recorder.take_over(before, self._resumed.step)
+                self._why += recorder.continue_from(before, self._resumed.step)
                 for file in before.values():
                     file.unlink()
             yield recorder

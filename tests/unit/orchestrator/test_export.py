@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, Truth
-from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import NOBODY
 from tests.support.truths import recorded, steps, truth
 
@@ -202,10 +202,10 @@ def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     odd = [Body(0, 1.0, 2.0, "9 lives/day", 0, NOBODY), Body(1, 3.0, 4.0, "~", 0, NOBODY)]
     told: list[Truth] = [truth(*odd), truth(odd[0])]
-    with Recorder(tmp_path / "run", plain(SCENARIO), SCENARIO) as recorder:
+    with Recorder(tmp_path / "run", SCENARIO) as recorder:
         for one in told:
             recorder.step(one, ())
-        recorder.close({})
+        recorder.complete({})
     for name in ("csv", "rosbag2", "rrd"):
         assert export(tmp_path / "run", name) == 0
     with AnyReader([tmp_path / "run-rosbag2"], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:

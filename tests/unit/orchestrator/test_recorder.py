@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS, VIEW_TOPICS
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState
-from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.operator_messages import Workload
 from tests.support.truths import messages, on, recorded, shown, steps, truth
 
@@ -101,10 +101,10 @@ def test_scenario_and_layout_come_with_the_recording(tmp_path: Path) -> None:
 
 def test_the_manifest_ends_the_recording(tmp_path: Path) -> None:
     """Closing adds it as metadata and gives the file its name; texts stay texts, the rest becomes JSON."""
-    with Recorder(tmp_path, {}, scenario()) as recorder:
+    with Recorder(tmp_path, scenario()) as recorder:
         assert (tmp_path / "recording.mcap.part").exists()
         assert not (tmp_path / "recording.mcap").exists()
-        recorder.close({"digest": "ab12", "seed": 7, "versions": {"deltaswarm": "0.1.0"}})
+        recorder.complete({"digest": "ab12", "seed": 7, "versions": {"deltaswarm": "0.1.0"}})
     assert not (tmp_path / "recording.mcap.part").exists()
     with (tmp_path / "recording.mcap").open("rb") as stream:
         (manifest,) = make_reader(stream).iter_metadata()
@@ -117,7 +117,7 @@ def test_an_error_leaves_a_readable_part(tmp_path: Path) -> None:
     told = list(steps(scenario(), 5))
 
     def fail() -> None:
-        with Recorder(tmp_path, {}, scenario(), wire=True) as recorder:
+        with Recorder(tmp_path, scenario(), wire=True) as recorder:
             for one, reports, _ in told:
                 recorder.step(one, reports)
             raise RuntimeError("the world died")
@@ -134,11 +134,11 @@ def test_raw_frames_are_kept_only_when_asked_for(tmp_path: Path) -> None:
     """With `wire` a second file has every frame byte for byte, by agent and kind; else there is none."""
     frames = [(step, agent, bytes([step, agent, 0xC1])) for step in range(3) for agent in (4, 11)]
     for wire in (False, True):
-        with Recorder(tmp_path, {}, scenario(step_s=2.0), wire=wire) as recorder:
+        with Recorder(tmp_path, scenario(step_s=2.0), wire=wire) as recorder:
             for step, agent, data in frames:
                 recorder.radio(step, agent, data)
             recorder.report_bytes(2, 4, b"\x80")
-            recorder.close({})
+            recorder.complete({})
         assert (tmp_path / "wire.mcap").exists() == wire
     with (tmp_path / "wire.mcap").open("rb") as stream:
         found = [
@@ -153,10 +153,10 @@ def test_raw_frames_are_kept_only_when_asked_for(tmp_path: Path) -> None:
 
 def test_log_levels_are_those_of_the_schema(tmp_path: Path) -> None:
     """Python's levels become debug 1, info 2, warning 3, error 4, fatal 5, as viewers filter by them."""
-    with Recorder(tmp_path, {}, scenario()) as recorder:
+    with Recorder(tmp_path, scenario()) as recorder:
         for level in (10, 20, 25, 30, 40, 50, 90):
             recorder.log(level, "agent/3", "text", 1.5)
-        recorder.close({})
+        recorder.complete({})
     found = on("/log", messages(tmp_path / "recording.mcap"))
     assert [message.level for message in found] == [1, 2, 2, 3, 4, 5, 5]
     assert found[0].timestamp.ToNanoseconds() == EPOCH_S * 10**9 + 1_500_000_000
@@ -164,9 +164,9 @@ def test_log_levels_are_those_of_the_schema(tmp_path: Path) -> None:
 
 def test_a_line_of_log_may_hold_anything(tmp_path: Path) -> None:
     """Bytes that a part wrote and that are no text do not end the recording."""
-    with Recorder(tmp_path, {}, scenario()) as recorder:
+    with Recorder(tmp_path, scenario()) as recorder:
         recorder.log(20, "agent/3", b"caf\xe9".decode(errors="surrogateescape"), 0.0)
-        recorder.close({})
+        recorder.complete({})
     (line,) = on("/log", messages(tmp_path / "recording.mcap"))
     assert line.message == "caf?"
 
@@ -175,7 +175,7 @@ def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
     """Nothing is lost to a kill but what came within one wall second."""
     clock = SimpleNamespace(now_s=100.0)
     told = steps(scenario(), 4)
-    with Recorder(tmp_path, {}, scenario(), wall=lambda: clock.now_s) as recorder:
+    with Recorder(tmp_path, scenario(), wall=lambda: clock.now_s) as recorder:
         for (one, reports, _), now_s, on_disk in zip(told, (100.0, 100.9, 101.0, 101.5), (0, 0, 3, 3), strict=True):
             clock.now_s = now_s
             recorder.step(one, reports)
@@ -197,9 +197,9 @@ def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
 def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:
     """Every field, unrounded, at the time of its step."""
     workload = Workload(7, 7.0, 3, 2, 1 / 3, 2 / 7, 0.1, 1, 0, 0)
-    with Recorder(tmp_path, {}, scenario()) as recorder:
+    with Recorder(tmp_path, scenario()) as recorder:
         recorder.workload(workload)
-        recorder.close({})
+        recorder.complete({})
     ((topic, log_time, message),) = messages(tmp_path / "recording.mcap")
     assert (topic, log_time) == ("/operator/workload", (EPOCH_S + 7) * 10**9)
     assert Workload(*(getattr(message, name) for name in Workload._fields)) == workload
@@ -225,5 +225,5 @@ def test_a_recording_that_is_none_has_lost_everything(is_there: bool, tmp_path: 
 def told_after_19(folder: Path, before: dict[str, Path]) -> list[str]:
     """What a recorder says has been lost of an earlier recording when a run is resumed after step 19."""
     made = scenario()
-    with Recorder(folder, plain(made), made) as recorder:
-        return recorder.take_over(before, 19)
+    with Recorder(folder, made) as recorder:
+        return recorder.continue_from(before, 19)

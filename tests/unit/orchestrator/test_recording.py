@@ -14,12 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
 
-from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
-from deltaswarm_orchestrator.recording.records import RecordingError
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord, Truth
-from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.checked import load
 from deltaswarm_wire.codec import MAX_ABS_CM, MAX_ABS_M, MAX_AGENT_ID, MAX_ID
 from deltaswarm_wire.messages import MAX_TIME_S, Event
 from deltaswarm_wire.operator_messages import HEARD, REFUSED, Answer, Report, ReportedMember, Workload
@@ -74,11 +73,11 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
 
 
 def write(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workload]], **manifest: Any) -> None:
-    with Recorder(folder, plain(SCENARIO), SCENARIO) as recorder:
+    with Recorder(folder, SCENARIO) as recorder:
         for truth, sent, workload in told:
             recorder.step(truth, sent)
             recorder.workload(workload)
-        recorder.close(manifest)
+        recorder.complete(manifest)
 
 
 def check_same(folder: Path, told: list[tuple[Truth, tuple[Report, ...], Workload]]) -> None:
@@ -130,7 +129,7 @@ def test_a_finished_recording_is_complete(tmp_path: Path) -> None:
 def test_a_recording_that_was_not_closed_is_incomplete(tmp_path: Path) -> None:
     """All steps are there, and it is said that the end is not."""
     told = list(steps(SCENARIO, 3))
-    with Recorder(tmp_path, plain(SCENARIO), SCENARIO) as recorder:
+    with Recorder(tmp_path, SCENARIO) as recorder:
         for truth, sent, _ in told:
             recorder.step(truth, sent)
     found = read_recording(tmp_path)
@@ -149,11 +148,11 @@ def test_a_cut_anywhere_leaves_the_steps_before_it(tmp_path: Path) -> None:
     """A file cut at any byte is read without an error: whole steps from the first on, and incomplete."""
     told = list(steps(SCENARIO, 24))
     ticks = iter(range(10_000))
-    with Recorder(tmp_path, plain(SCENARIO), SCENARIO, wall=lambda: next(ticks) / 3) as recorder:
+    with Recorder(tmp_path, SCENARIO, wall=lambda: next(ticks) / 3) as recorder:
         for truth, sent, workload in told:
             recorder.step(truth, sent)
             recorder.workload(workload)
-        recorder.close({"digest": "ab12"})
+        recorder.complete({"digest": "ab12"})
     whole = (tmp_path / "recording.mcap").read_bytes()
     part = tmp_path / "cut.mcap.part"
     rng = random.Random(1)
@@ -210,13 +209,12 @@ WRITER = """
 import sys
 from pathlib import Path
 from deltaswarm_orchestrator.recording.recorder import Recorder
-from deltaswarm_wire.checked import plain
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.truths import steps
 
 now_s = 0.0
 told = steps(Scenario(), 500)
-recorder = Recorder(Path(sys.argv[1]), plain(Scenario()), Scenario(), wall=lambda: now_s)
+recorder = Recorder(Path(sys.argv[1]), Scenario(), wall=lambda: now_s)
 for step, (truth, reports, workload) in enumerate(told):
     recorder.workload(workload)
     now_s = 1.0 if step >= 299 else 0.0  # a wall second passes once: the flush

@@ -10,7 +10,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import ROLE_COLOURS
 from deltaswarm_orchestrator.recording.schemas import SCENE_TOPICS, TOPICS
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.checked import load, plain
+from deltaswarm_wire.checked import load
 from tests.support.truths import recorded, steps
 
 STEPS = 20
@@ -63,7 +63,7 @@ def test_rerun_shows_the_log_and_our_own_figures(tmp_path: Path) -> None:
 
 def test_rerun_recovers_a_recording_that_was_cut_off(tmp_path: Path) -> None:
     """All that was flushed, with the option that it has for such files."""
-    with Recorder(tmp_path, plain(SCENARIO), SCENARIO) as recorder:
+    with Recorder(tmp_path, SCENARIO) as recorder:
         for truth, reports, _ in steps(SCENARIO, STEPS):
             recorder.step(truth, reports)
         recorder.save()

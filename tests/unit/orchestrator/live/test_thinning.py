@@ -90,12 +90,12 @@ def test_what_is_shown_is_what_is_recorded(tmp_path: Path) -> None:
     for viewer in (None, screen.viewer):
         folder = tmp_path / ("shown" if viewer else "alone")
         folder.mkdir()
-        with Recorder(folder, {}, SCENARIO, wall=lambda: 0.0, viewer=viewer) as recorder:
+        with Recorder(folder, SCENARIO, wall=lambda: 0.0, viewer=viewer) as recorder:
             for truth, reports, workload in steps(SCENARIO, 20):
                 screen.now_s = float(truth.step)
                 recorder.step(truth, reports)
                 recorder.workload(workload)
-            recorder.close({})
+            recorder.complete({})
         files.append((folder / "recording.mcap").read_bytes())
     assert files[0] == files[1]
     recorded = {(topic, message.SerializeToString()) for topic, _, message in messages(folder / "recording.mcap")}
