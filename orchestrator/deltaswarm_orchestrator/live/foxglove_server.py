@@ -10,12 +10,11 @@ import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 from typing import Any, Self
 
 from mcap_protobuf.schema import build_file_descriptor_set
 
-from deltaswarm_orchestrator.live.rate_limit import Thinned
+from deltaswarm_orchestrator.live.thinning import Thinned
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 
@@ -71,7 +70,7 @@ class FoxgloveServer(Thinned):
         import foxglove.websocket as websocket
 
         super().__init__(self._show)
-        self._told_s = -1.0
+        self._sent_time_s = -1.0
         """Simulated time last sent to viewers [s]."""
         self._context = context = foxglove.Context()  # kept alive: its channels need it
         self._channels = {topic: _channel(foxglove, context, topic) for topic in TOPICS}
@@ -102,9 +101,7 @@ class FoxgloveServer(Thinned):
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._stop_logging()
         # The server would wait forever for viewers that do not read what has been sent.
         stopping = threading.Thread(target=self._server.stop, daemon=True)
@@ -119,12 +116,12 @@ class FoxgloveServer(Thinned):
         self.tick()
 
     def _welcome(self) -> None:
-        self._told_s = -1.0
+        self._sent_time_s = -1.0
         self.show_all()
 
     def _show(self, topic: str, time_s: float, data: bytes) -> None:
-        if self.time_s > self._told_s:
-            self._told_s = self.time_s
+        if self.time_s > self._sent_time_s:
+            self._sent_time_s = self.time_s
             self._server.broadcast_time(log_time_ns(self.time_s))
         channel = self._channels[topic]
         if channel.has_sinks():
@@ -144,9 +141,9 @@ def _channel(foxglove: Any, context: Any, topic: str) -> Any:
 def _cut_off(port: int) -> None:
     """Shut down all connections to this process's own port: those of viewers that do not read."""
     for name in os.listdir("/proc/self/fd"):
-        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as found:
-            if found.family == socket.AF_INET and found.getsockname()[1] == port:
-                found.shutdown(socket.SHUT_RDWR)
+        with suppress(OSError), socket.socket(fileno=os.dup(int(name))) as copy:
+            if copy.family == socket.AF_INET and copy.getsockname()[1] == port:
+                copy.shutdown(socket.SHUT_RDWR)
 
 
 def _listener(base: Any, subscribed: Callable[[], None]) -> Any:
@@ -166,10 +163,10 @@ class _Refusals(logging.Handler):
     def __init__(self, say: Callable[[str], None]) -> None:
         super().__init__(logging.ERROR)
         self._say = say
-        self._has_told = False
+        self._has_reported = False
 
     def emit(self, record: logging.LogRecord) -> None:
         """Take one line of the server's log."""
-        if "handshake failed" in record.getMessage() and not self._has_told:
-            self._has_told = True
+        if "handshake failed" in record.getMessage() and not self._has_reported:
+            self._has_reported = True
             self._say(REFUSED)

@@ -14,11 +14,10 @@ from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import Boards, commands
-from deltaswarm_orchestrator.live.datagrams import ResearcherFeed
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer, check_installed
-from deltaswarm_orchestrator.live.observer import Onlooker, Tap
-from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
-from deltaswarm_orchestrator.live.socket import LiveSocket
+from deltaswarm_orchestrator.live.onlookers import Onlooker, Tap
+from deltaswarm_orchestrator.live.pictures import LiveSocket, ResearcherFeed
+from deltaswarm_orchestrator.live.thinning import ViewersOnly
 from deltaswarm_orchestrator.processes.launch import LaunchError, StoppedError, Swarm
 from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json

@@ -7,9 +7,9 @@ import queue
 import time
 from collections import defaultdict, deque
 from logging import WARNING
-from types import TracebackType
 from typing import Self
 
+from deltaswarm_orchestrator.live.onlookers import Seen
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_scenario.truth import Truth, decode_truth, decode_wire
 from deltaswarm_wire.checkpoint import is_due
@@ -17,7 +17,6 @@ from deltaswarm_wire.digest import RADIO
 from deltaswarm_wire.keys import RECORDER, WORLD, Keys
 from deltaswarm_wire.operator_messages import (
     Report,
-    Status,
     Workload,
     decode_clock,
     decode_forwarded,
@@ -38,7 +37,7 @@ CONFIRM_STEPS = 100
 """Steps between acknowledgements to the world, which does not run far ahead of them, so the queue stays short."""
 
 
-class Observer:
+class Observer(Seen):
     """Receives status, workload and orders; with a sink also truth, reports, clock and, for `wire`, raw samples.
 
     The sink already has the steps before `first_step`, and saves every `checkpoint_steps` steps.
@@ -57,14 +56,9 @@ class Observer:
         first_step: int = 0,
         checkpoint_steps: int = 0,
     ) -> None:
-        self.status: Status | None = None
+        super().__init__(messages=None if sink is None else 0)
         self.heard_at = time.monotonic()
         """When the world's last status arrived (monotonic wall time [s])."""
-        self.newest_workload: Workload | None = None
-        self.newest_truth: Truth | None = None
-        """The truth of the newest closed step; None without a sink."""
-        self.messages: int | None = None if sink is None else 0
-        """Reports that the operator has counted since this observer connected; None without a sink."""
         self.orders: deque[ProcessOrder] = deque()
         """Orders of the world for agents' processes. The world waits for each: `confirm` it when done."""
         self._last_step: int | None = None
@@ -75,18 +69,13 @@ class Observer:
         self._reports: dict[int, list[Report]] = defaultdict(list)
         self.newest_step = first_step - 1
         """The newest step whose workload has arrived; `first_step` - 1 before the first one."""
-        self._open_step, self._confirmed = first_step, first_step - 1
+        self._open_step, self._acknowledged = first_step, first_step - 1
         self._checkpoint_steps = checkpoint_steps
         try:
             self._session = zenoh.open(configured(zenoh.Config, client_pairs(link), link))
         except zenoh.ZError as error:
             reason = without_sources(str(error))
             raise ConnectionError(f"the recorder cannot join the world at {link.endpoint}: {reason}") from None
-        self._done = self._session.declare_publisher(
-            keys.done,
-            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Done.v1"),
-            congestion_control=zenoh.CongestionControl.BLOCK,
-        )
         wanted = [keys.status, keys.counted, keys.orders]
         if sink is not None:
             wanted += [keys.clock, keys.truth, keys.forwarded]
@@ -94,10 +83,13 @@ class Observer:
         # Called in the thread that reads the link: with a thread per subscriber the clock could overtake the rest.
         put = zenoh.handlers.Callback(self._put, indirect=False)
         self._subscribers = [self._session.declare_subscriber(key, put) for key in wanted]
-        self._taken = self._session.declare_publisher(
-            keys.taken(RECORDER),
-            encoding=zenoh.Encoding("application/msgpack;deltaswarm.Taken.v1"),
-            congestion_control=zenoh.CongestionControl.BLOCK,
+        self._done, self._taken = (
+            self._session.declare_publisher(
+                key,
+                encoding=zenoh.Encoding(f"application/msgpack;deltaswarm.{kind}.v1"),
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+            for key, kind in ((keys.done, "Done"), (keys.taken(RECORDER), "Taken"))
         )
         self._token: zenoh.LivelinessToken | None = self._session.liveliness().declare_token(keys.token(RECORDER))
 
@@ -110,20 +102,18 @@ class Observer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._session.close()
 
     def work(self, timeout_s: float) -> bool:
         """Wait up to `timeout_s` for a sample, then take queued ones for up to BATCH_S; return False if none came."""
         try:
-            self._take(*self._queue.get(timeout=timeout_s))
+            self._receive(*self._queue.get(timeout=timeout_s))
         except queue.Empty:
             return False
         until = time.monotonic() + BATCH_S
         while time.monotonic() < until and not self._queue.empty():
-            self._take(*self._queue.get_nowait())
+            self._receive(*self._queue.get_nowait())
         return True
 
     @property
@@ -148,19 +138,21 @@ class Observer:
             self._token.undeclare()
             self._token = None
 
-    def _take(self, key: str, data: bytes) -> None:
+    def _receive(self, key: str, data: bytes) -> None:
         keys = self._keys
         if key == keys.truth:
             truth = decode_truth(data)
             self._truths[truth.step] = truth
         elif key == keys.clock:
-            self._close(decode_clock(data).step, decode_clock(data).last)
+            self._close_step(decode_clock(data).step, decode_clock(data).last)
         elif key == keys.forwarded:
             forwarded = decode_forwarded(data)
             if forwarded.step >= self._open_step:  # older ones are sent again for a restarted operator
                 self._reports[forwarded.step].append(decode_report(forwarded.report))
-        elif key == keys.wire:
-            self._take_wire(data)
+        elif key == keys.wire and self._sink is not None:
+            step, samples = decode_wire(data)
+            for agent, kind, sample in samples:
+                (self._sink.radio if kind == RADIO else self._sink.report_bytes)(step, agent, sample)
         elif key == keys.status:
             self.status = decode_status(data)
         elif key == keys.orders:
@@ -170,24 +162,18 @@ class Observer:
             if order.action != NOTE:
                 self.orders.append(order)
         elif key == keys.counted:
-            self._take_workload(decode_workload(data))
+            self._receive_workload(decode_workload(data))
 
-    def _take_workload(self, workload: Workload) -> None:
+    def _receive_workload(self, workload: Workload) -> None:
         if workload.step <= self.newest_step:
             return  # sent again by a restarted operator
         self.newest_workload, self.newest_step = workload, workload.step
         if self._sink is not None:
             self.messages = (self.messages or 0) + workload.messages
             self._sink.workload(workload)
-            self._confirm()
+            self._acknowledge()
 
-    def _take_wire(self, data: bytes) -> None:
-        if self._sink is not None:
-            step, said = decode_wire(data)
-            for agent, kind, sample in said:
-                (self._sink.radio if kind == RADIO else self._sink.report_bytes)(step, agent, sample)
-
-    def _close(self, step: int, last: bool) -> None:
+    def _close_step(self, step: int, last: bool) -> None:
         if step < self._open_step:
             return  # sent again for a restarted operator
         truth = self._truths.pop(step, None)
@@ -198,18 +184,18 @@ class Observer:
         self._open_step = step + 1
         if last:
             self._last_step = step
-        self._confirm()
+        self._acknowledge()
 
-    def _confirm(self) -> None:
+    def _acknowledge(self) -> None:
         """Acknowledge the taken steps from time to time, and each checkpoint once the sink has saved it to disk."""
         step = self._open_step - 1
-        if step <= self._confirmed:
+        if step <= self._acknowledged:
             return
         if is_due(step, self._checkpoint_steps):
             if self.newest_step < step or self._sink is None:
                 return
             self._sink.save()
-        elif self._last_step is None and step < self._confirmed + CONFIRM_STEPS:
+        elif self._last_step is None and step < self._acknowledged + CONFIRM_STEPS:
             return
-        self._confirmed = step
+        self._acknowledged = step
         self._taken.put(encode_taken(step))

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 
 from deltaswarm_orchestrator.base.signals import Stop
-from deltaswarm_orchestrator.live.observer import Onlooker
+from deltaswarm_orchestrator.live.onlookers import Onlooker
 from deltaswarm_orchestrator.processes.launch import END_WITHIN_S, LaunchError, Swarm
 from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION

@@ -9,7 +9,7 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.results.folder_lock import is_held
 
 DATAGRAM_BYTES = 4 << 20

@@ -7,11 +7,17 @@ from pathlib import Path
 import orjson
 import pytest
 
-from deltaswarm_orchestrator.live import socket as live_socket
-from deltaswarm_orchestrator.live.datagrams import ResearcherFeed, answer
-from deltaswarm_orchestrator.live.observer import Paced, Tap
-from deltaswarm_orchestrator.live.socket import LIVE_SOCKET, LiveSocket, connected
-from deltaswarm_orchestrator.live.view import hello, picture
+from deltaswarm_orchestrator.live import pictures
+from deltaswarm_orchestrator.live.onlookers import Paced, Tap
+from deltaswarm_orchestrator.live.pictures import (
+    LIVE_SOCKET,
+    LiveSocket,
+    ResearcherFeed,
+    answer,
+    connected,
+    hello,
+    picture,
+)
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
 from tests.support.looking import BODIES, EVENTS, STATUS, WORKLOAD, Seen, a_truth, always, pair, received, shown
@@ -66,7 +72,7 @@ def test_the_researchers_feed_greets_first_and_then_shows() -> None:
     found = received(theirs)
     assert [one["type"] for one in found] == ["hello", "picture", "picture"]
     assert [one["step"] for one in found[1:]] == [7, 8]
-    feed.close()
+    ours.close()
 
 
 def test_the_feed_shows_ten_pictures_per_second_at_most() -> None:
@@ -78,7 +84,7 @@ def test_the_feed_shows_ten_pictures_per_second_at_most() -> None:
         now_s[0] = tick / 1000
         feed.look(Seen())
     assert len(received(theirs)) == 1 + 10
-    feed.close()
+    ours.close()
 
 
 def test_a_station_that_does_not_read_makes_nobody_wait() -> None:
@@ -113,7 +119,7 @@ def test_the_researchers_page_is_told_that_it_only_looks_on() -> None:
     assert shown_next["type"] == "picture"
     for nonsense in (b"", b"[]", b"7", b'{"type":"pace"}', b'{"type":"dance","from":1}', b'{"type":[],"from":1}'):
         assert answer(nonsense, []) is None
-    feed.close()
+    ours.close()
 
 
 def test_the_socket_is_the_owners_and_goes_with_the_run(tmp_path: Path) -> None:
@@ -133,9 +139,9 @@ def test_readers_come_and_go(tmp_path: Path) -> None:
         second = connected(tmp_path, 1.0)
         for _ in range(2):
             live.look(Seen())
-        for end, pictures in ((first, 3), (second, 2)):
+        for end, count in ((first, 3), (second, 2)):
             end.setblocking(False)
-            assert [one["type"] for one in received(end)] == ["hello", *["picture"] * pictures]
+            assert [one["type"] for one in received(end)] == ["hello", *["picture"] * count]
         first.close()
         live.look(Seen())
         live.look(Seen())
@@ -147,7 +153,7 @@ def test_readers_come_and_go(tmp_path: Path) -> None:
 
 def test_no_more_than_so_many_readers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next is let in when one leaves."""
-    monkeypatch.setattr(live_socket, "MAX_READERS", 1)
+    monkeypatch.setattr(pictures, "MAX_READERS", 1)
     with LiveSocket(tmp_path, "here-1", SCENARIO, always()) as live:
         first, second = connected(tmp_path, 1.0), connected(tmp_path, 1.0)
         second.setblocking(False)
@@ -166,7 +172,7 @@ def test_a_folder_with_a_long_name_has_a_socket(tmp_path: Path) -> None:
     folder = tmp_path / ("x" * 200)
     folder.mkdir()
     left = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with live_socket.short_path(folder / LIVE_SOCKET) as name:
+    with pictures.short_path(folder / LIVE_SOCKET) as name:
         left.bind(name)
     left.close()
     with pytest.raises(ConnectionRefusedError):
@@ -184,7 +190,7 @@ def test_where_there_can_be_no_socket_the_run_goes_on(tmp_path: Path) -> None:
 
 def test_nobody_there_costs_no_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a reader none is made."""
-    monkeypatch.setattr(live_socket, "picture", lambda seen: pytest.fail("a picture for nobody"))
+    monkeypatch.setattr(pictures, "picture", lambda seen: pytest.fail("a picture for nobody"))
     with LiveSocket(tmp_path, "here-1", SCENARIO, always()) as live:
         for _ in range(100):
             live.look(Seen())

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.live.rate_limit import MAX_WAITING, Thinned, ViewersOnly
+from deltaswarm_orchestrator.live.thinning import MAX_WAITING, Thinned, ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_scenario.scenario import Scenario

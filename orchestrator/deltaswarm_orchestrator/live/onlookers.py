@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Protocol
 
 from deltaswarm_orchestrator.recording.sink import Sink
@@ -12,24 +13,18 @@ LOOK_EVERY_S = 0.1
 """Wall time between two looks [s]."""
 
 
-class Seen(Protocol):
+@dataclass
+class Seen:
     """What there is to see of a run; None for what has not arrived yet, or is not sent."""
 
-    @property
-    def status(self) -> Status | None:
-        """The world's newest status."""
-
-    @property
-    def newest_truth(self) -> Truth | None:
-        """The true state of the newest step; always None in a run that is neither recorded nor shown."""
-
-    @property
-    def newest_workload(self) -> Workload | None:
-        """The operator's newest workload."""
-
-    @property
-    def messages(self) -> int | None:
-        """Reports that the operator has counted since this process began to watch; None if not all were seen."""
+    status: Status | None = None
+    """The world's newest status."""
+    newest_truth: Truth | None = None
+    """The true state of the newest step; always None in a run that is neither recorded nor shown."""
+    newest_workload: Workload | None = None
+    """The operator's newest workload."""
+    messages: int | None = None
+    """Reports that the operator has counted since this process began to watch; None if not all were seen."""
 
 
 class Onlooker(Protocol):
@@ -55,16 +50,12 @@ class Paced:
         return True
 
 
-class Tap:
+class Tap(Seen):
     """The `Sink` of a run in one process that shows everything to onlookers and passes it on to another sink."""
 
     def __init__(self, sink: Sink, onlookers: Sequence[Onlooker]) -> None:
-        self.status: Status | None = None
-        self.newest_truth: Truth | None = None
-        self.newest_workload: Workload | None = None
-        self.messages: int | None = 0
+        super().__init__(messages=0)
         self._onlookers = onlookers
-        self._reported = 0
         self._sink = sink
         self.log, self.radio, self.report_bytes, self.save = sink.log, sink.radio, sink.report_bytes, sink.save
 

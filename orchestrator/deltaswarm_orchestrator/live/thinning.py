@@ -69,8 +69,7 @@ class Thinned:
         if now_s < self._due_s:
             return
         if self._later is not None:
-            time_s, make = self._later
-            self._later = None
+            (time_s, make), self._later = self._later, None
             for topic, data in make():
                 self.put(topic, time_s, data)
         if self._shows_all:
@@ -122,10 +121,9 @@ class ViewersOnly:
         self._viewer.put("/log", time_s, log_message(level, name, text, time_s))
 
     def radio(self, step: int, agent: int, data: bytes) -> None:
-        """Do nothing: raw frames are for recordings."""
+        """Discard a raw frame or report, which are for recordings."""
 
-    def report_bytes(self, step: int, agent: int, data: bytes) -> None:
-        """Do nothing: raw reports are for recordings."""
+    report_bytes = radio
 
     def save(self) -> None:
-        """Do nothing: nothing is kept."""
+        """Do nothing, since nothing is kept."""

@@ -1,0 +1,291 @@
+"""Pictures of a run's truth as datagrams, for the researcher's page and for `deltaswarm top`.
+
+They have the format of the operator's station, with the operator's knowledge left empty and `truth` added. A datagram
+that does not fit into the socket's buffer is dropped, so no reader makes the run wait; the next one is newer anyway.
+"""
+
+import errno
+import os
+import socket
+from collections import deque
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any, Self
+
+import orjson
+
+from deltaswarm_orchestrator.live.onlookers import Paced, Seen
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_scenario.truth import Truth
+
+LIVE_SOCKET = "live.sock"
+"""The socket in a run's folder to which `deltaswarm top` connects. Only the folder's owner may connect."""
+
+MAX_READERS = 16
+"""Further readers of the socket wait until another one leaves."""
+
+MAX_INTENT_BYTES = 16_384
+INTENTS_AT_A_TIME = 20
+"""Further intents of the researcher's page wait until the next look."""
+
+HISTORY_ROWS = 600
+"""Length of the message rate history sent to a page that connects late; at most one row per simulated second."""
+
+ROOM_BYTES = 1 << 20
+"""Requested send buffer of each socket; a picture of 5000 agents takes a fifth of it. The system may grant less."""
+
+PLACE_DIGITS = 3
+"""Positions are rounded to a millimetre."""
+
+HistoryRow = tuple[float, float, float]
+"""Simulated time [s], and the rates over 1 s and 60 s [Hz]."""
+
+ONLY_LOOKS = "the researcher's view only looks on"
+FORMS = ("command", "pace", "isa", "tlx", "sheet", "note", "read", "seek")
+"""Intents that ask for an action."""
+
+
+def hello(run: str, scenario: Scenario) -> bytes:
+    """Encode what does not change during a run: its name, arena and length."""
+    arena, uplink = scenario.arena, scenario.uplink
+    return orjson.dumps(
+        {
+            "type": "hello",
+            "kind": "researcher",  # a feed that shows what no operator knows
+            "run": run,
+            "title": f"{scenario.name}, {scenario.control.mode}",
+            "step_s": scenario.run.step_s,
+            "duration_s": scenario.run.steps * scenario.run.step_s,
+            "arena_m": [arena.width_m, arena.height_m],
+            "obstacles": [obstacle.corners_m for obstacle in arena.obstacles],
+            "base_m": uplink.base_m,
+            "range_m": uplink.range_m,
+            "agents": scenario.agents.count,
+            "thresholds_hz": [scenario.operator.threshold_hz],
+            "commands": [],
+            "speeds": [],
+            "session": None,
+        }
+    )
+
+
+def picture(seen: Seen) -> bytes | None:
+    """Encode what there is to see of a run now; None before there is anything."""
+    truth, status, workload = seen.newest_truth, seen.status, seen.newest_workload
+    newest = truth or workload or status
+    if newest is None:
+        return None
+    message: dict[str, Any] = {
+        "type": "picture",
+        "step": newest.step,
+        "time_s": newest.time_s,
+        "over": status is not None and status.phase == "ended",
+        "agents": [],
+        "events": [],
+        "inbox": [],
+        "unread": 0,
+        "workload": {
+            "messages": seen.messages,
+            "rate_1s_hz": workload.rate_1s_hz if workload else 0.0,
+            "rate_60s_hz": workload.rate_60s_hz if workload else 0.0,
+            "senders": workload.senders if workload else 0,
+            "residue": 0.0,
+            "above_s": [workload.time_above_s if workload else 0.0],
+        },
+        "commands": [],
+        "pace": {"paused": False, "speed": 0.0},
+        "probe": None,
+        "truth": _truth(truth) if truth else None,
+    }
+    if status is not None:
+        message["status"] = status._asdict()
+    return orjson.dumps(message)
+
+
+def _truth(truth: Truth) -> dict[str, Any]:
+    def place_m(thing: Any) -> tuple[float, float]:
+        return round(thing.x_m, PLACE_DIGITS), round(thing.y_m, PLACE_DIGITS)
+
+    return {
+        "agents": [
+            (body.agent, *place_m(body), body.role, body.parent, body.root, body.delta) for body in truth.bodies
+        ],
+        "events": [
+            (event.event, *place_m(event), event.arrived_s) for event in truth.events if event.completed_s is None
+        ],
+    }
+
+
+class Pictures:
+    """The feed of one reader: `hello` first, then a picture whenever there is room."""
+
+    def __init__(self, end: socket.socket, greeting: bytes) -> None:
+        end.setblocking(False)
+        with suppress(OSError):
+            end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM_BYTES)
+        self.is_closed = False
+        self._end = end
+        self._greeting: bytes | None = greeting
+
+    def show(self, shown: bytes) -> None:
+        """Send a picture, or drop it."""
+        if self._greeting is not None:
+            if not self.send(self._greeting):
+                return
+            self._greeting = None
+        self.send(shown)
+
+    def send(self, data: bytes) -> bool:
+        """Send a datagram; False if it was dropped."""
+        try:
+            self._end.send(data)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self.is_closed |= error.errno not in (errno.EMSGSIZE, errno.ENOBUFS)
+            return False
+        return True
+
+    def received(self) -> bytes | None:
+        """Return the next datagram from the other end; None if there is none."""
+        try:
+            data = self._end.recv(MAX_INTENT_BYTES)
+        except BlockingIOError:
+            return None
+        except OSError:
+            data = b""
+        self.is_closed |= not data
+        return data or None
+
+    def hang_up(self) -> None:
+        """Close the connection; the other end notices."""
+        self.is_closed = True
+        self._end.close()
+
+
+class ResearcherFeed:
+    """An `Onlooker` that feeds a station's process with the truth, for the researcher's page.
+
+    Args:
+        end: one end of a pair of SOCK_SEQPACKET sockets; the station holds the other.
+        run: the run's name.
+        scenario: the run's scenario.
+        paced: says when it is time to look.
+    """
+
+    def __init__(self, end: socket.socket, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
+        self._reader = Pictures(end, hello(run, scenario))
+        self._paced = paced or Paced()
+        self._history: deque[HistoryRow] = deque(maxlen=HISTORY_ROWS)
+
+    def look(self, seen: Seen) -> None:
+        """Send the newest picture, and answer the page's intents."""
+        if self._reader.is_closed or not self._paced.is_due():
+            return
+        if (counted := seen.newest_workload) and (not self._history or counted.time_s - self._history[-1][0] >= 1.0):
+            self._history.append((counted.time_s, counted.rate_1s_hz, counted.rate_60s_hz))
+        for _ in range(INTENTS_AT_A_TIME):
+            if (asked := self._reader.received()) is None:
+                break
+            if (reply := answer(asked, self._history)) is not None:
+                self._reader.send(reply)
+        if seen.newest_truth is not None and (shown := picture(seen)) is not None:
+            self._reader.show(shown)
+
+
+def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
+    """Return the answer to an intent from the researcher's page; None for an intent that is not understood."""
+    try:
+        intent: Any = orjson.loads(asked)
+        kind, to = intent["type"], intent["from"]
+    except (ValueError, TypeError, KeyError):
+        return None
+    if kind == "catch_up":
+        return orjson.dumps({"type": "catch_up", "to": to, "inbox": [], "read": [], "history": [*history]})
+    if kind in FORMS:
+        return orjson.dumps({"type": "refused", "to": to, "id": intent.get("id"), "why": ONLY_LOOKS})
+    return None
+
+
+class LiveSocket:
+    """An `Onlooker` that shows the run to everyone who connects to the socket in its folder, and reads nothing.
+
+    If the folder cannot hold a socket, the run continues without one.
+
+    Args:
+        folder: the run's folder; it may be renamed during the run.
+        run: the run's name.
+        scenario: the run's scenario.
+        paced: says when it is time to look.
+    """
+
+    def __init__(self, folder: Path, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
+        self._paced = paced or Paced()
+        self._greeting = hello(run, scenario)
+        self._readers: list[Pictures] = []
+        self._file = folder / LIVE_SOCKET
+        self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._file.unlink(missing_ok=True)  # left by a killed run
+            os.fchmod(self._socket.fileno(), 0o600)  # before it has a name, so that nobody else can connect first
+            with short_path(self._file) as name:
+                self._socket.bind(name)
+            self._socket.listen(MAX_READERS)
+            self._socket.setblocking(False)
+        except OSError:
+            self._socket.close()
+            self._socket = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for reader in self._readers:
+            reader.hang_up()
+        if self._socket is not None:
+            self._socket.close()
+            with suppress(OSError):
+                self._file.unlink()
+
+    def look(self, seen: Seen) -> None:
+        """Accept a new reader, send the newest picture to all readers, and drop those that left."""
+        if self._socket is None or not self._paced.is_due():
+            return
+        if len(self._readers) < MAX_READERS:
+            with suppress(OSError):
+                self._readers.append(Pictures(self._socket.accept()[0], self._greeting))
+        if not self._readers or (shown := picture(seen)) is None:
+            return
+        for reader in self._readers:
+            reader.show(shown)
+            if reader.is_closed:
+                reader.hang_up()
+        self._readers = [reader for reader in self._readers if not reader.is_closed]
+
+
+@contextmanager
+def short_path(file: Path) -> Iterator[str]:
+    """Yield a short path of a file, whose full path may be too long for a socket's address."""
+    folder = os.open(file.parent, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        yield f"/proc/self/fd/{folder}/{file.name}"
+    finally:
+        os.close(folder)
+
+
+def connected(folder: Path, within_s: float) -> socket.socket:
+    """Connect to the run in progress in a folder, within `within_s` [s].
+
+    Raises:
+        OSError: no run is under way there, or this user may not watch it.
+    """
+    end = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    end.settimeout(within_s)
+    try:
+        with short_path(folder / LIVE_SOCKET) as name:
+            end.connect(name)
+    except OSError:
+        end.close()
+        raise
+    return end
