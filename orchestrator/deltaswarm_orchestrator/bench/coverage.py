@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,9 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.downlink import CommandSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 RANGES_M = (20.0, 50.0, None)
 """Ranges of the base, which is in the middle of the arena; None: the base is heard everywhere."""
@@ -35,7 +38,7 @@ def coverage_scenario(range_m: float | None, loss: float, seed: int) -> Scenario
     )
 
 
-def measure_coverage(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
+def measure(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES_M) -> dict[str, Any]:
     """Measure the mean share of agents that know the command over time, in one process, with seeds 1 to `rounds`.
 
     Returns:
@@ -53,6 +56,28 @@ def measure_coverage(rounds: int = 20, ranges_m: Sequence[float | None] = RANGES
     return {"rounds": rounds, "step_s": coverage_scenario(None, 0.0, 1).run.step_s, "rows": rows}
 
 
+def brief(result: dict[str, Any]) -> dict[str, Any]:
+    """Return, instead of each row's shares, the time until half and nine tenths of the agents know the command."""
+    rows = []
+    for row in result["rows"]:
+        shares = row["share_known"]
+        times_s = {
+            f"{share:.0%}_know_after_s": next(
+                (step * result["step_s"] for step, known in enumerate(shares) if known >= share), None
+            )
+            for share in (0.5, 0.9)
+        }
+        rows.append({"range_m": row["range_m"], "loss": row["loss"], **times_s, "known_at_end": shares[-1]})
+    return {**result, "rows": rows}
+
+
+def draw(result: dict[str, Any]) -> "Figure":
+    """Draw the share of agents that know the command against time."""
+    from deltaswarm_orchestrator.report.plots.coverage import coverage
+
+    return coverage(result)
+
+
 def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:
     scenario = coverage_scenario(range_m, loss, seed)
     swarm = InProcess(scenario)
@@ -60,7 +85,7 @@ def _shares(range_m: float | None, loss: float, seed: int) -> list[float]:
     shares = []
     for step in range(steps):
         record = swarm.step(step, step == steps - 1)
-        swarm.close(Clock(step, record.time_s, step == steps - 1))
+        swarm.close_step(Clock(step, record.time_s, step == steps - 1))
         if step * step_s >= SENT_S:
             shares.append(sum(agent.commands.knows(0) for agent in swarm.agents) / len(swarm.agents))
     return shares

@@ -48,7 +48,7 @@ def radio_scenario(agents: int, steps: int, seed: int, settings: tuple[str, ...]
     return replace(scenario, radio=load_scenario("paper-25", settings).radio)
 
 
-def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, Any]:
+def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     """Measure the CPU time of each variant after a warm-up, in rounds with seeds 1, 2...; return medians of the rounds.
 
     Agents that hear less have less to do, which is part of a run's speed. Therefore the CPU time of the world and of
@@ -60,17 +60,17 @@ def measure_radio(agents: int, steps: int = 1000, rounds: int = 3) -> dict[str, 
     if agents < LEAST_AGENTS:
         raise ValueError(f"--agents must be at least {LEAST_AGENTS} (got {agents})")
     last = WARM_UP_STEPS + steps
-    measured = []
+    results = []
     for seed in range(1, rounds + 1):
         scenarios = {name: radio_scenario(agents, last, seed, settings) for name, settings in VARIANTS.items()}
-        found = in_turns(scenarios, steps)
-        plain_us = found["plain"]["step_us"]
-        measured.append({name: {"share_of_plain": plain_us / own["step_us"], **own} for name, own in found.items()})
-    medians = {name: median_of(found[name] for found in measured) for name in VARIANTS}
+        result = in_turns(scenarios, steps)
+        plain_us = result["plain"]["step_us"]
+        results.append({name: {"share_of_plain": plain_us / row["step_us"], **row} for name, row in result.items()})
+    medians = {name: median_of(result[name] for result in results) for name in VARIANTS}
     return {
         "agents": agents,
         "warm_up_steps": WARM_UP_STEPS,
         "steps": steps,
         "rounds": rounds,
-        "variants": {name: {"steps_per_s": 1e6 / own["step_us"], **own} for name, own in medians.items()},
+        "variants": {name: {"steps_per_s": 1e6 / row["step_us"], **row} for name, row in medians.items()},
     }

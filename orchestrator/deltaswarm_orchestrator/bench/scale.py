@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,7 +20,8 @@ from deltaswarm_scenario.density import ComponentSettings, DensitySettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.operator_messages import Clock
 
-SIZES = (25, 50, 100, 200, 400)
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 WARM_UP_STEPS = 1000
 """Steps before the timed ones. In the paper's scenario, trees hold half of the agents from about here on."""
@@ -64,7 +65,7 @@ def scale_scenario(agents: int, steps: int, seed: int = 1) -> Scenario:
     )
 
 
-def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int = 3) -> dict[str, Any]:
+def measure(sizes: Sequence[int], steps: int, rounds: int) -> dict[str, Any]:
     """Measure steps/s of each size after a warm-up, in a fresh process; return medians of rounds with seeds 1, 2...
 
     The sizes take turns, so that temporary load on the machine affects all of them.
@@ -74,10 +75,10 @@ def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int =
     """
     if len(set(sizes)) < 2:
         raise ValueError(f"--sizes must have at least two different sizes (got {', '.join(map(str, sizes)) or 'none'})")
-    found = [[_in_fresh_process(agents, steps, seed) for agents in sizes] for seed in range(1, rounds + 1)]
+    results = [[_in_fresh_process(agents, steps, seed) for agents in sizes] for seed in range(1, rounds + 1)]
     rows = [
         {"agents": agents, "agent_steps_per_s": agents * row["steps_per_s"], **row}
-        for agents, row in zip(sizes, map(median_of, zip(*found, strict=True)), strict=True)
+        for agents, row in zip(sizes, map(median_of, zip(*results, strict=True)), strict=True)
     ]
     exponent, _ = np.polyfit(np.log(sizes), np.log([1.0 / row["steps_per_s"] for row in rows]), 1)
     return {
@@ -89,6 +90,13 @@ def measure_scale(sizes: Sequence[int] = SIZES, steps: int = 1000, rounds: int =
     }
 
 
+def draw(result: dict[str, Any]) -> "Figure":
+    """Draw speed and memory against the number of agents."""
+    from deltaswarm_orchestrator.report.plots.scale import scale
+
+    return scale(result["sizes"])
+
+
 def median_of(rows: Iterable[Mapping[str, float]]) -> dict[str, float]:
     """Return the median of each metric over some rows."""
     columns = {name: [row[name] for row in rows] for rows in [list(rows)] for name in rows[0]}
@@ -98,15 +106,15 @@ def median_of(rows: Iterable[Mapping[str, float]]) -> dict[str, float]:
 def _in_fresh_process(agents: int, steps: int, seed: int) -> dict[str, float]:
     context = multiprocessing.get_context("spawn")
     with safe_path(), bare_main_module(), ProcessPoolExecutor(1, mp_context=context) as pool:
-        return pool.submit(_measure, agents, steps, seed).result()
+        return pool.submit(_measure_size, agents, steps, seed).result()
 
 
-def _measure(agents: int, steps: int, seed: int) -> dict[str, float]:
+def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float]:
     """Measure speed, the share of agents in trees meanwhile, and the process's peak memory [MB]."""
-    (found,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
+    (costs,) = in_turns({"": scale_scenario(agents, WARM_UP_STEPS + steps, seed)}, steps).values()
     return {
-        "steps_per_s": 1e6 / found["step_us"],
-        "share_in_trees": found["agents_in_trees"] / agents,
+        "steps_per_s": 1e6 / costs["step_us"],
+        "share_in_trees": costs["agents_in_trees"] / agents,
         "peak_memory_mb": _peak_memory_mb(),
     }
 
@@ -121,11 +129,11 @@ def in_turns(
     last = warm_up_steps + steps
     for first in range(0, last, BLOCK_STEPS):
         for name in turns:
-            found = _block(swarms[name], range(first, min(first + BLOCK_STEPS, last)))
+            costs = _block(swarms[name], range(first, min(first + BLOCK_STEPS, last)))
             if first >= warm_up_steps:
-                totals[name].update(found)
+                totals[name].update(costs)
         turns.rotate()
-    return {name: {metric: total / steps for metric, total in own.items()} for name, own in totals.items()}
+    return {name: {metric: total / steps for metric, total in costs.items()} for name, costs in totals.items()}
 
 
 def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
@@ -134,7 +142,7 @@ def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
     step_records = []
     for step in steps:
         step_records.append(record := swarm.step(step, last=False))
-        swarm.close(Clock(step, record.time_s, False))
+        swarm.close_step(Clock(step, record.time_s, False))
     whole_us = 1e6 * (time.process_time() - began)
     agents_us = whole_us * (swarm.agents_s - agents_s) / (time.perf_counter() - wall_began)
     counts = {name: sum(getattr(record, name) for record in step_records) for name in COUNTED}

@@ -27,24 +27,27 @@ ARMS = {"none": None, "station": 0, "one_page": 1, "three_pages": 3}
 PATIENCE_S = 60.0
 
 
-def measure_station(agents: int, steps: int, rounds: int) -> dict[str, Any]:
+def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     """Measure steps/s as fast as possible and the share lost against the same round's `none`; return medians.
 
     A page is a connection that receives data and draws nothing, so the browser's own cost is not measured.
     """
-    found: defaultdict[str, list[float]] = defaultdict(list)
+    speeds: defaultdict[str, list[float]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         scenario = Path(name) / "bench.toml"
         scenario.write_text(to_toml(bench_scenario(agents, steps)))
         for index in range(rounds):
             for arm, pages in ARMS.items():
-                found[arm].append(_steps_per_s(scenario, Path(name) / f"{arm}-{index}", pages))
-    lost = {arm: [1 - one / plain for one, plain in zip(own, found["none"], strict=True)] for arm, own in found.items()}
+                speeds[arm].append(_steps_per_s(scenario, Path(name) / f"{arm}-{index}", pages))
+    lost = {
+        arm: [1 - speed / plain for speed, plain in zip(row, speeds["none"], strict=True)]
+        for arm, row in speeds.items()
+    }
     return {
         "agents": agents,
         "steps": steps,
         "rounds": rounds,
-        "steps_per_s": {arm: median(values) for arm, values in found.items()},
+        "steps_per_s": {arm: median(values) for arm, values in speeds.items()},
         "lost_share": {arm: median(values) for arm, values in lost.items() if arm != "none"},
     }
 

@@ -48,25 +48,25 @@ def why(folder: Path, sender: int, receiver: int | str, at_s: float) -> Answer:
     """
     scenario, outcome = read_run(folder)
     _check(scenario, sender, receiver, at_s)
-    return ask(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.step_records)
+    return examine(scenario, sender, receiver, int(at_s / scenario.run.step_s + 1e-9), outcome.step_records)
 
 
 def _check(scenario: Scenario, sender: int, receiver: int | str, at_s: float) -> None:
     count, end_s = scenario.agents.count, scenario.run.steps * scenario.run.step_s
-    found = [
+    problems = [
         Problem(name, str(agent), f"must be an agent from 0 to {count - 1}")
         for name, agent in (("A", sender), ("B", receiver))
         if not isinstance(agent, str) and not 0 <= agent < count
     ]
     if sender == receiver:
-        found.append(Problem("B", str(receiver), "must be another agent than A"))
+        problems.append(Problem("B", str(receiver), "must be another agent than A"))
     if not 0 <= at_s < end_s:
-        found.append(Problem("--at", f"{at_s:.15g}", f"must be at least 0 and below {end_s:.15g} s"))
-    if found:
-        raise SettingsError(found)
+        problems.append(Problem("--at", f"{at_s:.15g}", f"must be at least 0 and below {end_s:.15g} s"))
+    if problems:
+        raise SettingsError(problems)
 
 
-def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[StepRecord]) -> Answer:
+def examine(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows: list[StepRecord]) -> Answer:
     """Do a scenario's run up to a step, examine the link there, and compare the run with `rows`, as far as they go."""
     swarm = InProcess(scenario)
     at = receiver if isinstance(receiver, int) else None
@@ -78,26 +78,17 @@ def ask(scenario: Scenario, sender: int, receiver: int | str, at_step: int, rows
         record = swarm.step(step, last=False)
         if differs is None and step < len(rows) and _air_of(record) != _air_of(rows[step]):
             differs = step
-    findings, outcomes = explain(swarm, at) if is_traced else ([], _straight(swarm, sender, at_step))
-    cut = next((finding["reason"] for finding in findings if finding["cuts"]), None)
-    return Answer(
-        sender,
-        receiver,
-        at_step,
-        at_step * scenario.run.step_s,
-        cut,
-        tuple(findings),
-        tuple(outcomes),
-        differs,
-        len(rows),
-    )
+    findings, outcomes = explain(swarm, at) if is_traced else ([], _outcomes_at_once(swarm, sender, at_step))
+    reason = next((finding["reason"] for finding in findings if finding["cuts"]), None)
+    time_s = at_step * scenario.run.step_s
+    return Answer(sender, receiver, at_step, time_s, reason, tuple(findings), tuple(outcomes), differs, len(rows))
 
 
-def _straight(swarm: InProcess, sender: int, step: int) -> list[str]:
+def _outcomes_at_once(swarm: InProcess, sender: int, step: int) -> list[str]:
     """Return the outcomes of reports without an uplink model, where each report arrives at once."""
-    swarm.close(Clock(step, 0.0, False))
-    came = [report for report in swarm.operator.reports_of_closed_step if (report.agent, report.step) == (sender, step)]
-    return ["arrived"] * len(came)
+    swarm.close_step(Clock(step, 0.0, False))
+    reports = swarm.operator.reports_of_closed_step
+    return ["arrived" for report in reports if (report.agent, report.step) == (sender, step)]
 
 
 def _air_of(record: StepRecord) -> tuple[Any, ...]:

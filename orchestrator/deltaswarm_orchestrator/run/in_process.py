@@ -32,7 +32,7 @@ STATUS_EVERY_STEPS = 500
 
 
 class InProcess:
-    """A whole run as one object; `step` runs one step of world and agents, and `close` closes it at the operator."""
+    """A whole run as one object; `step` runs a step of world and agents, and `close_step` closes it at the operator."""
 
     def __init__(self, scenario: Scenario) -> None:
         self.scenario = scenario
@@ -73,17 +73,16 @@ class InProcess:
         world = self.world
         self._inject(step, sink)
         frames = world.begin(step, last)
-        clock = time.perf_counter
-        began = clock()
-        said: list[tuple[int, StepOutput]] = []
+        began = time.perf_counter()
+        outputs: list[tuple[int, StepOutput]] = []
         for agent, frame in frames:
             try:
-                said.append((agent, self.agents[agent].step(frame)))
+                outputs.append((agent, self.agents[agent].step(frame)))
             except ControllerError as error:  # treated as the end of the agent's process
                 self.failed.append(f"agent {agent}: {error}")
                 world.participants.token_gone(agent)
-        self.agents_s += clock() - began
-        for agent, (act, act_bytes, counter, radio, report, report_bytes) in said:
+        self.agents_s += time.perf_counter() - began
+        for agent, (act, act_bytes, counter, radio, report, report_bytes) in outputs:
             if radio is not None:
                 world.intake.accept_radio(agent, counter, radio)
                 if sink is not None:
@@ -98,7 +97,7 @@ class InProcess:
             self.operator.count_forwarded(forwarded)
         return record
 
-    def close(self, clock: Clock) -> Workload:
+    def close_step(self, clock: Clock) -> Workload:
         """Close the step at the operator, and give the world the operator's turn."""
         workload = self.operator.close_step(clock, 0)
         if self.console is not None:
@@ -146,7 +145,7 @@ def run_in_process(
         except ControllerError as error:  # of an agent that is restarted after a fault
             outcome.messages.append(str(error))
             break
-        workload = swarm.close(Clock(step, record.time_s, last))
+        workload = swarm.close_step(Clock(step, record.time_s, last))
         outcome.step_records.append(record)
         outcome.workloads.append(workload)
         if sink is not None:

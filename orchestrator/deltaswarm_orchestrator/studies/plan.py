@@ -100,7 +100,7 @@ def _run_s(scenario: Scenario) -> float:
     began = time.monotonic()
     for step in _steps(scenario, began):
         record = swarm.step(step, False)
-        swarm.close(Clock(step, record.time_s, False))
+        swarm.close_step(Clock(step, record.time_s, False))
     return (time.monotonic() - began) / (step + 1) * scenario.run.steps
 
 

@@ -29,7 +29,7 @@ def test_a_wall_and_a_jammer_last() -> None:
 
 def test_the_variants_are_measured_side_by_side() -> None:
     """With all models on the same swarm sends and hears otherwise."""
-    found = radio_cost.measure_radio(agents=5, steps=60, rounds=1)
+    found = radio_cost.measure(agents=5, steps=60, rounds=1)
     plain, on = (found["variants"][name] for name in ("plain", "all_on"))
     assert plain["share_of_plain"] == 1.0
     assert on["share_of_plain"] == pytest.approx(plain["step_us"] / on["step_us"])
@@ -43,5 +43,5 @@ def test_the_variants_are_measured_side_by_side() -> None:
 def test_two_agents_are_too_few() -> None:
     """Before anything is run; the command ends with 2."""
     with pytest.raises(ValueError, match="at least 3"):
-        radio_cost.measure_radio(2, 10, 1)
+        radio_cost.measure(2, 10, 1)
     assert main(["bench", "radio", "--agents=2", "--steps=10", "--rounds=1"]) == 2

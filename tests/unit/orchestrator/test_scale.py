@@ -29,7 +29,7 @@ def test_every_size_has_the_papers_density(agents: int, tiles: int) -> None:
 @pytest.mark.processes
 def test_growth_is_measured_between_sizes() -> None:
     """Speed, trees and memory of each size, and the exponent of the time of a step."""
-    found = scale.measure_scale(sizes=(5, 20), steps=30, rounds=1)
+    found = scale.measure((5, 20), 30, 1)
     assert [row["agents"] for row in found["sizes"]] == [5, 20]
     for row in found["sizes"]:
         assert row["agent_steps_per_s"] == pytest.approx(row["agents"] * row["steps_per_s"])
@@ -43,7 +43,7 @@ def test_growth_is_measured_between_sizes() -> None:
 def test_growth_needs_two_sizes(sizes: tuple[int, ...]) -> None:
     """Before anything is started."""
     with pytest.raises(ValueError, match="two different sizes"):
-        scale.measure_scale(sizes)
+        scale.measure(sizes, 30, 1)
 
 
 @pytest.mark.parametrize("option", ["run --agents=0", "run --steps=-1", "radio --rounds=x", "scale --sizes=25,0"])

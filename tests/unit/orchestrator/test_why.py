@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.inspect.link_report import Answer, ask
+from deltaswarm_orchestrator.inspect.link_report import Answer, examine
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -45,7 +45,7 @@ def numbers(answer: Answer, reason: str) -> dict[str, Any]:
 def test_what_cuts_a_link_is_named(radio: str, reason: str | None) -> None:
     """The first model that cuts it is the reason; what comes after is told, too."""
     scenario = a_scenario("radio.range_m=100", radio)
-    answers = [ask(scenario, sender, receiver, 60, []) for sender, receiver in ((0, 1), (2, 3), (4, 5), (6, 7))]
+    answers = [examine(scenario, sender, receiver, 60, []) for sender, receiver in ((0, 1), (2, 3), (4, 5), (6, 7))]
     assert reason in {answer.reason for answer in answers}
     for answer in answers:
         assert answer.reason == next(iter(cuts(answer)), None)
@@ -57,7 +57,7 @@ def test_what_cuts_a_link_is_named(radio: str, reason: str | None) -> None:
 
 def test_path_loss_shows_its_sum() -> None:
     """Received power is what was sent, less the loss, with the shadowing."""
-    found = numbers(ask(a_scenario('radio.reception="log-distance"'), 1, 2, 50, []), "range")
+    found = numbers(examine(a_scenario('radio.reception="log-distance"'), 1, 2, 50, []), "range")
     assert found["received_dbm"] == pytest.approx(-found["path_loss_db"] + found["shadowing_db"])
     assert found["path_loss_db"] > 40
 
@@ -72,7 +72,7 @@ def test_what_it_says_of_frames_is_what_happened() -> None:
             for sender in range(10)
             for receiver in range(10)
             if sender != receiver
-            for outcome in ask(scenario, sender, receiver, step, step_records).outcomes
+            for outcome in examine(scenario, sender, receiver, step, step_records).outcomes
         ]
         record = step_records[step]
         assert outcomes.count("delivered") == record.frames_received > 0
@@ -88,13 +88,13 @@ def test_a_dead_radio_is_the_reason() -> None:
     found = {}
     for step in (20, 21, 30, 40, 41):
         for receiver in range(1, 10):
-            answer = ask(scenario, 0, receiver, step, [])
+            answer = examine(scenario, 0, receiver, step, [])
             found[step] = answer.reason
             assert (answer.reason == "dead") == (21 <= step <= 40)
             assert all(
                 outcome.startswith("dropped: dead" if answer.reason else "delivered") for outcome in answer.outcomes
             )
-        assert ask(scenario, 1, 0, step, []).reason == ("dead" if 20 <= step < 40 else None)
+        assert examine(scenario, 1, 0, step, []).reason == ("dead" if 20 <= step < 40 else None)
     assert set(found.values()) == {None, "dead"}
 
 
@@ -113,7 +113,7 @@ def test_the_operator_is_asked_about_too() -> None:
     scenario = a_scenario(*UPLINK)
     step_records = run_in_process(scenario).step_records
     for step in (30, 50):
-        answers = [ask(scenario, agent, "operator", step, step_records) for agent in range(10)]
+        answers = [examine(scenario, agent, "operator", step, step_records) for agent in range(10)]
         outcomes = [outcome for answer in answers for outcome in answer.outcomes]
         record = step_records[step]
         assert outcomes.count("arrived") == record.reports_arrived

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.inspect.link_report import ask
+from deltaswarm_orchestrator.inspect.link_report import examine
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
@@ -213,7 +213,7 @@ def test_why_names_the_obstacle() -> None:
     """With its number, and what it costs."""
     wall = "arena.obstacles=[{corners_m=[[0,19],[40,19],[40,21],[0,21]]}]"
     scenario = load_scenario("smoke", [*RUN, "radio.range_m=100", wall], seed=2)
-    answers = [ask(scenario, 0, receiver, 30, []) for receiver in range(1, 10)]
+    answers = [examine(scenario, 0, receiver, 30, []) for receiver in range(1, 10)]
     assert {answer.reason for answer in answers} == {None, "obstacle"}
     said = {finding["says"] for answer in answers for finding in answer.findings if finding["reason"] == "obstacle"}
     assert {"obstacle 0" in text for text in said} == {True, False}

@@ -12,7 +12,7 @@ def coverage(found: Mapping[str, Any], *, width_in: float = style.TEXT_IN, heigh
     """Draw the share of agents that know a command against the time since it was sent.
 
     Args:
-        found: the result of `bench.coverage.measure_coverage`.
+        found: the result of `bench.coverage.measure`.
         width_in: width [in].
         height_in: height [in].
     """

@@ -23,7 +23,7 @@ def play(found: InProcess, steps: int) -> Iterator[tuple[int, StepRecord]]:
     for step in range(steps):
         record = found.step(step, step == steps - 1)
         yield step, record
-        found.close(Clock(step, record.time_s, step == steps - 1))
+        found.close_step(Clock(step, record.time_s, step == steps - 1))
 
 
 def places(found: InProcess) -> list[list[float]]:

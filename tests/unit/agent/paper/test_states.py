@@ -130,7 +130,7 @@ def recalled(watch: Watch) -> None:
     ]
     crew = swarm("smoke", *ROUGH, f"command=[{', '.join(orders)}]", seed=1)
     for step, record in enumerate(play(crew, ROUGH_STEPS)):
-        crew.close(Clock(step, record.time_s, last=False))
+        crew.close_step(Clock(step, record.time_s, last=False))
         watch.check(crew)
 
 
