@@ -271,13 +271,14 @@ def test_a_signal_too_late_for_one_thing_is_in_time_for_the_next() -> None:
     """Between two runs of a session."""
     source = (
         "import os, signal\n"
-        "from deltaswarm_orchestrator.base.signals import begin_anew, decide, end_at_once_on_signals, stoppable\n"
+        "from deltaswarm_orchestrator.base.signals import decide, end_at_once_on_signals\n"
+        "from deltaswarm_orchestrator.base.signals import heed_signals_again, stoppable\n"
         "end_at_once_on_signals()\n"
         "with stoppable() as stop:\n"
         "    stop.conclude()\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    decide(0)\n"
-        "begin_anew()\n"
+        "heed_signals_again()\n"
     )
     ended = subprocess.run([sys.executable, "-c", source], capture_output=True, text=True)
     assert ended.returncode == 130

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.processes import fork_server, launch
+from deltaswarm_orchestrator.processes import fork_server, starter
 from deltaswarm_orchestrator.processes.fork_server import kill_fork_server
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.recording.reader import read_recording
@@ -254,7 +254,7 @@ def test_a_part_that_does_not_come_up_is_named(tmp_path: Path) -> None:
     scenario = load_scenario("smoke", ["run.start_timeout_s=10", "record=off"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     with Swarm(scenario, "incomplete", tmp_path) as swarm:
-        swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+        swarm.start_world("tcp/127.0.0.1:0")
         with Observer("incomplete", swarm.recorder_link(), None, wire=False):
             swarm.start_operator(publish_all=False)
             swarm.start_agents([0, 1, 2, 4])
@@ -279,13 +279,13 @@ def test_slow_imports_are_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyP
     """They do not count as time to come up: the fork server is not killed while it is at them."""
     (tmp_path / "slow_to_import.py").write_text("import time\ntime.sleep(2)\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(launch, "PRELOADED", ["slow_to_import", *launch.PRELOADED])
-    monkeypatch.setattr(launch, "PYTHON_S", PATIENCE_S)
+    monkeypatch.setattr(starter, "PRELOADED", ["slow_to_import", *starter.PRELOADED])
+    monkeypatch.setattr(starter, "PYTHON_S", PATIENCE_S)
     kill_fork_server()
     scenario = load_scenario("smoke", ["run.start_timeout_s=1", "record=off"])
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     with Swarm(scenario, "slow", tmp_path) as swarm:
-        swarm.start_world(tmp_path / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+        swarm.start_world("tcp/127.0.0.1:0")
         assert swarm.endpoints
 
 
@@ -308,5 +308,5 @@ def test_a_python_whose_fork_server_cannot_be_controlled_is_refused(
     with Swarm(scenario, "run", tmp_path / "well"):
         pass
     monkeypatch.setattr(fork_server, "PRIVATE_NAMES", (*fork_server.PRIVATE_NAMES, "_renamed"))
-    with pytest.raises(launch.LaunchError, match="_renamed"), Swarm(scenario, "run", tmp_path / "ill"):
+    with pytest.raises(starter.LaunchError, match="_renamed"), Swarm(scenario, "run", tmp_path / "ill"):
         pass

@@ -11,6 +11,7 @@ import pytest
 import zenoh
 
 from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.scenarios.load import load_scenario
@@ -47,7 +48,7 @@ class Stage:
     def finish(self) -> dict[str, Any]:
         """The summary, once the run has come to its end."""
         wait_for_end(self.swarm, self.observer)
-        assert not self.swarm.join(PATIENCE_S)
+        assert not wait_for(self.swarm.parts, PATIENCE_S)
         scenario = load_scenario("smoke", SETTINGS)
         return run_tables.summary(run_tables.read_outcome(self.folder), scenario) | {
             "world": run_tables.read_outcome(self.folder).world,

@@ -188,7 +188,7 @@ def started(
     file = folder / "scenario.toml"
     file.write_text(to_toml(scenario))
     with Swarm(scenario, run, folder, zenoh) as swarm:
-        swarm.start_world(file, listen="tcp/127.0.0.1:0")
+        swarm.start_world("tcp/127.0.0.1:0")
         with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
             swarm.start_operator(publish_all=False)
             swarm.start_agents(agents)

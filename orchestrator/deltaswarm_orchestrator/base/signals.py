@@ -96,7 +96,7 @@ def decide(code: int) -> None:
     _end_at_once.code = code
 
 
-def begin_anew() -> None:
+def heed_signals_again() -> None:
     """Undo `decide`, since more work follows; a signal that came too late for the previous work takes effect now."""
     _end_at_once.code = None
     if _end_at_once.late is not None:

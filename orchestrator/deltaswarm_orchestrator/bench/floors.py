@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, safe_path
-from deltaswarm_orchestrator.processes.launch import PRELOADED
+from deltaswarm_orchestrator.processes.starter import PRELOADED
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, quiet_pairs, use_one_worker_thread
 
 use_one_worker_thread()

@@ -41,13 +41,11 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
     scenario = bench_scenario(agents, steps)
     rounds = []
     for _ in range(ROUNDS):
-        found = _swarm(scenario)  # first, because the fork server's preloads are set only once
-        found |= {
-            "sockets": floors.sockets_steps_per_s(agents, steps),
-            "zenoh": floors.zenoh_steps_per_s(agents, steps),
-        }
-        found |= in_turns({"": scenario}, steps, warm_up_steps=0)[""]
-        rounds.append(found | {"share": found["swarm"] / found["zenoh"]})
+        rates = _swarm(scenario)  # first, because the fork server's preloads are set only once
+        rates["sockets"] = floors.sockets_steps_per_s(agents, steps)
+        rates["zenoh"] = floors.zenoh_steps_per_s(agents, steps)
+        costs = in_turns({"": scenario}, steps, warm_up_steps=0)[""]
+        rounds.append({**rates, **costs, "share": rates["swarm"] / rates["zenoh"]})
     median = median_of(rounds)
     return {
         "agents": agents,
@@ -65,7 +63,7 @@ def measure(agents: int, steps: int) -> dict[str, Any]:
             "agents": median["agents_us"],
         },
         "startup_s": median["startup_s"],
-        "agent_pss_mb": max(found["pss_mb"] for found in rounds),
+        "agent_pss_mb": max(row["pss_mb"] for row in rounds),
     }
 
 
@@ -78,7 +76,7 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
         began = time.monotonic()
         startup_s = pss_mb = 0.0
         with Swarm(scenario, run, folder) as swarm:
-            swarm.start_world(folder / "scenario.toml", listen="tcp/127.0.0.1:0", record=False)
+            swarm.start_world("tcp/127.0.0.1:0")
             with Observer(run, swarm.recorder_link(), None, wire=False) as observer:
                 swarm.start_operator(publish_all=False)
                 swarm.start_agents()

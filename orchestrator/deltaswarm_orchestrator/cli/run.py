@@ -7,7 +7,7 @@ from contextlib import nullcontext
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.cli.arguments import (
@@ -26,13 +26,9 @@ from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 
 if TYPE_CHECKING:
-    from deltaswarm_orchestrator.boards.files import Boards
-    from deltaswarm_orchestrator.run.lifecycle import RunOptions
-
-Number = TypeVar("Number", int, float)
+    from deltaswarm_orchestrator.run.options import RunOptions
 
 DEFAULT_SCENARIO = "paper-25"
-LOOPBACK = "127.0.0.1:0"
 
 LIVE_PORT = 8765
 """Foxglove's default port."""
@@ -155,26 +151,44 @@ def _port(text: str) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run a scenario, or resume a run, and print its results."""
-    scenario, options = prepared(arguments)
+    if problem := _problem(arguments):
+        raise CommandError(problem)
+    scenario = _scenario_of(arguments)
+    options = _options_of(arguments, scenario)
+    check_run(scenario, options)
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
+    return conduct(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
+
+
+def check_run(scenario: Scenario, options: "RunOptions") -> None:
+    """Make every check of a run.
+
+    Raises:
+        SettingsError, CommandError: the run would be refused.
+    """
+    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
+    from deltaswarm_orchestrator.run.options import check
+
+    if not options.in_process:
+        check_parts_can_start()
+    check(scenario, options)
+
+
+def conduct(scenario: Scenario, options: "RunOptions", *, quiet: bool, as_json: bool = False) -> int:
+    """Do a checked run and print its results; return the exit code."""
     from rich.console import Console
 
-    from deltaswarm_orchestrator.live.foxglove_server import LiveError
     from deltaswarm_orchestrator.run.lifecycle import run as run_scenario
     from deltaswarm_orchestrator.run.progress import Display, result_table
     from deltaswarm_orchestrator.run.reporter import Reporter
 
-    try:
-        shown = nullcontext(Reporter()) if arguments.quiet else Display(scenario.run.step_s, scenario.agents.count)
-        with shown as display:
-            result = run_scenario(scenario, options, display)
-    except LiveError as error:
-        raise CommandError(str(error)) from None
+    with nullcontext(Reporter()) if quiet else Display(scenario.run.step_s, scenario.agents.count) as display:
+        result = run_scenario(scenario, options, display)
     for message in result.messages:
         complain(message)
-    if arguments.json:
+    if as_json:
         print(json.dumps({"folder": str(result.folder), "exit_reason": result.exit_reason, **result.summary}))
     elif not result.summary["steps"]:
         complain(f"{result.exit_reason}: no step is on file; see {result.folder}")
@@ -190,50 +204,6 @@ def run(arguments: argparse.Namespace) -> int:
     for reason in result.summary["invalid_because"]:
         complain(f"not valid: {reason}")
     return result.code
-
-
-def prepared(arguments: argparse.Namespace) -> "tuple[Scenario, RunOptions]":
-    """Make every check of a run, and return the scenario and how to run it.
-
-    Raises:
-        SettingsError, CommandError: the run would be refused.
-    """
-    if problem := _problem(arguments):
-        raise CommandError(problem)
-    scenario = _scenario_of(arguments)
-    from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
-    from deltaswarm_orchestrator.live.foxglove_server import LiveError
-    from deltaswarm_orchestrator.processes.station import Station
-    from deltaswarm_orchestrator.run.lifecycle import RunOptions, check
-
-    if not arguments.in_process:
-        check_parts_can_start()
-    out = arguments.resume or arguments.out or _default_folder(scenario)
-    boards = _boards_of(arguments, out)
-    listen = ANYWHERE if boards else arguments.listen or ANYWHERE
-    options = RunOptions(
-        out,
-        arguments.in_process,
-        arguments.force,
-        listen,
-        tuple(arguments.zenoh),
-        boards,
-        arguments.checkpoint or 0,
-        Station(_or(arguments.speed, 1.0), arguments.station_listen or LOOPBACK) if arguments.station else None,
-        arguments.researcher,
-        resume=arguments.resume is not None,
-        live_port=_or(arguments.live_port, LIVE_PORT) if arguments.live else None,
-    )
-    try:
-        check(scenario, options)
-    except LiveError as error:
-        raise CommandError(str(error)) from None
-    return scenario, options
-
-
-def _or(value: Number | None, default: Number) -> Number:
-    """Return the value, or the default if the option was not given; 0 is a value."""
-    return default if value is None else value
 
 
 def _problem(arguments: argparse.Namespace) -> str | None:
@@ -274,11 +244,31 @@ def _default_folder(scenario: Scenario) -> Path:
     return next(free)
 
 
-def _boards_of(arguments: argparse.Namespace, out: Path) -> "Boards | None":
-    """Return the boards of a run with the folder `out`; None if it has none."""
-    if not arguments.boards:
-        return None
+def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":
     from deltaswarm_orchestrator.boards.files import Boards
+    from deltaswarm_orchestrator.processes.station import LOOPBACK, Station
+    from deltaswarm_orchestrator.run.options import RunOptions
 
-    folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
-    return Boards(tuple(arguments.boards), arguments.listen or ANYWHERE, folder)
+    out = arguments.resume or arguments.out or _default_folder(scenario)
+    listen, boards, station, live_port = arguments.listen or ANYWHERE, None, None, None
+    if arguments.boards:  # which connect at `listen`; the processes of this machine need no fixed address
+        folder = arguments.boards_folder or out.with_name(f"{out.name}.boards")
+        boards, listen = Boards(tuple(arguments.boards), listen, folder), ANYWHERE
+    if arguments.station:
+        speed = 1.0 if arguments.speed is None else arguments.speed  # 0 is a speed
+        station = Station(speed, arguments.station_listen or LOOPBACK)
+    if arguments.live:
+        live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
+    return RunOptions(
+        out,
+        arguments.in_process,
+        arguments.force,
+        listen,
+        tuple(arguments.zenoh),
+        boards,
+        arguments.checkpoint or 0,
+        station,
+        arguments.researcher,
+        resume=arguments.resume is not None,
+        live_port=live_port,
+    )

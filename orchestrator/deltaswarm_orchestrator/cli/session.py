@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, complain, notice
-from deltaswarm_orchestrator.base.signals import begin_anew
+from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
-from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_orchestrator.processes.station import Station
 from deltaswarm_orchestrator.results.run_tables import write_json
-from deltaswarm_wire.command_line import Parser
+from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
 
 RECORD = "session.json"
 
@@ -40,21 +41,26 @@ def session(arguments: argparse.Namespace) -> int:
     planned = plan(settings, participant, beside)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     folder = out / f"participant-{participant:03}"
-    for one in planned:  # before a participant has done the first
-        cli_run.prepared(_arguments(one, folder))
+
+    def options_for(run: PlannedRun) -> RunOptions:
+        taken = [path.name for path in folder.iterdir()] if folder.exists() else []
+        return RunOptions(folder / free_folder(run.folder, taken), station=Station(settings.speed))
+
+    for run in planned:  # before a participant has done the first
+        cli_run.check_run(run.scenario, options_for(run))
     if arguments.plan or arguments.dry_run:
-        show(arguments, [one.label for one in planned], "\n".join(f"{n} {one.label}" for n, one in enumerate(planned)))
+        show(arguments, [run.label for run in planned], "\n".join(f"{n} {run.label}" for n, run in enumerate(planned)))
         return OK
     folder.mkdir(parents=True, exist_ok=True)
     write_json(folder / RECORD, _record(folder, participant, planned))
-    for place, one in enumerate(planned):
-        if _done(folder, one):
+    for place, run in enumerate(planned):
+        if any(summary["complete"] for summary in _summaries(folder, run).values()):
             continue
-        notice(f"run {place} of {len(planned) - 1}: {one.label}")
+        notice(f"run {place} of {len(planned) - 1}: {run.label}")
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = cli_run.run(_arguments(one, folder, *(["--quiet"] if arguments.quiet else [])))
+            code = cli_run.conduct(run.scenario, options_for(run), quiet=arguments.quiet)
         write_json(folder / RECORD, _record(folder, participant, planned))
-        begin_anew()
+        heed_signals_again()
         if code != OK:
             complain(
                 f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
@@ -64,34 +70,28 @@ def session(arguments: argparse.Namespace) -> int:
     return OK
 
 
-def _arguments(one: PlannedRun, folder: Path, *more: str) -> argparse.Namespace:
-    """Return the arguments of `deltaswarm run` for a run, with the name of a new folder."""
-    name = free_folder(one.folder, [path.name for path in folder.iterdir()] if folder.exists() else [])
-    parser = Parser()
-    cli_run.add(parser)
-    return parser.parse_args([*one.arguments, "--out", str(folder / name), *more])
-
-
-def _summaries(folder: Path, one: PlannedRun) -> dict[str, dict[str, Any]]:
-    """Return the summaries of all attempts at a run, by folder name."""
-    names = [path.name for path in folder.iterdir() if path.name == one.folder or _is_again(path.name, one.folder)]
-    files = {name: folder / name / "summary.json" for name in sorted(names)}
+def _summaries(folder: Path, run: PlannedRun) -> dict[str, dict[str, Any]]:
+    """Return the summaries of all attempts at a run, by folder name; further attempts have a number behind the name."""
+    first = f"{run.folder}-"
+    names = [path.name for path in folder.iterdir()]
+    attempts = [
+        name for name in names if name == run.folder or (name.startswith(first) and name[len(first) :].isdecimal())
+    ]
+    files = {name: folder / name / "summary.json" for name in sorted(attempts)}
     return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
-
-
-def _is_again(name: str, first: str) -> bool:
-    return name.startswith(f"{first}-") and name.removeprefix(f"{first}-").isdecimal()
-
-
-def _done(folder: Path, one: PlannedRun) -> bool:
-    return any(summary["complete"] for summary in _summaries(folder, one).values())
 
 
 def _record(folder: Path, participant: int, planned: list[PlannedRun]) -> dict[str, Any]:
     """Return the order of the conditions, and the attempts at each."""
-    rows = []
-    for place, one in enumerate(planned):
-        attempts = _summaries(folder, one)
-        found = [{"folder": name, "complete": s["complete"], "digest": s["digest"]} for name, s in attempts.items()]
-        rows.append({"place": place, "condition": one.label, "attempts": found})
-    return {"participant": participant, "runs": rows}
+    runs = [
+        {
+            "place": place,
+            "condition": run.label,
+            "attempts": [
+                {"folder": name, "complete": summary["complete"], "digest": summary["digest"]}
+                for name, summary in _summaries(folder, run).items()
+            ],
+        }
+        for place, run in enumerate(planned)
+    ]
+    return {"participant": participant, "runs": runs}

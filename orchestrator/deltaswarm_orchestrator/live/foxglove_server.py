@@ -14,6 +14,7 @@ from typing import Any, Self
 
 from mcap_protobuf.schema import build_file_descriptor_set
 
+from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.live.thinning import Thinned
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import TOPICS
@@ -36,7 +37,7 @@ REFUSED = (
 )
 
 
-class LiveError(Exception):
+class LiveError(CommandError):
     """A run cannot be shown live; the text says why, and what to do."""
 
 

@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from json import dumps
 from pathlib import Path
-from typing import Any
 
 from deltaswarm_orchestrator.scenarios import load as scenarios
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.seeds import agent_seed
@@ -60,11 +60,13 @@ class SessionSettings:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """One run of a participant: the condition's label, the folder's name, and the arguments of `deltaswarm run`."""
+    """One run of a participant."""
 
     label: str
+    """The condition's label."""
     folder: str
-    arguments: tuple[str, ...]
+    """The folder's name."""
+    scenario: Scenario
 
 
 def square(count: int) -> list[list[int]]:
@@ -89,25 +91,17 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
     order = order_of(participant, len(settings.condition))
     conditions = [settings.training, *(settings.condition[index] for index in order)]
     consent = _text(settings.consent, beside)
-    return [
-        _planned(condition, place, participant, settings, beside, consent if place == 0 else "")
-        for place, condition in enumerate(conditions)
-    ]
-
-
-def _planned(
-    condition: ConditionSettings, place: int, participant: int, settings: SessionSettings, beside: Path, consent: str
-) -> PlannedRun:
-    name = condition.scenario
-    if name not in scenarios.BUILT_IN:
-        name = str((beside / name).resolve())
-    own = {"participant": f"P{participant:03}", "condition": f"{place} {condition.label}", "consent": consent}
-    sets = [*condition.set, *(f"operator.probes.{key}={dumps(value)}" for key, value in own.items())]
-    seed = _seed(settings.seed, participant, place)
-    scenarios.load_scenario(name, sets, seed)
-    words = [name, "--station", "--speed", f"{settings.speed:.15g}", "--seed", str(seed)]
-    arguments = (*words, *(word for one in sets for word in ("--set", one)))
-    return PlannedRun(condition.label, f"{place}-{condition.label.replace(' ', '-')}", arguments)
+    runs = []
+    for place, condition in enumerate(conditions):
+        name, label = condition.scenario, condition.label
+        if name not in scenarios.BUILT_IN:
+            name = str((beside / name).resolve())
+        sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
+        overrides = [*condition.set, *(f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items())]
+        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, participant, place))
+        runs.append(PlannedRun(label, f"{place}-{label.replace(' ', '-')}", scenario))
+        consent = ""  # asked for once
+    return runs
 
 
 def _seed(seed: int, participant: int, place: int) -> int:
@@ -132,13 +126,12 @@ def load_session(file: str) -> tuple[SessionSettings, Path]:
     """
     table, path = scenarios.read_toml("session", file, {})
     assert path is not None
-    own: Any = table.get("session")
-    if own is None:
+    if "session" not in table:
         raise SettingsError([Problem("session", "missing", "must be a table [session]")])
-    return checked.load(SessionSettings, own, "session"), path.parent
+    return checked.load(SessionSettings, table["session"], "session"), path.parent
 
 
 def free_folder(name: str, taken: Sequence[str]) -> str:
     """Return a folder name that is not taken; an interrupted run keeps its folder."""
     names = (name, *(f"{name}-{number}" for number in range(2, 10_000)))
-    return next(one for one in names if one not in taken and f"{one}.part" not in taken)
+    return next(free for free in names if free not in taken and f"{free}.part" not in taken)

@@ -5,8 +5,9 @@ from collections.abc import Sequence
 
 from deltaswarm_orchestrator.base.signals import Stop
 from deltaswarm_orchestrator.live.onlookers import Onlooker
-from deltaswarm_orchestrator.processes.launch import END_WITHIN_S, LaunchError, Swarm
+from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import Part, wait_for
+from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -62,10 +63,10 @@ class Watch:
         self._silent_since = self._looked_at = time.monotonic()
         self._awaits_status, self._status_at_end = False, observer.status
         self._station_restarts = 0
-        self._taken_before = -1
+        self._step_at_restart = -1
         self._vain_restarts = 0
 
-    def to_the_end(self) -> None:
+    def watch_to_the_end(self) -> None:
         """Watch until the world has ended or is given up."""
         swarm, observer = self._swarm, self._observer
         is_stopping = False
@@ -88,10 +89,10 @@ class Watch:
                 break
         while observer.work(POLL_S) and swarm.part(WORLD).exit_code is not None:
             pass  # take what is left; a world that still runs could go on sending forever
-        if swarm.has_station and swarm.part(WORLD).exit_code == 0:
+        if swarm.station is not None and swarm.part(WORLD).exit_code == 0:
             self._let_person_answer()
         if not is_stopping:
-            self._mourn(self._failed())
+            self._note_ends(self._failed())
 
     def _is_silent(self) -> bool:
         """Whether the world has been silent for too long while the orchestrator itself kept watching."""
@@ -106,7 +107,7 @@ class Watch:
         operator, deadline = self._swarm.part(OPERATOR), time.monotonic() + ANSWER_WITHIN_S
         while wait_for([operator], POLL_S) and not self._stop.by and time.monotonic() < deadline:
             self._look_after_parts(is_stopping=False)
-            if self._swarm.station_part.exit_code is not None:
+            if self._swarm.part(STATION).exit_code is not None:
                 break  # it ended as asked, or cannot be started again
 
     def _show(self) -> None:
@@ -122,26 +123,23 @@ class Watch:
         self._swarm.stop_world()
 
     def _look_after_parts(self, is_stopping: bool) -> None:
-        if self._must_hear_more():
-            return
-        failed = self._failed()
-        if not failed:
+        if self._must_await_status() or not (failed := self._failed()):
             return
         if not self._has_begun and any(part.role != STATION for part in failed):
             self._swarm.stop_world()  # it would wait for them in vain
         if is_stopping:
             return
-        self._mourn(failed)
+        self._note_ends(failed)
         for part in failed:
             if part.role == OPERATOR:
-                if self._start_again(part):
+                if self._restart_operator(part):
                     del self.logs[part.name]
                 else:
                     self._end_soon()
-            elif part.role == STATION:
-                self._start_station_again(part)
+            elif part.role == STATION and part.number == 0:
+                self._restart_station(part)
 
-    def _must_hear_more(self) -> bool:
+    def _must_await_status(self) -> bool:
         """Whether a part has ended and only the world's next status can tell if the run had begun by then.
 
         The newest status may be older than the first step.
@@ -154,10 +152,8 @@ class Watch:
         self._awaits_status = status is self._status_at_end
         return self._awaits_status
 
-    def _start_station_again(self, station: Part) -> None:
+    def _restart_station(self, station: Part) -> None:
         """Restart the operator's station after it died; if that fails, the run continues without a station."""
-        if station.number:
-            return
         self._station_restarts += 1
         try:
             if self._station_restarts > STATION_RESTARTS:
@@ -170,17 +166,17 @@ class Watch:
             del self.logs[station.name]
             self._swarm.write_pids()
 
-    def _start_again(self, operator: Part) -> bool:
+    def _restart_operator(self, operator: Part) -> bool:
         """Restart the operator after it died; return False if a restart is impossible or would not help."""
-        taken = self._observer.newest_step
-        self._vain_restarts = self._vain_restarts + 1 if taken <= self._taken_before else 0
-        self._taken_before = taken
+        step = self._observer.newest_step
+        self._vain_restarts = self._vain_restarts + 1 if step <= self._step_at_restart else 0
+        self._step_at_restart = step
         if not self._has_begun or operator.exit_code == NO_ROOM or self._vain_restarts >= RESTARTS_WITHOUT_A_STEP:
             return False
         if self._swarm.part(WORLD).exit_code is not None:
             return False
         try:
-            self._swarm.start_operator(publish_all=self._observer.records, go_on=True)
+            self._swarm.start_operator(publish_all=self._observer.records, is_restart=True)
         except LaunchError as error:
             self.why.append(str(error))
             return False
@@ -209,7 +205,7 @@ class Watch:
     def _newly_ended(self) -> list[Part]:
         return [part for part in self._swarm.ended() if part not in self._noted]
 
-    def _mourn(self, failed: list[Part]) -> None:
+    def _note_ends(self, failed: list[Part]) -> None:
         for part in failed:
             if part.exit_code != NO_ROOM:
                 self.logs[part.name] = part.log_tail()

@@ -22,7 +22,8 @@ from deltaswarm_orchestrator.results.run_tables import (
     write_json,
     write_tables,
 )
-from deltaswarm_orchestrator.run.lifecycle import RunOptions, run
+from deltaswarm_orchestrator.run.lifecycle import run
+from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario

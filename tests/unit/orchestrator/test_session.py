@@ -12,9 +12,11 @@ from hypothesis import strategies as st
 from deltaswarm_operator.core.console import Console
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.participants.session import load_session, order_of, plan, square
+from deltaswarm_orchestrator.run.options import RunOptions
+from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
 from deltaswarm_orchestrator.studies.load import load_study
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
+from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError
 
 FILE = """
@@ -75,11 +77,10 @@ def test_a_plan_begins_with_training_and_asks_for_consent_once(tmp_path: Path) -
     settings, beside = load_session(str(a_file(tmp_path)))
     seven, eight = plan(settings, 7, beside), plan(settings, 8, beside)
     assert [run.label for run in seven] == ["training", *("ABC"[index] for index in order_of(7, 3))]
-    assert all("--station" in run.arguments for run in seven)
-    assert ['operator.probes.participant="P007"' in run.arguments for run in seven] == [True] * 4
-    asked = [any("You may stop" in word for word in run.arguments) for run in seven]
-    assert asked == [True, False, False, False]
-    seeds = [[run.arguments[run.arguments.index("--seed") + 1] for run in runs] for runs in (seven, eight)]
+    sheets = [run.scenario.operator.probes for run in seven]
+    assert [sheet.participant for sheet in sheets] == ["P007"] * 4
+    assert ["You may stop" in sheet.consent for sheet in sheets] == [True, False, False, False]
+    seeds = [[run.scenario.seed for run in runs] for runs in (seven, eight)]
     assert seeds[0][0] == seeds[1][0]
     assert len({*seeds[0], *seeds[1]}) == 7
 
@@ -125,9 +126,10 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     """By the command for runs; what is complete is not done again, and the record says all."""
     done: list[str] = []
 
-    def pretend(arguments: object) -> int:
-        folder: Path = vars(arguments)["out"]
-        assert vars(arguments)["station"]
+    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
+        folder = options.out
+        assert options.station
+        assert options.station.speed == 5.0
         done.append(folder.name)
         folder.mkdir()
         print("the table of a run")
@@ -135,7 +137,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
         (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
         return 0 if is_whole else 1
 
-    monkeypatch.setattr(cli_run, "run", pretend)
+    monkeypatch.setattr(cli_run, "conduct", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
     assert main([*command, "--plan"]) == 0
     order = [line.split()[1] for line in capsys.readouterr().out.splitlines()]

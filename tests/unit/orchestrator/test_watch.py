@@ -79,10 +79,10 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     assert world.end() == -signal.SIGKILL
     started: list[bool] = []
     swarm = SimpleNamespace(
-        has_station=False,
+        station=None,
         part=lambda role: next(part for part in parts if part.role == role),
         ended=lambda: [part for part in parts if part.exit_code is not None],
-        start_operator=lambda publish_all, go_on: started.append(go_on),
+        start_operator=lambda publish_all, is_restart: started.append(is_restart),
         write_pids=lambda: None,
         stop_world=lambda: None,
     )
@@ -98,7 +98,7 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     )
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
     made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S)
-    made.to_the_end()
+    made.watch_to_the_end()
     assert [line.split()[0] for line in made.why] == [WORLD, OPERATOR]
     assert "SIGKILL" in made.why[0]
     assert not started
@@ -129,9 +129,9 @@ def whys(monkeypatch: pytest.MonkeyPatch, looks_at_s: Iterator[float], ends_at_s
     observer = SimpleNamespace(
         work=clock.work, status=None, orders=deque(), heard_at=0.0, newest_step=7, leave_when_done=lambda: None
     )
-    swarm = SimpleNamespace(has_station=False, part=lambda role: clock, ended=list)
+    swarm = SimpleNamespace(station=None, part=lambda role: clock, ended=list)
     made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, None), Stop(), PATIENCE_S)
-    made.to_the_end()
+    made.watch_to_the_end()
     return made.why
 
 
@@ -189,15 +189,15 @@ def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_
     stopped: list[bool] = []
     started: list[bool] = []
     swarm = SimpleNamespace(
-        has_station=False,
+        station=None,
         part=lambda role: SimpleNamespace(exit_code=None if looks < 6 else 0),
         ended=lambda: [lost],
-        start_operator=lambda publish_all, go_on: started.append(go_on),
+        start_operator=lambda publish_all, is_restart: started.append(is_restart),
         write_pids=lambda: None,
         stop_world=lambda: stopped.append(True),
     )
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
-    Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S).to_the_end()
+    Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S).watch_to_the_end()
     assert len(stopped) == stops
     assert started == [True] * (role == OPERATOR)
 
@@ -231,7 +231,7 @@ def recorded(run: str, folder: Path, sink: SlowSink) -> Iterator[tuple[Swarm, Ob
     file = folder / "scenario.toml"
     file.write_text(to_toml(scenario))
     with Swarm(scenario, run, folder) as swarm:
-        swarm.start_world(file, listen="tcp/127.0.0.1:0", record=True)
+        swarm.start_world("tcp/127.0.0.1:0", record=True)
         with Observer(run, swarm.recorder_link(), cast(Sink, sink), wire=False) as observer:
             swarm.start_operator(publish_all=True)
             swarm.start_agents()
@@ -245,7 +245,7 @@ def test_a_recorder_that_is_far_behind_does_not_put_off_the_end(tmp_path: Path) 
     sink = SlowSink(stop)
     reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
     with recorded("behind", tmp_path, sink) as (swarm, observer):
-        Watch(swarm, observer, cast(Any, reporter), stop, PATIENCE_S).to_the_end()
+        Watch(swarm, observer, cast(Any, reporter), stop, PATIENCE_S).watch_to_the_end()
     assert stop.by
     assert STOPPED_AT <= sink.steps[-1] <= STOPPED_AT + 2 * AHEAD_STEPS
     assert sink.steps == list(range(sink.steps[-1] + 1))

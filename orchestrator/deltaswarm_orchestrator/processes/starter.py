@@ -1,0 +1,153 @@
+"""Start single processes of a run from the fork server."""
+
+import multiprocessing
+import os
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+
+from deltaswarm_orchestrator.processes import child
+from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
+from deltaswarm_orchestrator.processes.process import Part, wait_for
+from deltaswarm_orchestrator.processes.station import STATION
+from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
+from deltaswarm_wire.plugins import CONTROLLERS
+from deltaswarm_wire.session import PASSWORD_VARIABLE
+
+MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERATOR)}
+MODULES[STATION] = "deltaswarm_operator.station.__main__"
+"""The main module of each role. Parts are referred to by module name and not imported here."""
+
+PRELOADED = ["deltaswarm_orchestrator.processes.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
+"""Imported once by the fork server and shared by all agents, as is a shipped controller."""
+
+Options = Mapping[str, object]
+"""Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
+
+END_WITHIN_S = 5.0
+PYTHON_S = 8.0
+"""Time that a process may take to import its modules, on top of its start timeout [s]."""
+
+
+class LaunchError(Exception):
+    """A required part did not start, or ended too early."""
+
+
+class StoppedError(Exception):
+    """The user asked to stop before the run had begun."""
+
+
+class Starter:
+    """Starts processes that end with this one.
+
+    Args:
+        logs: the folder of their logs.
+        mode: the scenario's controller, which is loaded once for all agents if it is shipped.
+        timeout_s: time to become ready, besides importing [s].
+        was_stopped: returns something true once the user has asked to stop.
+    """
+
+    def __init__(self, logs: Path, mode: str, timeout_s: float, was_stopped: Callable[[], object]) -> None:
+        self.parts: list[Part] = []
+        self._logs = logs
+        self._controller, _, _ = CONTROLLERS.get(mode, "").partition(":")
+        self._timeout_s = timeout_s
+        self._was_stopped = was_stopped
+        self._context = multiprocessing.get_context("forkserver")
+        self._lifeline, self._kept_end = multiprocessing.Pipe(duplex=False)
+
+    def close(self) -> None:
+        """Release what belongs to the processes, all of which have ended."""
+        for part in self.parts:
+            part.close()
+        self._kept_end.close()
+        self._lifeline.close()
+
+    def start(
+        self,
+        role: str,
+        number: int,
+        options: Options,
+        *,
+        password: str = "",
+        stdout: Connection | None = None,
+        channel: socket.socket | None = None,
+    ) -> Part:
+        """Start a part with its password, if it has one, and its end of the channel between operator and station.
+
+        Standard output goes to `stdout`, or else to the log.
+
+        Raises:
+            LaunchError: the fork server was killed.
+        """
+        log_file = self._logs / f"{role}-{number}.log"
+        environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
+        process = self._context.Process(
+            target=child.main,
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD, channel),
+            name=f"deltaswarm-{role}-{number}",
+            daemon=True,
+        )
+        with bare_main_module(), safe_path(), self._impatience():
+            self._context.set_forkserver_preload([*PRELOADED, *([self._controller] if self._controller else [])])
+            try:
+                process.start()
+            except (OSError, EOFError, ValueError) as error:
+                raise LaunchError(f"{role} {number} cannot be started: the fork server ended ({error!r})") from None
+        self.parts.append(part := Part(role, number, process, log_file))
+        return part
+
+    def start_and_read(
+        self, role: str, number: int, options: Options, *, password: str = "", channel: socket.socket | None = None
+    ) -> str:
+        """Start a part that prints where it listens; return that first line.
+
+        Raises:
+            LaunchError: the part ended (the text has its last log lines) or was not ready in time.
+            StoppedError: the user asked to stop.
+        """
+        reader, writer = multiprocessing.Pipe(duplex=False)
+        part = self.start(role, number, options, password=password, stdout=writer, channel=channel)
+        writer.close()
+        text = b""
+        deadline = time.monotonic() + self._timeout_s + PYTHON_S
+        with reader:
+            while not text.endswith(b"\n"):
+                if self._was_stopped():
+                    raise StoppedError
+                if time.monotonic() > deadline:
+                    raise LaunchError(f"{part.name} was not ready within {self._timeout_s:g} s")
+                if wait([reader], 0.1):
+                    if not (more := os.read(reader.fileno(), 4096)):
+                        break
+                    text += more
+        if not text.strip():
+            wait_for([part], END_WITHIN_S)
+            raise LaunchError(f"the {role} did not start:\n{part.log_tail()}")
+        return text.decode().strip()
+
+    @contextmanager
+    def _impatience(self) -> Iterator[None]:
+        """Kill the fork server if a start takes too long: a stopped fork server would block the caller forever."""
+        timer = threading.Timer(self._timeout_s + PYTHON_S, kill_fork_server)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+
+def _command_line(options: Options) -> list[str]:
+    argv = []
+    for option, value in options.items():
+        for item in value if isinstance(value, list) else [value]:
+            if item is True:
+                argv.append(option)
+            elif item is not None and item is not False:
+                argv.append(f"{option}={item}")
+    return argv

@@ -1,0 +1,75 @@
+"""How to do a run, what can be checked before it starts, and its result."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
+from deltaswarm_orchestrator.boards.files import Boards
+from deltaswarm_orchestrator.live.foxglove_server import check_installed
+from deltaswarm_orchestrator.processes.station import Station
+from deltaswarm_orchestrator.results.folder import check_target
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import Problem, SettingsError
+
+STOPPED_BY = "stopped by"
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """How to do a run; what to run is the scenario."""
+
+    out: Path
+    in_process: bool = False
+    force: bool = False
+    listen: str = "tcp/127.0.0.1:0"
+    zenoh: tuple[tuple[str, str], ...] = ()
+    boards: Boards | None = None
+    """Agents that are started by hand on other machines."""
+    checkpoint_steps: int = 0
+    """Steps between checkpoints, from which the run can be resumed; 0: no checkpoints."""
+    station: Station | None = None
+    """The page of the person who watches and commands; None: no station."""
+    researcher: bool = False
+    """Whether to serve another page, which shows the truth."""
+    resume: bool = False
+    """Resume the interrupted run in `out` from its newest checkpoint."""
+    live_port: int | None = None
+    """Port on which to show the run live to Foxglove; 0: any free port; None: do not show it."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """The result of a run that has ended."""
+
+    folder: Path
+    summary: dict[str, Any]
+    exit_reason: str
+    messages: tuple[str, ...]
+    """Messages for the user: what went wrong, the last lines of logs, and how to resume."""
+
+    @property
+    def code(self) -> int:
+        """The exit code that tells how the run ended."""
+        if self.summary["valid"]:
+            return OK
+        return INTERRUPTED if self.exit_reason.startswith(STOPPED_BY) else FAILED
+
+
+def check(scenario: Scenario, options: RunOptions) -> None:
+    """Check what can be checked of a run before anything is started or written.
+
+    Raises:
+        FolderError: the folder exists.
+        SettingsError: the scenario cannot be run with these boards, or has a bound that processes cannot compute.
+        LiveError: the run cannot be shown live.
+    """
+    if scenario.run.bound != "none" and not options.in_process:
+        allowed = "must be none for a run of processes: no agent can know what a bound knows; use --in-process"
+        raise SettingsError([Problem("run.bound", repr(scenario.run.bound), allowed)])
+    if options.boards:
+        options.boards.check(scenario)
+    if options.live_port is not None:
+        check_installed()
+    if not options.resume:
+        check_target(options.out, options.force)
