@@ -9,11 +9,11 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from docs.extensions.scenario_keys import reference
 
 from deltaswarm_agent.board.__main__ import parser as board_parser
 from deltaswarm_orchestrator.cli import COMMANDS, parser
 from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET
-from deltaswarm_orchestrator.scenarios.reference import reference
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.swarms import COMMAND, UNHURRIED, wait_until
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from deltaswarm_orchestrator.scenarios.reference import reference
+from docs.extensions.scenario_keys import reference
 
 ROOT = Path(__file__).parents[2]
 

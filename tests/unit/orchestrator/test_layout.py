@@ -5,7 +5,7 @@ import json
 import pytest
 
 from deltaswarm_orchestrator.recording.layout import layout
-from deltaswarm_orchestrator.recording.schemas import FIGURE_TOPICS, SCENE_TOPICS
+from deltaswarm_orchestrator.recording.schemas import ARENA_FRAME, FIGURE_TOPICS, ROOT_FRAME, SCENE_TOPICS
 
 
 @pytest.mark.parametrize("size", [(100.0, 100.0), (1000.0, 20.0), (5.0, 30.0)])
@@ -14,6 +14,10 @@ def test_the_layout_shows_the_whole_arena(size: tuple[float, float]) -> None:
     shown = layout(*size)
     scene = shown["configById"]["3D!arena"]
     assert {topic for topic in scene["topics"] if scene["topics"][topic]["visible"]} == {*SCENE_TOPICS}
+    assert (scene["followTf"], scene["transforms"].keys()) == (
+        ROOT_FRAME,
+        {f"frame:{ROOT_FRAME}", f"frame:{ARENA_FRAME}"},
+    )
     camera = scene["cameraState"]
     seen_m = 2 * camera["distance"] * 0.41421  # twice the tangent of half of 45 degrees
     assert max(size) < seen_m < 1.5 * max(size)

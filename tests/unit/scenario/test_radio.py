@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from docs.extensions.scenario_keys import reference
 from hypothesis import given
 
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_orchestrator.scenarios.reference import reference
 from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import Problem, SettingsError, load, plain

@@ -1,4 +1,4 @@
-"""The page of all scenario keys, docs/SCENARIO.md, made from the settings."""
+"""Make the page of all scenario keys, docs/SCENARIO.md, from the settings."""
 
 import dataclasses
 import json
@@ -53,8 +53,8 @@ def reference() -> str:
     lines = [REFERENCE_HEAD, "## Top level", "", *REFERENCE_TABLE, *top]
     for spec in sections:
         heading = f"[[{spec.name}]]" if spec.name in rows else f"[{spec.name}]"
-        own = [row for key, row in rows.items() if _is_below(key, spec.name)]
-        lines += ["", f"## `{heading}`: {spec.metadata['doc']}", "", *REFERENCE_TABLE, *own]
+        below = [row for key, row in rows.items() if _is_below(key, spec.name)]
+        lines += ["", f"## `{heading}`: {spec.metadata['doc']}", "", *REFERENCE_TABLE, *below]
         if spec.name == "control":
             lines += _controller_tables("control.")
     return "\n".join(lines) + "\n"
@@ -68,7 +68,7 @@ def _controller_tables(prefix: str) -> Iterator[str]:
     """Yield a table of each shipped controller's options; of one that shares options with hybrid, what differs."""
     known = set(_reference_rows(find_controller("hybrid").Settings(), prefix).values())
     for target in dict.fromkeys(CONTROLLERS.values()):
-        modes = [mode for mode, own in CONTROLLERS.items() if own == target]
+        modes = [mode for mode, other in CONTROLLERS.items() if other == target]
         rows = _reference_rows(find_controller(modes[0]).Settings(), prefix).values()
         differing = [row for row in rows if row not in known]
         is_like_hybrid = "hybrid" not in modes and len(differing) < len(rows)
@@ -127,3 +127,7 @@ def _limits(metadata: Mapping[str, Any]) -> str:
         signs = (("≥", low), (">", above), ("≤", high))
         shown += [f"{sign} {limit:,.15g}" for sign, limit in signs if limit is not None]
     return ", ".join(shown)
+
+
+if __name__ == "__main__":
+    print(reference(), end="")
