@@ -1,4 +1,4 @@
-"""The command `deltaswarm`: one module per command, imported only when it is asked for."""
+"""The command `deltaswarm`. A command's module is imported only when the command is asked for."""
 
 import argparse
 import importlib
@@ -40,7 +40,13 @@ COMMANDS = {
     "completion": "print a script with which a shell completes commands and options",
     "certificates": "make certificates for agents that reach the world over TLS",
 }
-"""Each command is a module of this package with a function `add` that adds its arguments and sets `func`."""
+"""Each command is in the module of its name or of MODULES; `add_<command>` adds its arguments and sets `func`."""
+
+MODULES = {
+    **dict.fromkeys(("export", "info", "replay", "station", "top", "why"), "one_run"),
+    **dict.fromkeys(("completion", "doctor", "list"), "installation"),
+    **dict.fromkeys(("bundle", "certificates"), "boards"),
+}
 
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
@@ -48,26 +54,27 @@ PARTS = ("agent", "world", "operator")
 
 def parser(*complete: str) -> argparse.ArgumentParser:
     """Return the parser of the command line: the names of all commands, and the arguments of those in `complete`."""
-    made = Parser(
+    everything = Parser(
         prog="deltaswarm",
         description="A human-swarm testbed: agents as processes, coordination by messages,\nworkload measured.",
         epilog="\n".join(["exit codes:", *(f"  {code:<3}  {meaning}" for code, meaning in EXIT_CODES.items())]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    made.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
-    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    everything.add_argument("--version", action="version", version=f"deltaswarm {__version__}")
+    commands = everything.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for name, summary in COMMANDS.items():
-        own = commands.add_parser(name, help=summary)
+        command = commands.add_parser(name, help=summary)
         if name in complete:
-            importlib.import_module(f"{__name__}.{name}").add(own)
+            module = importlib.import_module(f"{__name__}.{MODULES.get(name, name)}")
+            getattr(module, f"add_{name}")(command)
     for part in PARTS:
         commands.add_parser(part, help=f"run one {part} by hand (see: deltaswarm {part} --help)", add_help=False)
-    return made
+    return everything
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code."""
-    argv = [*(sys.argv[1:] if argv is None else argv)]  # not list(): `list` is a module of this package
+    argv = list(sys.argv[1:] if argv is None else argv)
     command = argv[0] if argv else ""
     if command in PARTS:
         raise_on_signals()

@@ -40,9 +40,9 @@ def add_quiet(command: Group) -> None:
     command.add_argument("-q", "--quiet", action="store_true", help="print no progress and no notices, only errors")
 
 
-def show(arguments: argparse.Namespace, found: Any, text: str) -> None:
+def show(arguments: argparse.Namespace, result: Any, text: str) -> None:
     """Print a result on standard output, for people or as JSON."""
-    print(json.dumps(found) if arguments.json else text)
+    print(json.dumps(result) if arguments.json else text)
 
 
 def whole(least: int, most: int | None = None) -> Callable[[str], int]:

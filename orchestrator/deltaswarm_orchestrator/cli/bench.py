@@ -65,7 +65,7 @@ MEASUREMENTS = {
 }
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_bench(command: argparse.ArgumentParser) -> None:
     """Add the measurements, each with the options that it takes."""
     measurements = command.add_subparsers(dest="measurement", required=True, metavar="MEASUREMENT")
     for name, measurement in MEASUREMENTS.items():

@@ -7,7 +7,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complai
 from deltaswarm_orchestrator.cli.arguments import add_json, add_quiet, must_exist, show
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_report(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm report`."""
     command.description = "Write a page about a sweep: every factor's levels compared, figures, tables."
     command.add_argument("sweep", type=Path, metavar="SWEEP", help="a sweep's folder")

@@ -53,7 +53,7 @@ EXCLUDES = {
 """Options, the others that must not be given with them, and why."""
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_run(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm run`."""
     group = command.add_argument_group("what to run")
     group.add_argument(

@@ -19,7 +19,7 @@ from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, fre
 RECORD = "session.json"
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_session(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm session`."""
     command.description = "Do all runs of one participant, one after the other, each with a station: training first."
     command.add_argument("session", metavar="FILE", help="a TOML file with a table [session]")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, MISSED, OK, USAGE, CommandError, complain, notice
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show
-from deltaswarm_orchestrator.cli.sweep import add_runs, check_sweep, conduct_for, exit_code_of
+from deltaswarm_orchestrator.cli.sweep import add_run_options, check_sweep, conduct_for, exit_code_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +30,7 @@ examples:
 """
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_study(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm study`."""
     command.description = "Answer a question: do the runs of a study file, test its claims, write a page with figures."
     command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
@@ -47,7 +47,7 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--pilot", type=Path, metavar="FOLDER", help="with --plan: a study's folder with runs.csv (default: --out)"
     )
-    add_runs(command)
+    add_run_options(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
     add_quiet(command)
     add_json(command, "the verdicts")

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 ENGINES = ("local", "dask")
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_sweep(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm sweep`."""
     from deltaswarm_orchestrator.sweeps.load import BUILT_IN
 
@@ -27,14 +27,14 @@ def add(command: argparse.ArgumentParser) -> None:
     command.add_argument("--seed", type=int, help="seed from which the replicates' seeds are derived")
     command.add_argument("--series", action="store_true", help="write series.csv, a row per run and window of time")
     add_dry_run(command, "the variants")
-    add_runs(command)
+    add_run_options(command)
     command.add_argument("--out", type=Path, metavar="FOLDER", help="the sweep folder (default: sweeps/NAME)")
     add_quiet(command)
     add_json(command)
     command.set_defaults(func=sweep)
 
 
-def add_runs(command: argparse.ArgumentParser) -> None:
+def add_run_options(command: argparse.ArgumentParser) -> None:
     """Add the arguments that say which runs to do, and how."""
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="a scenario key, for all runs")
     command.add_argument("--repeats", type=int, metavar="N", help="replicates of each variant")

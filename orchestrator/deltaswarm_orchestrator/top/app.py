@@ -79,7 +79,7 @@ class Top(App[None]):
         """Receive what has arrived, and show the newest picture."""
         if self._link.is_over:
             return
-        if self._link.take():
+        if self._link.receive():
             self._rates_hz.append(self._link.picture["workload"]["rate_1s_hz"])
             self._draw_picture()
         if self._link.is_over:

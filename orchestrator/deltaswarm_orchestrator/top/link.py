@@ -9,6 +9,7 @@ from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.results.folder_lock import is_held
 
@@ -23,8 +24,10 @@ PICTURE_WITHIN_S = 60.0
 Message = dict[str, Any]
 
 
-class NoRunError(Exception):
+class NoRunError(CommandError):
     """There is no run to watch; the text says why, and what to do."""
+
+    code = FAILED
 
 
 @dataclass
@@ -41,7 +44,7 @@ class Link:
     def __post_init__(self) -> None:
         self.end.setblocking(False)
 
-    def take(self) -> bool:
+    def receive(self) -> bool:
         """Receive all that has arrived, without waiting; return whether there was a picture."""
         newest: bytes | None = None
         while not self.is_over:
@@ -63,7 +66,7 @@ class Link:
 
     def wait(self) -> bool:
         """Wait for a picture; return False if there is still none when the time is over or the run has ended."""
-        while not self.take() and not self.is_over:
+        while not self.receive() and not self.is_over:
             if not select.select([self.end], [], [], PICTURE_WITHIN_S)[0]:
                 break
         return bool(self.picture)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.cli.completion import SHELLS
+from deltaswarm_orchestrator.cli.installation import SHELLS
 
 
 def script(shell: str, capsys: pytest.CaptureFixture[str]) -> str:

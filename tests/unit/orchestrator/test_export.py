@@ -13,8 +13,8 @@ from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-from deltaswarm_orchestrator.cli import export as command
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns

@@ -147,10 +147,10 @@ def test_a_link_keeps_the_newest_picture() -> None:
     """However many have come."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     link = Link(theirs, Path())
-    assert not link.take()
+    assert not link.receive()
     for data in (b'{"type":"hello"}', b'{"step":1}', b'{"step":2}'):
         ours.send(data)
-    assert link.take()
+    assert link.receive()
     assert (link.hello, link.picture) == ({"type": "hello"}, {"step": 2})
     ours.close()
     assert not link.wait() or link.picture

@@ -1,4 +1,4 @@
-"""The command `deltaswarm certificates`."""
+"""Commands for agents on boards: `bundle` and `certificates`."""
 
 import argparse
 import sys
@@ -7,10 +7,53 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError
 from deltaswarm_orchestrator.cli.arguments import add_json, show, whole
+from deltaswarm_wire import __version__
 from deltaswarm_wire.arguments import agent_numbers
 
 
-def add(command: argparse.ArgumentParser) -> None:
+def add_bundle(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm bundle`."""
+    from deltaswarm_orchestrator.boards.bundle import PLATFORMS, PYTHONS
+
+    command.description = "Make a folder from which an agent is installed on a board without internet."
+    command.add_argument("--platform", required=True, choices=PLATFORMS, help="platform of the board")
+    command.add_argument(
+        "--python",
+        action="append",
+        choices=PYTHONS,
+        help="Python version of the board; may be repeated (default: all of these)",
+    )
+    command.add_argument("--out", type=Path, metavar="FOLDER", help="default: deltaswarm-agent-VERSION-PLATFORM")
+    command.add_argument(
+        "--operator-key",
+        type=_public_key,
+        metavar="HEX",
+        help="public key of the operator: into the example of a board's file; adds cryptography",
+    )
+    add_json(command)
+    command.set_defaults(func=bundle)
+
+
+def _public_key(text: str) -> str:
+    from deltaswarm_wire.signing import PUBLIC_KEY_RULE, is_public_key
+
+    if not is_public_key(text):
+        raise argparse.ArgumentTypeError(f"{PUBLIC_KEY_RULE} (got {text!r:.80})")
+    return text
+
+
+def bundle(arguments: argparse.Namespace) -> int:
+    """Make the folder, and print its files and its name."""
+    from deltaswarm_orchestrator.boards import bundle as bundles
+
+    out = arguments.out or Path(f"deltaswarm-agent-{__version__}-{arguments.platform}")
+    pythons = sorted(set(arguments.python or bundles.PYTHONS), key=bundles.PYTHONS.index)
+    wheels = bundles.bundle(out, arguments.platform, pythons, arguments.operator_key or "")
+    show(arguments, {"folder": str(out), "wheels": wheels}, "\n".join([*(f"  {name}" for name in wheels), str(out)]))
+    return OK
+
+
+def add_certificates(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm certificates`."""
     command.description = (
         "Make an authority and certificates signed by it, for the world, the operator, the recorder and each agent. "
@@ -42,22 +85,22 @@ def certificates(arguments: argparse.Namespace) -> int:
     has_certificates = arguments.out is not None and arguments.agents is not None
     if not has_certificates and (arguments.out or arguments.agents or not arguments.operator_key):
         raise CommandError("certificates need --out and --agents; a key for commands needs --operator-key")
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     lines, advice = [], []
     try:
         if arguments.operator_key:
-            found["operator_key"] = public = _operator_key(arguments.operator_key)
+            result["operator_key"] = public = _operator_key(arguments.operator_key)
             lines.append(f'operator_key = "{public}"')
             advice.append(f"{arguments.operator_key} signs the operator's commands; keep it on the operator's machine")
         if has_certificates:
             files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
-            found["files"] = [str(file) for file in files]
-            lines += found["files"] or [f"{arguments.out}: all certificates exist"]
+            result["files"] = [str(file) for file in files]
+            lines += result["files"] or [f"{arguments.out}: all certificates exist"]
             advice.append(f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine")
             advice.append("a board gets ca.pem, its own .pem and its own .key")
     except (ValueError, OSError) as error:
         raise CommandError(str(error)) from None
-    show(arguments, found, "\n".join(lines))
+    show(arguments, result, "\n".join(lines))
     print("\n".join(advice), file=sys.stderr)
     return OK
 

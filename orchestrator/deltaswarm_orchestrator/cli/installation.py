@@ -1,0 +1,108 @@
+"""Commands about this installation: `completion`, `doctor` and `list`."""
+
+import argparse
+from dataclasses import asdict
+from importlib.metadata import entry_points
+from pathlib import Path
+
+from deltaswarm_orchestrator.base.exits import FAILED, OK
+from deltaswarm_orchestrator.base.text import aligned
+from deltaswarm_orchestrator.cli.arguments import add_json, show
+
+SHELLS = ("bash", "zsh", "tcsh")
+
+EXAMPLES = """\
+examples:
+  source <(deltaswarm completion bash)
+  deltaswarm completion zsh > ~/.zfunc/_deltaswarm
+"""
+
+
+def add_completion(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm completion`."""
+    command.description = "Print a script with which a shell completes commands, options and file names."
+    command.epilog, command.formatter_class = EXAMPLES, argparse.RawDescriptionHelpFormatter
+    command.add_argument("shell", choices=SHELLS, help="the shell that the script is for")
+    command.set_defaults(func=completion)
+
+
+def completion(arguments: argparse.Namespace) -> int:
+    """Print the script, which is made from the parsers of all commands."""
+    import shtab
+
+    from deltaswarm_orchestrator.cli import COMMANDS, parser
+
+    everything = parser(*COMMANDS)
+    _complete_files(everything, shtab.FILE)
+    print(shtab.complete(everything, shell=arguments.shell))
+    return OK
+
+
+def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
+    """Let arguments that are paths be completed with the names of files, in subcommands too."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for subparser in action.choices.values():
+                _complete_files(subparser, files)
+        elif action.type is Path or "FILE" in str(action.metavar):
+            action.complete = files  # type: ignore[attr-defined]
+
+
+def add_doctor(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm doctor`."""
+    add_json(command, "the findings")
+    command.set_defaults(func=doctor)
+
+
+def doctor(arguments: argparse.Namespace) -> int:
+    """Examine this machine; fail if anything that runs need is missing."""
+    from deltaswarm_orchestrator.bench import doctor
+
+    findings = doctor.examine()
+    rows = [
+        ("ok", finding.name, finding.found)
+        if finding.is_well
+        else ("MISSING", finding.name, f"{finding.found}  ->  {finding.advice}")
+        for finding in findings
+    ]
+    show(arguments, [asdict(finding) for finding in findings], aligned(rows))
+    return OK if all(finding.is_well for finding in findings) else FAILED
+
+
+def add_list(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm list`."""
+    command.description = "List what comes with deltaswarm and what other installed packages add to it."
+    add_json(command, "the lists")
+    command.set_defaults(func=list_all)
+
+
+def list_all(arguments: argparse.Namespace) -> int:
+    """Print the names of scenarios, sweeps, studies, controllers, commands and bodies, each with a short text."""
+    lists = known()
+    texts = (f"{kind}:\n{aligned(('', *pair) for pair in names.items())}" for kind, names in lists.items())
+    show(arguments, lists, "\n".join(texts))
+    return OK
+
+
+def known() -> dict[str, dict[str, str]]:
+    """Return every name that a command or a settings file may use, by kind, with a line about it."""
+    from deltaswarm_orchestrator.scenarios.load import files_in
+    from deltaswarm_orchestrator.sweeps.load import STUDY_FOLDERS
+    from deltaswarm_wire.commands import forms_of
+    from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS, find_controller
+
+    def about(*folders: str) -> dict[str, str]:
+        texts = {name: file.read_text() for name, file in files_in(*folders).items()}
+        return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
+
+    def plugins(shipped: dict[str, str], group: str) -> dict[str, str]:
+        return {**shipped, **{point.name: point.value for point in entry_points(group=group)}}
+
+    return {
+        "scenarios": about("scenarios"),
+        "sweeps": about("sweeps/built_in"),
+        "studies": about(*STUDY_FOLDERS),
+        "controllers": plugins(CONTROLLERS, CONTROLLER_GROUP),
+        "commands": {form.name: form.help for mode in CONTROLLERS for form in forms_of(find_controller(mode))},
+        "bodies": plugins(BODIES, BODY_GROUP),
+    }

@@ -1,0 +1,181 @@
+"""Commands about one run: `export`, `info`, `replay`, `station`, `top` and `why`."""
+
+import argparse
+import importlib
+import sys
+import tempfile
+from dataclasses import asdict
+from pathlib import Path
+
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, must_exist, show
+from deltaswarm_wire.keys import OPERATOR
+
+FORMATS = ("csv", "rosbag2", "rrd", "mp4")
+"""The formats of `export.formats`, which is slow to import."""
+
+INSTALL_TOP = "pip install 'deltaswarm[top]'"
+
+
+def add_export(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm export`."""
+    command.description = "Exports the recording of a run, also of one that was cut off. See docs/RECORDING.md."
+    command.add_argument("run", type=Path, metavar="RUN", help="a run's folder, or an MCAP recording")
+    command.add_argument("--format", choices=FORMATS, required=True, help="tables, ROS 2 bag, Rerun, or video")
+    command.add_argument("--out", type=Path, help="file or folder to write (default: beside the run)")
+    command.add_argument("--force", action="store_true", help="replace an earlier export")
+    add_quiet(command)
+    add_json(command)
+    command.set_defaults(func=export)
+
+
+def export(arguments: argparse.Namespace) -> int:
+    """Export a recording, and print where it is."""
+    from deltaswarm_orchestrator.export import formats
+
+    must_exist(arguments.run, "RUN", f"{A_RUN}, or an MCAP recording")
+    out = arguments.out or formats.default_out(arguments.run, arguments.format)
+    try:
+        is_complete = formats.export(arguments.run, arguments.format, out, force=arguments.force)
+    except OSError as error:
+        raise CommandError(f"{error.filename or out} could not be written: {error.strerror or error}", FAILED) from None
+    if not is_complete:
+        notice(f"the recording of {arguments.run} is incomplete; what it holds is exported")
+    show(arguments, {"out": str(out), "complete": is_complete}, str(out))
+    return OK
+
+
+def add_info(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm info`."""
+    command.add_argument("folder", type=Path, metavar="RUN")
+    add_json(command)
+    command.set_defaults(func=info)
+
+
+def info(arguments: argparse.Namespace) -> int:
+    """Describe a run from its folder."""
+    from deltaswarm_orchestrator.inspect import info
+
+    must_exist(arguments.folder, "RUN", A_RUN)
+    description = info.describe(arguments.folder)
+    show(arguments, description, info.text(description))
+    return OK
+
+
+def add_replay(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm replay`."""
+    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run, finished or not, with a recording")
+    command.add_argument(
+        "--listen",
+        type=host_and_port,
+        default="127.0.0.1:0",
+        metavar="HOST:PORT",
+        help="where the page is served (default: any free port)",
+    )
+    command.set_defaults(func=replay)
+
+
+def replay(arguments: argparse.Namespace) -> int:
+    """Serve the station's page from a recording, until Ctrl-C."""
+    from deltaswarm_orchestrator.recording.reader import RecordingError
+    from deltaswarm_orchestrator.recording.replay import write_steps
+
+    must_exist(arguments.run, "RUN", A_RUN)
+    with tempfile.TemporaryDirectory(prefix="deltaswarm-replay-") as folder:
+        steps = Path(folder) / "steps.msgpack"
+        try:
+            write_steps(arguments.run, steps)
+        except (RecordingError, OSError) as error:
+            raise CommandError(f"{arguments.run}: {error}") from None
+        replaying = importlib.import_module("deltaswarm_operator.io.replaying")
+        return int(replaying.main([str(steps), "--run", arguments.run.name, "--listen", arguments.listen]))
+
+
+def add_station(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm station`."""
+    command.add_argument("run", type=Path, metavar="RUN", help="the folder of a run that was started with --station")
+    add_json(command)
+    command.set_defaults(func=station)
+
+
+def station(arguments: argparse.Namespace) -> int:
+    """Print the address of the station's page of a run in progress, and open it in a browser if there is one."""
+    from deltaswarm_orchestrator.processes.station import address, open_browser
+
+    run: Path = arguments.run
+    must_exist(run, "RUN", A_RUN, or_part=True)
+    url = address(run.with_name(run.name + ".part"))
+    if url is None:
+        raise CommandError(f"{run}: no run with a station is under way there; see: deltaswarm replay {run}", FAILED)
+    show(arguments, {"url": url}, url)
+    open_browser(url)
+    return OK
+
+
+def add_top(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm top`."""
+    command.description = (
+        "Shows a run under way on the terminal: map, message rate, agents and events. Attach and leave as often as you "
+        "like; the run does not notice. Shows the truth, which no operator knows. See docs/LIVE.md."
+    )
+    command.add_argument(
+        "run", nargs="?", type=Path, metavar="RUN", help="a run's folder (default: the newest run under way from here)"
+    )
+    add_json(command, "one picture of the run")
+    command.set_defaults(func=top)
+
+
+def top(arguments: argparse.Namespace) -> int:
+    """Attach to a run and show it, or print one picture of it as JSON."""
+    from deltaswarm_orchestrator.top.link import linked
+
+    if not arguments.json and not (sys.stdin.isatty() and sys.stderr.isatty()):
+        raise CommandError("top needs a terminal; with --json it prints one picture of the run")
+    if arguments.run is not None:
+        must_exist(arguments.run, "RUN", A_RUN, or_part=True)
+    if not arguments.json:
+        try:
+            from deltaswarm_orchestrator.top.app import Top
+        except ModuleNotFoundError as error:
+            if (error.name or "").partition(".")[0] != "textual":
+                raise
+            raise CommandError(f"top needs textual: {INSTALL_TOP}") from None
+    link = linked(arguments.run, Path())
+    if not arguments.json:
+        Top(link).run()
+        return OK
+    if not link.wait():
+        raise CommandError(f"{link.folder} showed nothing: it has just ended, or hangs", FAILED)
+    print(link.as_json())
+    return OK
+
+
+def add_why(command: argparse.ArgumentParser) -> None:
+    """Add the arguments of `deltaswarm why`."""
+    command.description = "Repeats the run in one process up to a time, and says whether B could hear A then."
+    command.add_argument("folder", type=Path, metavar="RUN")
+    command.add_argument("sender", type=int, metavar="A", help="the agent that sends")
+    command.add_argument("receiver", type=_receiver, metavar="B", help="the receiving agent, or 'operator'")
+    command.add_argument("--at", type=float, required=True, metavar="T", help="time in the run [s]")
+    add_json(command)
+    command.set_defaults(func=why)
+
+
+def _receiver(text: str) -> int | str:
+    try:
+        return text if text == OPERATOR else int(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be an agent's number or {OPERATOR!r} (got {text!r})") from None
+
+
+def why(arguments: argparse.Namespace) -> int:
+    """Say whether one agent could hear another, and why not."""
+    from deltaswarm_orchestrator.inspect import link_report
+
+    must_exist(arguments.folder, "RUN", A_RUN)
+    answer = link_report.why(arguments.folder, arguments.sender, arguments.receiver, arguments.at)
+    show(arguments, asdict(answer), link_report.text(answer))
+    if answer.differs_from_step is not None:
+        complain(f"the run was disturbed: this repetition differs from it from step {answer.differs_from_step} on")
+        return FAILED
+    return OK
