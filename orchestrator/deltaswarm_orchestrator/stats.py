@@ -135,8 +135,8 @@ def describe(values: Values) -> Description:
 
 def median_interval(values: Array, alpha: float) -> Interval:
     """Return the exact interval of a median with confidence 1 - alpha: order statistics (scipy's `quantile_test`)."""
-    found: Any = stats.quantile_test(values, q=float(np.median(values)), p=0.5).confidence_interval(1 - alpha)
-    low, high = float(found.low), float(found.high)
+    test: Any = stats.quantile_test(values, q=float(np.median(values)), p=0.5).confidence_interval(1 - alpha)
+    low, high = float(test.low), float(test.high)
     return (-math.inf if math.isnan(low) else low), (math.inf if math.isnan(high) else high)
 
 
@@ -258,10 +258,10 @@ def _tails(pairs: int) -> Array:
     if pairs > MAX_EXACT:
         spread = math.sqrt(pairs * (pairs + 1) * (2 * pairs + 1) / 24)
         return np.asarray(stats.norm.sf((np.arange(total, -1, -1) - 0.5 - total / 2) / spread))
-    found = np.ones(1)
+    probabilities = np.ones(1)
     for rank in range(1, pairs + 1):
-        longer = np.zeros(len(found) + rank)
-        longer[: len(found)] += found / 2
-        longer[rank:] += found / 2
-        found = longer
-    return np.cumsum(found)
+        longer = np.zeros(len(probabilities) + rank)
+        longer[: len(probabilities)] += probabilities / 2
+        longer[rank:] += probabilities / 2
+        probabilities = longer
+    return np.cumsum(probabilities)

@@ -59,11 +59,11 @@ def commit() -> str | None:
 @cache
 def code_digest() -> str:
     """Return a digest of all sources of deltaswarm; it tells different code of one version number apart."""
-    found = hashlib.blake2b(digest_size=8)
+    digest = hashlib.blake2b(digest_size=8)
     for package in PACKAGES:
         spec = importlib.util.find_spec(package)
         assert spec is not None, package
         for folder in spec.submodule_search_locations or ():
             for file in sorted(Path(folder).rglob("*.py")):
-                found.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
-    return found.hexdigest()
+                digest.update(f"{package}/{file.relative_to(folder)}\n".encode() + file.read_bytes())
+    return digest.hexdigest()

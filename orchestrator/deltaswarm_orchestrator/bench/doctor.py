@@ -22,8 +22,8 @@ INSTALL_STUDY = "pip install 'deltaswarm[study]'"
 
 def needed(extra: str = "") -> dict[str, str]:
     """Return the least versions of the packages, by name, that deltaswarm or one of its extras needs."""
-    found = (REQUIREMENT.fullmatch(text) for text in requires("deltaswarm") or ())
-    return {one["name"]: one["least"] for one in found if one and (one["extra"] or "") == extra}
+    matches = (REQUIREMENT.fullmatch(text) for text in requires("deltaswarm") or ())
+    return {match["name"]: match["least"] for match in matches if match and (match["extra"] or "") == extra}
 
 
 def is_of_studies(error: ModuleNotFoundError) -> bool:
@@ -51,17 +51,17 @@ def examine() -> list[Finding]:
 def _package(name: str, least: str) -> Finding:
     advice = f"python -m pip install '{name}>={least}'"
     try:
-        found = version(name)
+        installed = version(name)
     except PackageNotFoundError:
         return Finding(name, "not installed", False, advice)
-    numbers, wanted = ([int(part) for part in text.split(".")[:3] if part.isdecimal()] for text in (found, least))
-    return Finding(name, found, numbers >= wanted, advice)
+    numbers, wanted = ([int(part) for part in text.split(".")[:3] if part.isdecimal()] for text in (installed, least))
+    return Finding(name, installed, numbers >= wanted, advice)
 
 
 def _studies() -> Finding:
     lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
-    found = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
-    return Finding("sweeps and studies", found, True)
+    state = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
+    return Finding("sweeps and studies", state, True)
 
 
 def _cores() -> Finding:
@@ -89,8 +89,8 @@ def loopback_problem() -> str | None:
 
 def _loopback() -> Finding:
     problem = loopback_problem()
-    found = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
-    return Finding("loopback", found, problem is None, "ip link set lo up (as root)")
+    state = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
+    return Finding("loopback", state, problem is None, "ip link set lo up (as root)")
 
 
 def _start_method() -> Finding:
@@ -105,5 +105,7 @@ def check_parts_can_start() -> None:
         CommandError: they cannot.
     """
     if problem := loopback_problem():
-        told = f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`"
-        raise CommandError(told, FAILED)
+        raise CommandError(
+            f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`",
+            FAILED,
+        )

@@ -67,14 +67,16 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
         wheels.mkdir()
         source = _source(scratch / "agent")
         _build(wheels, str(source))
-        _fetch(f"{ZENOH}=={version(ZENOH)}", platform, pythons[0], wheels)
+        _fetch(ZENOH, platform, pythons[0], wheels)
         for python in pythons:
             _fetch_msgpack(platform, python, wheels)
-        if operator_key:
-            _fetch_cryptography(platform, pythons, wheels)
         for item in (source / "systemd").iterdir():
             shutil.copy(item, folder)
         if operator_key:
+            _fetch(CRYPTOGRAPHY, platform, pythons[0], wheels)
+            _fetch(PYCPARSER, platform, pythons[0], wheels)
+            for python in pythons:  # the others have one wheel for all Pythons
+                _fetch(CFFI, platform, python, wheels)
             example = folder / EXAMPLE
             example.write_text(example.read_text().replace(NO_OPERATOR, f'operator_key = "{operator_key}"'))
         shutil.copy(source / "README.md", folder)
@@ -101,11 +103,12 @@ def _build(wheels: Path, requirement: str, *options: str, environment: Mapping[s
             raise BundleError(f"a wheel that is built here must be pure Python (got {wheel.name})")
 
 
-def _fetch(requirement: str, platform: str, python: str, wheels: Path) -> None:
+def _fetch(package: str, platform: str, python: str, wheels: Path) -> None:
+    """Fetch the wheel of a package in the version that this machine runs."""
     platforms = [option for tag in wheel_platforms(platform) for option in ("--platform", tag)]
     _pip(
         *("download", "--no-deps", "--only-binary", ":all:", "--implementation", "cp", "--python-version", python),
-        *(*platforms, "--dest", str(wheels), requirement),
+        *(*platforms, "--dest", str(wheels), f"{package}=={version(package)}"),
     )
 
 
@@ -115,18 +118,10 @@ def _fetch_msgpack(platform: str, python: str, wheels: Path) -> None:
     if (wheels / f"{MSGPACK}-{wanted}-py3-none-any.whl").exists():
         return
     try:
-        _fetch(f"{MSGPACK}=={wanted}", platform, python, wheels)
+        _fetch(MSGPACK, platform, python, wheels)
     except BundleError:
         options = ("--no-cache-dir", "--no-binary", MSGPACK)
         _build(wheels, f"{MSGPACK}=={wanted}", *options, environment={"MSGPACK_PUREPYTHON": "1"})
-
-
-def _fetch_cryptography(platform: str, pythons: Sequence[str], wheels: Path) -> None:
-    """Fetch cryptography and pycparser, one wheel each for all Pythons, and a wheel of cffi for each Python."""
-    _fetch(f"{CRYPTOGRAPHY}=={version(CRYPTOGRAPHY)}", platform, pythons[0], wheels)
-    _fetch(f"{PYCPARSER}=={version(PYCPARSER)}", platform, pythons[0], wheels)
-    for python in pythons:
-        _fetch(f"{CFFI}=={version(CFFI)}", platform, python, wheels)
 
 
 def _pip(command: str, *arguments: str, environment: Mapping[str, str] | None = None) -> None:

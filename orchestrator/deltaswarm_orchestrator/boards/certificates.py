@@ -97,7 +97,7 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
     """
     server = tuple(dict.fromkeys(str(_host(host).value) for host in (*LOCAL_HOSTS, *hosts)))
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    made: list[str] = []
+    new: list[str] = []
     if (folder / "ca.pem").exists():
         authority = Authority.load(folder)
         if _has_ended(folder / "ca.pem"):
@@ -105,15 +105,15 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
     else:
         authority = Authority.create(days)
         _write(folder / CA, authority.key, authority.certificate)
-        made.append(CA)
+        new.append(CA)
     for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
         path = folder / f"{name}.pem"
         wanted = server if name in (WORLD, OPERATOR) else ()
         known = _hosts_in(path) if wanted and path.exists() else ()
         if not path.exists() or not {*wanted} <= {*known} or _has_ended(path):
             _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
-            made.append(name)
-    return [folder / f"{name}.{ending}" for name in made for ending in ("pem", "key")]
+            new.append(name)
+    return [folder / f"{name}.{ending}" for name in new for ending in ("pem", "key")]
 
 
 def _has_ended(path: Path) -> bool:

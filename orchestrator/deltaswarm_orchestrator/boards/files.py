@@ -40,23 +40,22 @@ class Boards:
             SettingsError: an agent does not exist, the address is not one that boards can connect to, or a fault
                 signals processes.
         """
-        found = []
+        problems = []
         if self.agents[-1] >= scenario.agents.count:
             allowed = f"must be 0 to {scenario.agents.count - 1} (agents.count)"
-            found.append(Problem("--boards", str(self.agents[-1]), allowed))
+            problems.append(Problem("--boards", str(self.agents[-1]), allowed))
         if problem := endpoint_problem(self.listen, connects=True):
-            found.append(Problem("--listen", repr(self.listen), problem))
+            problems.append(Problem("--listen", repr(self.listen), problem))
         elif protocol_of(self.listen) not in WITH_PORT or _is_any(self._host):
-            found.append(
-                Problem("--listen", repr(self.listen), "must be this machine's address, to which boards connect")
-            )
-        found += [
+            allowed = "must be this machine's address, to which boards connect"
+            problems.append(Problem("--listen", repr(self.listen), allowed))
+        problems += [
             Problem(f"fault.{number}.kind", repr(fault.kind), "must not signal processes, some of which are on boards")
             for number, fault in enumerate(scenario.fault)
             if fault.kind in TO_PROCESSES
         ]
-        if found:
-            raise SettingsError(found)
+        if problems:
+            raise SettingsError(problems)
 
     def prepare(self, scenario: Scenario) -> None:
         """Make the folder and, if the world is reached over TLS, missing certificates.
@@ -106,22 +105,20 @@ class Boards:
 
     def write(self, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]) -> list[Path]:
         """Write each board's settings and, without TLS, its password; return the files of the settings."""
-        return [self._write_one(agent, run, endpoint, scenario, password) for agent in self.agents]
-
-    def _write_one(
-        self, agent: int, run: str, endpoint: str, scenario: Scenario, password: Callable[[str], str]
-    ) -> Path:
-        name = user_name(AGENT, agent)
-        air: dict[str, object] = {"mode": "client", "connect": [endpoint]}
-        if self._is_over_tls:
-            air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
-        else:
-            air["credentials_file"] = f"{name}.password"
-            _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
-        told = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}}
-        file = self.folder / f"{agent}.toml"
-        file.write_text(tomli_w.dumps({**told, "agent": checked.plain(scenario.for_agent(agent))}))
-        return file
+        files = []
+        for agent in self.agents:
+            name = user_name(AGENT, agent)
+            air: dict[str, object] = {"mode": "client", "connect": [endpoint]}
+            if self._is_over_tls:
+                air["tls"] = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+            else:
+                air["credentials_file"] = f"{name}.password"
+                _write_secret(self.folder / f"{name}.password", f"{name}:{password(name)}\n")
+            settings = checked.plain(scenario.for_agent(agent))
+            table = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}, "agent": settings}
+            files.append(self.folder / f"{agent}.toml")
+            files[-1].write_text(tomli_w.dumps(table))
+        return files
 
 
 def authority_folder(boards: Path) -> Path:

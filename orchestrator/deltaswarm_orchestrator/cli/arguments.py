@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 from collections.abc import Callable
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -79,6 +80,18 @@ def host_and_port(text: str) -> str:
     return text
 
 
+def free_folder(folder: Path) -> Path:
+    """Return the folder, or its name with a number if a run has it; an interrupted run keeps its folder, too."""
+    numbered = (folder.with_name(f"{folder.name}-{number}") for number in count(2))
+    free = (path for path in chain([folder], numbered) if not path.exists() and not part_of(path).exists())
+    return next(free)
+
+
+def part_of(run: Path) -> Path:
+    """Return where a run is until it is complete."""
+    return run.with_name(f"{run.name}.part")
+
+
 def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> None:
     """Check that there is something at a path; the message says where it was looked for.
 
@@ -87,7 +100,7 @@ def must_exist(path: Path, name: str, what: str, *, or_part: bool = False) -> No
     Raises:
         CommandError: there is nothing.
     """
-    part = path.with_name(f"{path.name}.part") if path.name else path
+    part = part_of(path) if path.name else path
     has_part = os.path.exists(part)  # unlike `Path.exists`, False for an impossible name
     if os.path.exists(path) or (or_part and has_part):
         return

@@ -8,7 +8,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, must_exist, show
+from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, must_exist, part_of, show
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "rosbag2", "rrd", "mp4")
@@ -104,7 +104,7 @@ def station(arguments: argparse.Namespace) -> int:
 
     run: Path = arguments.run
     must_exist(run, "RUN", A_RUN, or_part=True)
-    url = address(run.with_name(run.name + ".part"))
+    url = address(part_of(run))
     if url is None:
         raise CommandError(f"{run}: no run with a station is under way there; see: deltaswarm replay {run}", FAILED)
     show(arguments, {"url": url}, url)

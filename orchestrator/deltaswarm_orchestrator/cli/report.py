@@ -37,8 +37,8 @@ def report(arguments: argparse.Namespace) -> int:
     try:
         manifest = SweepFolder(folder).manifest()
         if manifest is None or "swept" not in manifest:
-            found = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
-            raise SweepFolderError(f"{folder} must be a sweep's folder, written by `deltaswarm sweep` ({found})")
+            reason = f"it holds one run: see deltaswarm info {folder}" if manifest else "it has no manifest.json"
+            raise SweepFolderError(f"{folder} must be a sweep's folder, written by `deltaswarm sweep` ({reason})")
         if not (folder / "table.csv").exists():
             raise SweepFolderError(f"{folder} has no table.csv; `deltaswarm sweep` continues the sweep and writes it")
         sweep = load_sweep(str(folder / "sweep.toml"))

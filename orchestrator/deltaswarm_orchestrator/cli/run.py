@@ -5,7 +5,6 @@ import json
 import sys
 from contextlib import nullcontext
 from datetime import datetime
-from itertools import chain, count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +13,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     add_dry_run,
     add_json,
     add_quiet,
+    free_folder,
     host_and_port,
     must_exist,
     number,
@@ -79,10 +79,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("processes and network")
     group.add_argument("--in-process", action="store_true", help="all cores in one process, same digest")
     group.add_argument(
-        "--listen",
-        type=listens_on,
-        metavar="ENDPOINT",
-        help=f"where the router listens (default: {ANYWHERE})",
+        "--listen", type=listens_on, metavar="ENDPOINT", help=f"where the router listens (default: {ANYWHERE})"
     )
     group.add_argument(
         "--zenoh", action="append", default=[], type=override, metavar="KEY=VALUE", help="any Zenoh setting (JSON5)"
@@ -132,10 +129,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
     )
     group = command.add_argument_group("saving and resuming")
     group.add_argument(
-        "--checkpoint",
-        type=whole(1),
-        metavar="STEPS",
-        help="save the whole run after every STEPS steps",
+        "--checkpoint", type=whole(1), metavar="STEPS", help="save the whole run after every STEPS steps"
     )
     group.add_argument(
         "--resume", type=Path, metavar="RUN", help="resume an interrupted run from its newest checkpoint"
@@ -238,10 +232,7 @@ def _scenario_of(arguments: argparse.Namespace) -> Scenario:
 def _default_folder(scenario: Scenario) -> Path:
     stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
     mode = scenario.control.mode.replace(":", "-")
-    base = Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}"
-    numbered = (base.with_name(f"{base.name}-{number}") for number in count(2))
-    free = (p for p in chain([base], numbered) if not p.exists() and not p.with_name(p.name + ".part").exists())
-    return next(free)
+    return free_folder(Path("runs") / f"{scenario.name}-{mode}-seed{scenario.seed}-{stamp}")
 
 
 def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOptions":

@@ -10,11 +10,11 @@ from typing import Any
 from deltaswarm_orchestrator.base.exits import OK, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
-from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
+from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, free_folder, show, whole
 from deltaswarm_orchestrator.processes.station import Station
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, free_folder, load_session, plan
+from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
 
 RECORD = "session.json"
 
@@ -43,8 +43,7 @@ def session(arguments: argparse.Namespace) -> int:
     folder = out / f"participant-{participant:03}"
 
     def options_for(run: PlannedRun) -> RunOptions:
-        taken = [path.name for path in folder.iterdir()] if folder.exists() else []
-        return RunOptions(folder / free_folder(run.folder, taken), station=Station(settings.speed))
+        return RunOptions(free_folder(folder / run.folder), station=Station(settings.speed))
 
     for run in planned:  # before a participant has done the first
         cli_run.check_run(run.scenario, options_for(run))

@@ -51,10 +51,10 @@ def add_study(command: argparse.ArgumentParser) -> None:
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: studies/NAME")
     add_quiet(command)
     add_json(command, "the verdicts")
-    command.set_defaults(func=study)
+    command.set_defaults(func=do_studies)
 
 
-def study(arguments: argparse.Namespace) -> int:
+def do_studies(arguments: argparse.Namespace) -> int:
     """Do a study, or each study of a collection."""
     from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
     from deltaswarm_orchestrator.studies.plan import plan, text
@@ -65,51 +65,55 @@ def study(arguments: argparse.Namespace) -> int:
     studies = [load_study(name, arguments.set, settings) for name in names]
     is_collection = len(studies) > 1
     out: Path = arguments.out or Path("studies") / (arguments.study if is_collection else studies[0].name)
-    folders = [out / one.name if is_collection else out for one in studies]
+    folders = {study.name: out / study.name if is_collection else out for study in studies}
+
+    def result(rows: list[Any]) -> Any:
+        return rows if is_collection else rows[0]
+
     if not (arguments.render or arguments.check):
-        for one, folder in zip(studies, folders, strict=True):
-            check_sweep(arguments, one.sweep, folder / "sweep")
+        for study in studies:
+            check_sweep(arguments, study.sweep, folders[study.name] / "sweep")
     if arguments.dry_run:
-        sizes = [{"study": one.name, "variants": len(one.sweep.variants), "repeats": one.repeats} for one in studies]
-        found = sizes if is_collection else sizes[0]
-        show(arguments, found, "\n".join(one.sweep.size for one in studies))
+        sizes = [
+            {"study": study.name, "variants": len(study.sweep.variants), "repeats": study.repeats} for study in studies
+        ]
+        show(arguments, result(sizes), "\n".join(study.sweep.size for study in studies))
         return OK
     if arguments.plan:
         workers = arguments.jobs or default_workers(PROCESSES if arguments.processes else IN_PROCESS)
-        plans = [plan(one, arguments.pilot or folder, workers) for one, folder in zip(studies, folders, strict=True)]
-        show(arguments, plans if is_collection else plans[0], "\n\n".join(map(text, plans)))
+        plans = [plan(study, arguments.pilot or folders[study.name], workers) for study in studies]
+        show(arguments, result(plans), "\n\n".join(map(text, plans)))
         return OK
     if is_collection and (arguments.render or arguments.check):
-        lacking = [one.name for one, folder in zip(studies, folders, strict=True) if not (folder / RUNS).exists()]
+        lacking = [study.name for study in studies if not (folders[study.name] / RUNS).exists()]
         if lacking:
             complain(f"{out} has no tables of {', '.join(lacking)}")
-        studies = [one for one in studies if one.name not in lacking]
-        folders = [out / one.name for one in studies]
+        studies = [study for study in studies if study.name not in lacking]
     if arguments.check:
-        repeated = [_repeated(one, folder) for one, folder in zip(studies, folders, strict=True)]
-        show(arguments, repeated if is_collection else repeated[0], "\n".join(map(_compared, repeated)))
-        return max((MISSED if one["differing"] else OK for one in repeated), default=FAILED)
-    codes, told = [], []
-    for one, folder in zip(studies, folders, strict=True):
+        repeated = [_repeated(study, folders[study.name]) for study in studies]
+        show(arguments, result(repeated), "\n".join(map(_compared, repeated)))
+        return max((MISSED if run["differing"] else OK for run in repeated), default=FAILED)
+    codes, pages = [], []
+    for study in studies:
         try:
-            code, found = _done(arguments, one, folder)
+            code, page = _done(arguments, study, folders[study.name])
         except CommandError as error:
             complain(str(error))
             codes.append(error.code)
             break
         codes.append(code)
-        told.append(found)
-    if is_collection and told:
+        pages.append(page)
+    if is_collection and pages:
         from deltaswarm_orchestrator.studies.page import write_index  # imports Matplotlib, which is slow
 
         index = write_index(arguments.study, studies, out)
         notice(f"{arguments.study}: {index}")
     if arguments.json:
-        print(json.dumps(told if is_collection else told[0] if told else None))
+        print(json.dumps(result(pages) if pages else [] if is_collection else None))
     return max(codes, key=(OK, MISSED, FAILED, USAGE, INTERRUPTED).index, default=FAILED)
 
 
-def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
+def _done(arguments: argparse.Namespace, study: "Study", folder: Path) -> tuple[int, dict[str, Any]]:
     """Do one study; return its exit code, and its page and verdicts.
 
     Raises:
@@ -122,29 +126,29 @@ def _done(arguments: argparse.Namespace, one: "Study", folder: Path) -> tuple[in
 
     try:
         if arguments.render:
-            evidence = Evidence.of_folder(one, folder)
+            evidence = Evidence.of_folder(study, folder)
             provenance = read_table(folder / "provenance.csv", needs=[*PROVENANCE])
         else:
-            evidence, provenance = _conducted(arguments, one, folder)
-        files = write(one, evidence, provenance, folder)
+            evidence, provenance = _conducted(arguments, study, folder)
+        files = write(study, evidence, provenance, folder)
     except (OSError, ValueError) as error:
-        raise CommandError(_why(one, error), FAILED) from None
+        raise CommandError(_why(study, error), FAILED) from None
     verdicts = evidence.claims[["claim", "verdict"]].to_dict("records") if len(evidence.claims) else []
     if not arguments.json:
         for _, row in evidence.claims.iterrows():
             print(f"{row['verdict']:10} {row['text']}")
-        print(f"{one.name}: {files[0]}")
+        print(f"{study.name}: {files[0]}")
     is_whole = not arguments.set and arguments.repeats is None
     for line in [*evidence.warnings, *(evidence.unsupported if is_whole else [])]:
-        complain(f"{one.name}: {line}")
+        complain(f"{study.name}: {line}")
     for line in evidence.surprises:
-        complain(f"{one.name}: refuted, and expected to hold: {line}")
+        complain(f"{study.name}: refuted, and expected to hold: {line}")
     is_missed = evidence.surprises or (is_whole and (evidence.unsupported or evidence.contradictions))
     code = FAILED if evidence.incomplete else MISSED if is_missed else OK
-    return code, {"study": one.name, "page": str(files[0]), "claims": verdicts}
+    return code, {"study": study.name, "page": str(files[0]), "claims": verdicts}
 
 
-def _repeated(one: "Study", folder: Path) -> dict[str, Any]:
+def _repeated(study: "Study", folder: Path) -> dict[str, Any]:
     """Repeat one run of a study; return its name, and where it is not as the study's tables say.
 
     Raises:
@@ -154,26 +158,26 @@ def _repeated(one: "Study", folder: Path) -> dict[str, Any]:
     from deltaswarm_orchestrator.sweeps.job import RunError
 
     try:
-        repeated = repeat(one, folder)
+        repeated = repeat(study, folder)
     except (OSError, ValueError, RunError) as error:
-        raise CommandError(_why(one, error), FAILED) from None
+        raise CommandError(_why(study, error), FAILED) from None
     differing = [{"metric": name, "was": was, "is": now} for name, was, now in repeated.differing]
-    return {"study": one.name, "run": repeated.run, "differing": differing}
+    return {"study": study.name, "run": repeated.run, "differing": differing}
 
 
 def _compared(repeated: dict[str, Any]) -> str:
-    differing = ", ".join(f"{one['metric']} was {one['was']}, is {one['is']}" for one in repeated["differing"])
+    differing = ", ".join(f"{row['metric']} was {row['was']}, is {row['is']}" for row in repeated["differing"])
     return f"{repeated['study']}: {repeated['run']}: {differing or 'as published'}"
 
 
-def _why(one: "Study", error: Exception) -> str:
+def _why(study: "Study", error: Exception) -> str:
     """Say why tables cannot be used."""
     if isinstance(error, FileNotFoundError):
-        return f"{one.name}: {error.filename} is not there; `deltaswarm study {one.name}` makes it"
-    return f"{one.name}: {error}"
+        return f"{study.name}: {error.filename} is not there; `deltaswarm study {study.name}` makes it"
+    return f"{study.name}: {error}"
 
 
-def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
+def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "tuple[Evidence, pd.DataFrame]":
     """Do a study's runs; return the evidence and the runs' provenance.
 
     Raises:
@@ -185,11 +189,12 @@ def _conducted(arguments: argparse.Namespace, one: "Study", folder: Path) -> "tu
 
     runs = folder / "sweep"
     if not arguments.processes:
-        others = [found.parent for found in folder.parent.glob("*/sweep/runs")]
-        if taken := take_over(one.sweep, runs, others):
-            notice(f"{one.name}: {taken} runs are taken from other studies")
-    result = conduct_for(arguments, one.sweep, runs, with_series=bool(one.sweep.file.sweep.series_every_s))
+        others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
+        if count := take_over(study.sweep, runs, others):
+            notice(f"{study.name}: {count} runs are taken from other studies")
+    result = conduct_for(arguments, study.sweep, runs, with_series=bool(study.sweep.file.sweep.series_every_s))
     if not result.is_well:
-        told = f"{one.name}: {result.finished} of {result.runs} runs are done and valid; no page"
-        raise CommandError(told, exit_code_of(result))
-    return Evidence.of_sweep(one, result.table, result.series), provenance_of(one, result.manifest)
+        raise CommandError(
+            f"{study.name}: {result.finished} of {result.runs} runs are done and valid; no page", exit_code_of(result)
+        )
+    return Evidence.of_sweep(study, result.table, result.series), provenance_of(study, result.manifest)

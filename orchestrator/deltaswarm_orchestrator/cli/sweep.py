@@ -59,8 +59,8 @@ def sweep(arguments: argparse.Namespace) -> int:
     check_sweep(arguments, loaded, folder)
     if arguments.dry_run:
         variants = [{"label": variant.label, "keys": variant.keys} for variant in loaded.variants]
-        found = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
-        show(arguments, found, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
+        plan = {"sweep": loaded.name, "repeats": loaded.file.sweep.repeats, "variants": variants}
+        show(arguments, plan, "\n".join([loaded.size, *(variant.label for variant in loaded.variants)]))
         return OK
     result = conduct_for(arguments, loaded, folder, with_series=arguments.series)
     show(arguments, {"folder": str(folder), **result.manifest, "well": result.is_well}, described(result))
@@ -104,18 +104,20 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
             result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
     except OSError as error:  # such as a full disk while a table is written
         raise CommandError(str(error)) from None
-    told = [
+    complaints = [
         *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
         *(f"failed: {reason}" for reason in result.failed),
         *(f"digests differ between one process and real processes: {name}" for name in result.differing),
     ]
     if (versions := len(result.manifest["code"])) > 1:
-        told.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
+        complaints.append(f"{folder} has runs by {versions} versions of the code; another --out would have one")
     if _is_outdated(folder / "page.md", result.manifest["digest"]):
-        told.append(f"{folder / 'page.md'} does not match table.csv; to update it: deltaswarm report {folder}")
+        complaints.append(f"{folder / 'page.md'} does not match table.csv; to update it: deltaswarm report {folder}")
     if result.interrupted:
-        told.append(f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there")
-    for line in told:
+        complaints.append(
+            f"interrupted with {result.finished} of {result.runs} runs; the same command goes on from there"
+        )
+    for line in complaints:
         complain(line)
     return result
 

@@ -66,13 +66,13 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
     except RecordingError as error:
         raise ExportError(str(error)) from None
     out.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(prefix=".export-", dir=out.parent) as made:
-        part = Path(made) / out.name
+    with TemporaryDirectory(prefix=".export-", dir=out.parent) as scratch:
+        part = Path(scratch) / out.name
         module.write(film, part)
         if os.path.lexists(out):
             if not _is_like(out, part):
                 raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")
-            out.rename(Path(made) / f"{out.name}.replaced")
+            out.rename(Path(scratch) / f"{out.name}.replaced")
         part.rename(out)
     return film.recording.complete
 

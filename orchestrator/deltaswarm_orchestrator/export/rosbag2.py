@@ -34,7 +34,7 @@ def write(film: Film, out: Path) -> None:
             places: dict[str, list[Any]] = {role: [] for role in shown}  # one empty message after the last agent left
             for body in view.bodies:
                 places.setdefault(body.role, []).append((body.x_m, body.y_m))
-            shown = {role for role, found in places.items() if found}
+            shown = {role for role, points in places.items() if points}
             for role in sorted(places):
                 bag.add(f"/swarm/{_ros_name(role)}", POSES, view.time_s, _poses(places[role], view.time_s))
             bag.add("/events", POSES, view.time_s, _poses([(e.x_m, e.y_m) for e in view.events], view.time_s))

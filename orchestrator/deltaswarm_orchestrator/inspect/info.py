@@ -34,23 +34,21 @@ def describe(folder: Path) -> dict[str, Any]:
     written = folder / "summary.json"
     summary = _read(written, json.loads) if written.exists() else run_tables.summary(outcome, scenario)
     files = {path.name: path.stat().st_size for path in sorted(folder.iterdir()) if path.is_file()}
-    found = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
+    run = {"folder": str(folder), "manifest": manifest, "summary": summary, "files": files}
     try:
         if manifest["exit_reason"] == run_tables.RUNNING and summary["complete"]:
             reason = "all steps are done, and the run was not concluded"
             summary |= {"complete": False, "valid": False, "invalid_because": [reason, *summary["invalid_because"]]}
-        found["state"] = _state(folder, manifest, summary)
-        found["checkpoint_step"] = _checkpoint_step(folder, found["state"])
-        text(found)
+        run["state"] = state = _state(folder, manifest, summary)
+        run["checkpoint_step"] = None if state == run_tables.RUNNING else _checkpoint_step(folder)
+        text(run)
     except (LookupError, TypeError, ValueError, AttributeError) as error:
         raise NotARunError(f"{folder}: manifest.json or summary.json has been changed or damaged: {error!r}") from None
-    return found
+    return run
 
 
-def _checkpoint_step(folder: Path, state: str) -> int | None:
+def _checkpoint_step(folder: Path) -> int | None:
     """Return the step after which an interrupted run can be resumed; None if it cannot."""
-    if state == run_tables.RUNNING:
-        return None
     try:
         return newest(folder).step
     except FolderError:
@@ -75,8 +73,8 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
     """
     if not (folder / "scenario.toml").is_file():
         is_sweep = (folder / "sweep.toml").is_file()
-        found = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
-        raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({found})")
+        reason = f"a sweep's folder: see deltaswarm report {folder}" if is_sweep else "it has no scenario.toml"
+        raise NotARunError(f"{folder} must be a run folder, written by `deltaswarm run` ({reason})")
     scenario = _read(folder / "scenario.toml", lambda toml: checked.load(Scenario, tomllib.loads(toml)))
     try:
         return scenario, run_tables.read_outcome(folder)
@@ -92,9 +90,9 @@ def _read(file: Path, parse: Callable[[str], T]) -> T:
         raise NotARunError(f"{file} cannot be read: {reason}") from None
 
 
-def text(found: dict[str, Any]) -> str:
+def text(run: dict[str, Any]) -> str:
     """Format the result of `describe` as text."""
-    manifest, summary = found["manifest"], found["summary"]
+    manifest, summary = run["manifest"], run["summary"]
     rows = [
         ("started", manifest["started"]),
         ("engine", manifest["engine"]),
@@ -107,11 +105,11 @@ def text(found: dict[str, Any]) -> str:
         ("versions", ", ".join(f"{name} {number}" for name, number in manifest["versions"].items() if number)),
         *(("ended because", line) for why in manifest.get("why", []) for line in why.splitlines()),
     ]
-    if found["checkpoint_step"] is not None:
-        rows.append((f"checkpoint at step {found['checkpoint_step']}", f"deltaswarm run --resume {found['folder']}"))
+    if run["checkpoint_step"] is not None:
+        rows.append((f"checkpoint at step {run['checkpoint_step']}", f"deltaswarm run --resume {run['folder']}"))
     for fault in summary.get("faults", []):
         agents = ", ".join(map(str, fault["agents"])) or "none"
         rows.append((f"fault at {fault['at_s']:g} s", f"{fault['kind']}, agents: {agents}"))
     rows += [("not valid", reason) for reason in summary["invalid_because"]]
-    rows += [(name, f"{size:,} bytes") for name, size in found["files"].items()]
-    return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {found['state']}\n{aligned(rows)}"
+    rows += [(name, f"{size:,} bytes") for name, size in run["files"].items()]
+    return f"{manifest['name']}, {summary['mode']}, seed {manifest['seed']}: {run['state']}\n{aligned(rows)}"

@@ -8,6 +8,7 @@ from collections.abc import Iterable
 from contextlib import suppress
 from multiprocessing.context import ForkServerProcess
 from pathlib import Path
+from shutil import disk_usage
 
 from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
 from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
@@ -42,7 +43,10 @@ class Part:
         """Whether the process was killed on purpose: by a fault of the scenario, or at the end while stopped."""
         self.pid = process.pid or 0
         self._process = process
-        self._pidfd = _open(self.pid)
+        try:
+            self._pidfd: int | None = os.pidfd_open(self.pid)
+        except ProcessLookupError:
+            self._pidfd = None
         self._ended_at: float | None = None
         self._code: int | None = None
 
@@ -68,10 +72,10 @@ class Part:
         if self._pidfd is None:
             return None
         try:
-            found = os.waitid(os.P_PIDFD, self._pidfd, os.WEXITED | os.WNOHANG)
+            end = os.waitid(os.P_PIDFD, self._pidfd, os.WEXITED | os.WNOHANG)
         except ChildProcessError:
             return None
-        return found and (found.si_status if found.si_code == os.CLD_EXITED else -found.si_status)
+        return end and (end.si_status if end.si_code == os.CLD_EXITED else -end.si_status)
 
     def send(self, number: signal.Signals) -> None:
         """Send a signal, unless the process has ended."""
@@ -90,20 +94,19 @@ class Part:
         code = self.exit_code or 0
         when = "" if step is None else f" at step {step}"
         if code == NO_ROOM:
-            return f"{self.name} could not write into {self.log_file.parents[1]}: {_room(self.log_file.parents[1])}"
+            folder = self.log_file.parents[1]
+            return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"
         if code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}{when}"
         how = HOW.get(code, f"ended with exit code {code}")
-        whom = self._last_error() if self.role == WORLD else ""  # the world may have timed out waiting for a part
-        return f"{self.name} {how}{when}{whom}"
+        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
+        # The world may have timed out waiting for a part, which its last error names.
+        cause = f": {errors[-1]}" if errors and self.role == WORLD else ""
+        return f"{self.name} {how}{when}{cause}"
 
     def log_tail(self) -> str:
         """Return the last lines of the log, for an error message."""
         return "\n".join(f"    {line}" for line in self._last_lines()) or "(no log)"
-
-    def _last_error(self) -> str:
-        errors = [line.partition(": ")[2] for line in self._last_lines() if ERROR in line]
-        return f": {errors[-1]}" if errors else ""
 
     def _last_lines(self) -> list[str]:
         try:
@@ -127,19 +130,7 @@ def wait_for(parts: Iterable[Part], within_s: float) -> list[Part]:
     return []
 
 
-def _open(pid: int) -> int | None:
-    try:
-        return os.pidfd_open(pid)
-    except ProcessLookupError:
-        return None
-
-
 def _is_over(pidfd: int) -> bool:
     poll = select.poll()
     poll.register(pidfd, select.POLLIN)
     return bool(poll.poll(0))
-
-
-def _room(folder: Path) -> str:
-    free = os.statvfs(folder)
-    return f"{free.f_bavail * free.f_frsize:,} bytes are free there"

@@ -131,17 +131,17 @@ class Scene:
         agents = [body.agent for body in truth.bodies]
         roles = [body.role for body in truth.bodies]
         if agents != self._agents:
-            self._begin_anew(agents)
+            self._make_messages(agents)
         self._place_agents(roles, places, now)
         yield "/tf", self._transforms.SerializeToString()
-        yield "/scene/agents", _sent(self._updates["agents"], now)
+        yield "/scene/agents", _encoded(self._updates["agents"], now)
         index = {agent: place for place, agent in enumerate(agents)}
         parents = [(body.agent, body.parent) for body in truth.bodies if body.parent != NOBODY]
-        yield "/scene/tree", _sent(self._connected("tree", parents, index), now)
-        yield "/scene/links", _sent(self._connected("links", truth.links, index), now)
+        yield "/scene/tree", _encoded(self._connected("tree", parents, index), now)
+        yield "/scene/links", _encoded(self._connected("links", truth.links, index), now)
         events = [event for event in truth.events if event.completed_s is None]
         event_places = _rounded(events)
-        yield "/scene/events", _sent(self._events(events, event_places), now)
+        yield "/scene/events", _encoded(self._events(events, event_places), now)
         yield "/points/agents", _points(places, [role_rgba(role) for role in roles], now)
         yield "/points/events", _points(event_places, [EVENT_RGBA] * len(events), now)
         standings = [body[3:] for body in truth.bodies]
@@ -149,7 +149,7 @@ class Scene:
             self._tree_statuses = standings
             yield "/swarm/agents", _agents_message(truth).SerializeToString()
 
-    def _begin_anew(self, agents: list[int]) -> None:
+    def _make_messages(self, agents: list[int]) -> None:
         """Make new messages for these agents, in this order."""
         self._agents, self._tree_statuses = agents, None
         frames = [_transform(ARENA_FRAME, f"agent/{agent}", (0.0, 0.0)) for agent in agents]
@@ -222,12 +222,9 @@ def _rounded(things: Iterable[Body | EventState]) -> list[Place]:
     return [(round(thing.x_m * steps) / steps, round(thing.y_m * steps) / steps) for thing in things]
 
 
-def _set_time(timestamp: Any, now: Mapping[str, int]) -> None:
+def _encoded(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
+    timestamp = update.entities[0].timestamp
     timestamp.seconds, timestamp.nanos = now["seconds"], now["nanos"]
-
-
-def _sent(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
-    _set_time(update.entities[0].timestamp, now)
     return bytes(update.SerializeToString())
 
 

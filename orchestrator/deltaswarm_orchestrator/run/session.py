@@ -4,7 +4,6 @@ The order is a row of a Williams design, a Latin square balanced for carry-over 
 occurs equally often at each place, and equally often directly after each other condition (Williams 1949).
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from json import dumps
 from pathlib import Path
@@ -129,9 +128,3 @@ def load_session(file: str) -> tuple[SessionSettings, Path]:
     if "session" not in table:
         raise SettingsError([Problem("session", "missing", "must be a table [session]")])
     return checked.load(SessionSettings, table["session"], "session"), path.parent
-
-
-def free_folder(name: str, taken: Sequence[str]) -> str:
-    """Return a folder name that is not taken; an interrupted run keeps its folder."""
-    names = (name, *(f"{name}-{number}" for number in range(2, 10_000)))
-    return next(free for free in names if free not in taken and f"{free}.part" not in taken)

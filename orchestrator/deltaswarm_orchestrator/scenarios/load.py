@@ -50,21 +50,21 @@ def load_scenario(
         table["seed"] = seed
     if commands is not None:
         problems += _read_commands(table, commands)
-    scenario, found = check_table(table)
-    if scenario is None or problems + found:
-        raise SettingsError(problems + found)
+    scenario, more = check_table(table)
+    if scenario is None or problems + more:
+        raise SettingsError(problems + more)
     return scenario
 
 
 def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
     """Return the scenario that a table describes, and all mistakes in the table."""
     scenario, problems = checked.check(Scenario, table)
-    options, found = _control_options(table, scenario)
-    problems += found
+    options, wrong_options = _control_options(table, scenario)
+    problems += wrong_options
     if scenario is not None:
         scenario = dataclasses.replace(scenario, control=ControlSettings(scenario.control.mode, options))
         problems += _grid_problems(scenario)
-        if not found:
+        if not wrong_options:
             problems += _command_problems(scenario)
     return scenario, problems
 
@@ -122,16 +122,16 @@ def to_toml(settings: Scenario | AgentSettings) -> str:
 
 def commented_toml(scenario: Scenario) -> str:
     """Return the effective scenario as TOML, with each key's meaning as a comment."""
-    own = find_controller(scenario.control.mode).Settings()
-    keys = [*keys_of(own, "control."), *keys_of(Scenario(), "")]  # the scenario's last, so that they win
+    options = find_controller(scenario.control.mode).Settings()
+    keys = [*keys_of(options, "control."), *keys_of(Scenario(), "")]  # the scenario's last, so that they win
     about = {key.replace("[]", ""): spec.metadata["doc"] for key, spec, _, _ in keys}
     lines, table = [], ""
     for line in to_toml(scenario).splitlines():
         if line.startswith("["):
             table = line.strip("[]") + "."
         name, sign, _ = line.partition(" = ")
-        told = about.get(f"{table}{name}") if sign else None
-        lines.append(f"{line:<40}  # {told}" if told else line)
+        meaning = about.get(f"{table}{name}") if sign else None
+        lines.append(f"{line:<40}  # {meaning}" if meaning else line)
     return "\n".join(lines) + "\n"
 
 
@@ -160,10 +160,10 @@ def read_toml(
     if name in built_in:
         return tomllib.loads(built_in[name].read_text()), None
     path = beside / name
-    if found := _instead_of_file(path):
+    if obstacle := _instead_of_file(path):
         names = list(dict.fromkeys([*also, *built_in]))
         allowed = f"must be a TOML file{' or one of ' if names else ''}{', '.join(names)}"
-        raise SettingsError([Problem(key, f"{name!r}; {did_you_mean(name, names)}{found}", allowed)])
+        raise SettingsError([Problem(key, f"{name!r}; {did_you_mean(name, names)}{obstacle}", allowed)])
     try:
         table = tomllib.loads(path.read_text())
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
