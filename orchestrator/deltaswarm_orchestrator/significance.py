@@ -1,4 +1,4 @@
-"""What a number of pairs can show at all; in a module of its own, because it needs no SciPy."""
+"""What a number of pairs can show at all. A separate module because it needs no SciPy."""
 
 ALPHA = 0.05
 

@@ -191,7 +191,8 @@ def contrast(a: Values, b: Values, scale: Scale | None = None) -> Contrast:
         return Contrast(scale, 0, missing, None, None, np.zeros(0))
     walsh = _walsh(np.log(first) - np.log(second) if scale == RATIO else first - second)
     shift = float(np.median(walsh))
-    effect = 2 * _rank_sum(walsh) / len(walsh) - 1
+    rank_sum = float(np.sum(walsh > 0) + np.sum(walsh == 0) / 2)  # the signed-rank statistic
+    effect = 2 * rank_sum / len(walsh) - 1
     return Contrast(scale, len(first), missing, math.exp(shift) if scale == RATIO else shift, effect, walsh)
 
 
@@ -238,11 +239,6 @@ def _walsh(differences: Array) -> Array:
     """Return the sorted means of all pairs of differences, including each with itself."""
     i, j = np.triu_indices(len(differences))
     return np.sort((differences[i] + differences[j]) / 2)
-
-
-def _rank_sum(walsh: Array) -> float:
-    """Return the signed-rank statistic: the number of Walsh averages above 0; those at 0 count half."""
-    return float(np.sum(walsh > 0) + np.sum(walsh == 0) / 2)
 
 
 def _tail(statistic: int, pairs: int) -> float:

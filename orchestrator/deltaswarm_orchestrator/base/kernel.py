@@ -15,7 +15,7 @@ def signal_at_parents_death(number: signal.Signals, parent: int) -> None:
 
 
 def adopt_orphans(*, do_so: bool) -> None:
-    """Become the parent of all descendants whose own parent ends from now on, so that this process learns how they end.
+    """Adopt all descendants whose parent ends from now on, so that this process learns how they end.
 
     With `do_so=False` they get the system's first process as their parent again, as is usual.
     """

@@ -1,1 +1,1 @@
-"""The processes of a run: how they start, what they are told, and how they end."""
+"""The processes of a run: how they start, their command lines, and how they end."""

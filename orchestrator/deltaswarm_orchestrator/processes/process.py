@@ -89,7 +89,7 @@ class Part:
             os.close(self._pidfd)
             self._pidfd = None
 
-    def obituary(self, step: int | None) -> str:
+    def how_it_ended(self, step: int | None) -> str:
         """Describe in one line how the process ended."""
         code = self.exit_code or 0
         when = "" if step is None else f" at step {step}"

@@ -92,7 +92,7 @@ class Starter:
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
-        with bare_main_module(), safe_path(), self._impatience():
+        with bare_main_module(), safe_path(), self._start_deadline():
             self._context.set_forkserver_preload([*PRELOADED, *([self._controller] if self._controller else [])])
             try:
                 process.start()
@@ -131,7 +131,7 @@ class Starter:
         return text.decode().strip()
 
     @contextmanager
-    def _impatience(self) -> Iterator[None]:
+    def _start_deadline(self) -> Iterator[None]:
         """Kill the fork server if a start takes too long: a stopped fork server would block the caller forever."""
         timer = threading.Timer(self._timeout_s + PYTHON_S, kill_fork_server)
         timer.daemon = True

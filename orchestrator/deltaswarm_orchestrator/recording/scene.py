@@ -147,7 +147,9 @@ class Scene:
         standings = [body[3:] for body in truth.bodies]
         if standings != self._tree_statuses:
             self._tree_statuses = standings
-            yield "/swarm/agents", _agents_message(truth).SerializeToString()
+            columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
+            agents_message = OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
+            yield "/swarm/agents", agents_message.SerializeToString()
 
     def _make_messages(self, agents: list[int]) -> None:
         """Make new messages for these agents, in this order."""
@@ -226,12 +228,6 @@ def _encoded(update: SceneUpdate, now: Mapping[str, int]) -> bytes:
     timestamp = update.entities[0].timestamp
     timestamp.seconds, timestamp.nanos = now["seconds"], now["nanos"]
     return bytes(update.SerializeToString())
-
-
-def _agents_message(truth: Truth) -> Any:
-    """Make the message of what each agent says it is, in the order of the frames."""
-    columns = {name: [getattr(body, name) for body in truth.bodies] for name in AGENT_FIELDS}
-    return OURS["Agents"](step=truth.step, time_s=truth.time_s, **columns)
 
 
 def _transform(parent: str, child: str, place: Place) -> FrameTransform:

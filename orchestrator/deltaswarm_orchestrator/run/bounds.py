@@ -80,7 +80,7 @@ class KnowingController:
         self._reporting = Recurring(CentralSettings().report_every_s)
 
     def step(self, percept: Percept) -> Decision:
-        """Go to the own goal, and observe what is sensed there."""
+        """Go to the goal, and observe what is sensed there."""
         velocity, stands = way(percept.pose, self._planner.goal_m(self._agent, percept.time_s), self._planner.task)
         observed = tuple([event.event for event in percept.events]) if stands else ()
         report = None

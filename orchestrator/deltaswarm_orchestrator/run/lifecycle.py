@@ -232,12 +232,20 @@ class _Run:
             RoomError: the recording could not be written.
         """
         scenario, folder, options, resumed = self.scenario, self.folder.path, self.options, self.resumed
-        boards, station, wire, every = options.boards, options.station, scenario.record == "wire", self.checkpoint_steps
+        boards, station = options.boards, options.station
         # With boards the name must not change, because a board's file is used for later runs too.
         # Without boards it is random; the router and its port serve this run alone.
         name = scenario.name if boards else f"{scenario.name}-{secrets.token_hex(4)}"
         with Swarm(
-            scenario, name, folder, options.zenoh, boards, lambda: self.stop.by, every, resumed, station
+            scenario,
+            name,
+            folder,
+            zenoh=options.zenoh,
+            boards=boards,
+            was_stopped=lambda: self.stop.by,
+            checkpoint_steps=self.checkpoint_steps,
+            resumed=resumed,
+            station=station,
         ) as swarm:
             if station:
                 url = swarm.start_station()
@@ -251,8 +259,14 @@ class _Run:
             swarm.start_world(options.listen, record=recorder is not None)
             if boards:
                 self.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))
-            first, link = resumed.step + 1 if resumed else 0, swarm.recorder_link()
-            with Observer(name, link, recorder, wire=wire, first_step=first, checkpoint_steps=every) as observer:
+            with Observer(
+                name,
+                swarm.recorder_link(),
+                recorder,
+                wire=scenario.record == "wire",
+                first_step=resumed.step + 1 if resumed else 0,
+                checkpoint_steps=self.checkpoint_steps,
+            ) as observer:
                 patience_s = scenario.run.step_timeout_s
                 watch = Watch(swarm, observer, self.reporter, self.stop, patience_s, self.onlookers)
                 try:

@@ -213,7 +213,7 @@ class Watch:
                 continue
             else:
                 self.disk_is_full = True
-            self.why.append(part.obituary(self._step if self._has_begun else None))
+            self.why.append(part.how_it_ended(self._step if self._has_begun else None))
 
     @property
     def _step(self) -> int:

@@ -87,7 +87,7 @@ def linked(run: Path | None, base: Path) -> Link:
     files = [file for depth in DEPTHS for file in base.glob(f"{depth}{LIVE_SOCKET}")]
     for file in sorted(files, key=_made_at_s, reverse=True):
         with suppress(OSError):  # left by a run that was killed, or another user's
-            return _link(file.parent)
+            return Link(connected(file.parent, CONNECT_WITHIN_S), file.parent)
     raise NoRunError(
         f"no run in progress that can be watched below {base.resolve()}; "
         "start one with `deltaswarm run`, or name the folder of a run"
@@ -100,7 +100,7 @@ def _linked_to(run: Path) -> Link:
     if not folder.is_dir():
         raise NoRunError(f"{run} must be the folder of a run in progress")
     try:
-        return _link(folder)
+        return Link(connected(folder, CONNECT_WITHIN_S), folder)
     except PermissionError:
         raise NoRunError(f"{folder} is another user's run; only its owner can watch it") from None
     except OSError:
@@ -111,10 +111,6 @@ def _linked_to(run: Path) -> Link:
             "nor has processes, or its file system has no sockets"
         )
     raise NoRunError(f"{folder} is not in progress; for its results: deltaswarm info {folder}")
-
-
-def _link(folder: Path) -> Link:
-    return Link(connected(folder, CONNECT_WITHIN_S), folder)
 
 
 def _made_at_s(file: Path) -> float:
