@@ -43,9 +43,29 @@ class Finding:
 
 def examine() -> list[Finding]:
     """Check this machine."""
-    python = Finding("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed")
     packages = [_package(name, least) for name, least in needed().items()]
-    return [python, *packages, _studies(), _cores(), _descriptors(), _loopback(), _start_method()]
+    lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
+    studies = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
+    cores = len(os.sched_getaffinity(0))
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    problem = loopback_problem()
+    loopback = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
+    has_fork_server = "forkserver" in multiprocessing.get_all_start_methods()
+    fork_server = "available" if has_fork_server else "missing"
+    return [
+        Finding("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
+        *packages,
+        Finding("sweeps and studies", studies, True),
+        Finding("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
+        Finding(
+            "file descriptors",
+            str(soft),
+            soft >= DESCRIPTORS_WANTED,
+            f"ulimit -n {DESCRIPTORS_WANTED} (the hard limit is {hard})",
+        ),
+        Finding("loopback", loopback, problem is None, "ip link set lo up (as root)"),
+        Finding("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
+    ]
 
 
 def _package(name: str, least: str) -> Finding:
@@ -58,23 +78,6 @@ def _package(name: str, least: str) -> Finding:
     return Finding(name, installed, numbers >= wanted, advice)
 
 
-def _studies() -> Finding:
-    lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
-    state = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
-    return Finding("sweeps and studies", state, True)
-
-
-def _cores() -> Finding:
-    cores = len(os.sched_getaffinity(0))
-    return Finding("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed")
-
-
-def _descriptors() -> Finding:
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
-    advice = f"ulimit -n {DESCRIPTORS_WANTED} (the hard limit is {hard})"
-    return Finding("file descriptors", str(soft), soft >= DESCRIPTORS_WANTED, advice)
-
-
 def loopback_problem() -> str | None:
     """Say why 127.0.0.1 cannot be bound and connected to; None if it can. All parts of a run meet there."""
     try:
@@ -85,17 +88,6 @@ def loopback_problem() -> str | None:
             return None
     except OSError as error:
         return error.strerror or str(error)
-
-
-def _loopback() -> Finding:
-    problem = loopback_problem()
-    state = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
-    return Finding("loopback", state, problem is None, "ip link set lo up (as root)")
-
-
-def _start_method() -> Finding:
-    well = "forkserver" in multiprocessing.get_all_start_methods()
-    return Finding("fork server", "available" if well else "missing", well, "Linux or another Unix is needed")
 
 
 def check_parts_can_start() -> None:
