@@ -115,7 +115,8 @@ def _measure_size(agents: int, steps: int, seed: int) -> dict[str, float]:
     return {
         "steps_per_s": 1e6 / costs["step_us"],
         "share_in_trees": costs["agents_in_trees"] / agents,
-        "peak_memory_mb": _peak_memory_mb(),
+        # Not by `getrusage`, whose value starts at the parent process's.
+        "peak_memory_mb": memory_mb("/proc/self/status", "VmHWM"),
     }
 
 
@@ -149,7 +150,7 @@ def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
     return {"step_us": whole_us, "agents_us": agents_us, "world_us": whole_us - agents_us, **counts}
 
 
-def _peak_memory_mb() -> float:
-    """Return this process's peak memory [MB]. Not by `getrusage`, whose value starts at the parent process's."""
-    lines = Path("/proc/self/status").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("VmHWM:")) / 1024
+def memory_mb(file: str, name: str) -> float:
+    """Return a line of a process's files in /proc, which are in KiB, in MB."""
+    lines = Path(file).read_text().splitlines()
+    return sum(int(line.split()[1]) for line in lines if line.startswith(f"{name}:")) / 1024

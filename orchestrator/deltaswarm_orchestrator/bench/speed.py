@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.bench import floors
-from deltaswarm_orchestrator.bench.scale import in_turns, median_of
+from deltaswarm_orchestrator.bench.scale import in_turns, median_of, memory_mb
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.run.observer import Observer
@@ -98,7 +98,6 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
 def _pss_mb(pid: int) -> float:
     """Return the proportional set size [MB] of a process: memory, with shared pages divided among their users."""
     try:
-        lines = Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()
+        return memory_mb(f"/proc/{pid}/smaps_rollup", "Pss")
     except OSError:
         return 0.0
-    return sum(int(line.split()[1]) for line in lines if line.startswith("Pss:")) / 1024

@@ -167,11 +167,7 @@ class Pictures:
 class ResearcherFeed:
     """An `Onlooker` that feeds a station's process with the truth, for the researcher's page.
 
-    Args:
-        end: one end of a pair of SOCK_SEQPACKET sockets; the station holds the other.
-        run: the run's name.
-        scenario: the run's scenario.
-        paced: says when it is time to look.
+    The station holds the other end of the pair of SOCK_SEQPACKET sockets.
     """
 
     def __init__(self, end: socket.socket, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
@@ -211,13 +207,7 @@ def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
 class LiveSocket:
     """An `Onlooker` that shows the run to everyone who connects to the socket in its folder, and reads nothing.
 
-    If the folder cannot hold a socket, the run continues without one.
-
-    Args:
-        folder: the run's folder; it may be renamed during the run.
-        run: the run's name.
-        scenario: the run's scenario.
-        paced: says when it is time to look.
+    If the folder cannot hold a socket, the run continues without one. The folder may be renamed during the run.
     """
 
     def __init__(self, folder: Path, run: str, scenario: Scenario, paced: Paced | None = None) -> None:

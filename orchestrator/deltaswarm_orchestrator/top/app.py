@@ -83,7 +83,7 @@ class Top(App[None]):
             self._rates_hz.append(self._link.picture["workload"]["rate_1s_hz"])
             self._draw_picture()
         if self._link.is_over:
-            self._say(f"{BANNER} - the run has ended")
+            self._static("banner").update(f"{BANNER} - the run has ended")
 
     def _draw_picture(self) -> None:
         hello, picture = self._link.hello, self._link.picture
@@ -107,9 +107,6 @@ class Top(App[None]):
     def on_tabbed_content_tab_activated(self) -> None:
         """Fill the tab that is now shown."""
         self._draw_picture()
-
-    def _say(self, text: str) -> None:
-        self._static("banner").update(text)
 
     def _static(self, name: str) -> Static:
         return self.query_one(f"#{name}", Static)
