@@ -15,9 +15,7 @@ from deltaswarm_agent.controllers import potential
 from deltaswarm_agent.controllers.central import controller as central_settings
 from deltaswarm_agent.controllers.paper import settings as paper_settings
 from deltaswarm_scenario import density, downlink, fault, operator_settings, radio, scenario, uplink
-from deltaswarm_wire import (
-    obstacles,
-)
+from deltaswarm_wire import obstacles
 from deltaswarm_wire import settings as agent_settings
 
 ROOT = Path(__file__).parents[1]

@@ -92,10 +92,7 @@ def test_an_operator_that_is_flooded_counts_the_others(tmp_path: Path) -> None:
         (encode_report(Report(7, sequence, 0, "root", 1.0, 2.0, 3, events)), pack(1e9 + sequence))
         for sequence in range(50)
     ]
-    with (
-        operating(tmp_path, "--listen", endpoint(port), "--step-s", "2") as operator,
-        boards(tmp_path) as running,
-    ):
+    with operating(tmp_path, "--listen", endpoint(port), "--step-s", "2") as operator, boards(tmp_path) as running:
         running.start(board_table(0, EVENT_AT, {"connect": [endpoint(port)]}, tmp_path), *FAST)
         operator.wait_for("1 agents alive (0), ")
         with flooding(endpoint(port), [KEYS.agent(7, REPORT)], reports):
@@ -164,12 +161,7 @@ def test_whoever_has_the_wrong_certificate_is_told_and_heard_by_nobody(
     for ending in ("pem", "key"):
         (own / f"agent-3.{ending}").write_bytes((other / f"agent-3.{ending}").read_bytes())
         (own / f"agent-4.{ending}").write_bytes((own / f"agent-5.{ending}").read_bytes())
-    wrong = {
-        1: "certificate has expired",
-        2: "not yet valid",
-        3: "the other end would refuse it",
-        4: "agent-5",
-    }
+    wrong = {1: "certificate has expired", 2: "not yet valid", 3: "the other end would refuse it", 4: "agent-5"}
     to = f"tls/127.0.0.1:{free_port()}"
     arguments = ("--listen", to, "--agents", "0-4", *tls_arguments(own, "operator"))
     with operating(tmp_path, *arguments) as operator, boards(tmp_path) as running:

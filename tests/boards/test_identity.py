@@ -236,11 +236,7 @@ def test_a_certificate_is_tried_before_it_meets_silence(
         (other, other, "agent-4"),
         (mine, other, "KEY_VALUES_MISMATCH"),
         (str(tmp_path / "agent-3"), str(tmp_path / "agent-3"), "other end"),
-        (
-            str(tmp_path / "expired"),
-            str(tmp_path / "expired"),
-            "certificate has expired",
-        ),
+        (str(tmp_path / "expired"), str(tmp_path / "expired"), "certificate has expired"),
     ):
         files = {"ca_file": str(folder / "ca.pem"), "cert_file": f"{cert}.pem", "key_file": f"{secret}.key"}
         file = tmp_path / "3.toml"

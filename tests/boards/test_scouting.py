@@ -41,10 +41,7 @@ def test_boards_find_each_other_by_multicast(certified: bool, tmp_path: Path) ->
     """With no endpoint in their files: who is found listens somewhere, with certificates over TLS."""
     if not multicasts():
         pytest.skip("no multicast over loopback on this machine")
-    group = {
-        "scouting/multicast/address": f'"{GROUP}:{free_port()}"',
-        "scouting/multicast/interface": '"lo"',
-    }
+    group = {"scouting/multicast/address": f'"{GROUP}:{free_port()}"', "scouting/multicast/interface": '"lo"'}
     with boards(tmp_path) as running:
         certificates.make(tmp_path, range(2), [], 1)
         for agent in range(2):

@@ -89,10 +89,7 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0, 0], [1, 1]]}}}, "body.options.fence_m"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0], [1, 1], [2, 0]]}}}, "two numbers"),
         ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "air.connect must"),
-        (
-            {"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}},
-            "log.record must",
-        ),
+        ({"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}}, "log.record must"),
     ],
 )
 def test_what_no_single_key_shows_is_told(
@@ -228,11 +225,7 @@ def test_an_agent_of_a_simulation_may_come_by_its_certificate(tmp_path: Path) ->
     [
         ("quic/10.0.0.1:7448", {}, "air.connect must"),
         ("tls/10.0.0.1:7448", {"agents": "0-3"}, "air.agents must"),
-        (
-            "tls/10.0.0.1:7448",
-            {"tls": {"verify_name": False}},
-            "air.tls.verify_name must",
-        ),
+        ("tls/10.0.0.1:7448", {"tls": {"verify_name": False}}, "air.tls.verify_name must"),
     ],
 )
 def test_what_a_world_does_not_take_is_told(endpoint: str, more: dict[str, Any], word: str, tmp_path: Path) -> None:

@@ -94,11 +94,7 @@ EXAMPLES = {
         Act(12, 0.0, -1.0, (3,), TreeStatus("attending"), 13),
         messages.encode_act,
         messages.decode_act,
-        message(
-            "act",
-            ("version", *Act._fields[:-2], *TreeStatus._fields, "until"),
-            observed=Shape("observed"),
-        ),
+        message("act", ("version", *Act._fields[:-2], *TreeStatus._fields, "until"), observed=Shape("observed")),
     ),
     "radio": Example(
         _SAMPLE, envelope.encode_sample, envelope.decode_sample, message("radio", ("version", "counter", "payload"))
@@ -147,18 +143,8 @@ EXAMPLES = {
             answers=Shape("answers", Answer._fields, "flat"),
         ),
     ),
-    "health": Example(
-        Health("no battery"),
-        encode_health,
-        decode_health,
-        message("health", Health._fields),
-    ),
-    "clock": Example(
-        Clock(12, 12.0, False),
-        encode_clock,
-        decode_clock,
-        message("clock", Clock._fields),
-    ),
+    "health": Example(Health("no battery"), encode_health, decode_health, message("health", Health._fields)),
+    "clock": Example(Clock(12, 12.0, False), encode_clock, decode_clock, message("clock", Clock._fields)),
     "status": Example(
         Status(12, 9000, 12.0, 25, 11, 24.5, 2, 1, "running"),
         encode_status,

@@ -23,12 +23,7 @@ targets = st.one_of(
     st.builds(lambda *xy: Target(wire.PLACE, xy), strategies.metres, strategies.metres),
 )
 commands = st.builds(
-    Command,
-    strategies.ids,
-    words,
-    targets,
-    st.dictionaries(words, values, max_size=4),
-    st.floats(0.0, wire.MAX_LIFE_S),
+    Command, strategies.ids, words, targets, st.dictionaries(words, values, max_size=4), st.floats(0.0, wire.MAX_LIFE_S)
 )
 signed = st.builds(Signed, commands.map(encode_command), st.binary(max_size=wire.MAX_SIGNATURE_BYTES))
 relayed = st.builds(Relayed, strategies.steps, signed)

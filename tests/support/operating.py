@@ -15,13 +15,7 @@ from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, encode_clock, encode_forwarded
 from deltaswarm_wire.orders import decode_taken
-from deltaswarm_wire.session import (
-    PASSWORD_VARIABLE,
-    RouterLink,
-    configured,
-    router_pairs,
-    use_one_worker_thread,
-)
+from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, configured, router_pairs, use_one_worker_thread
 from tests.support.fields import free_port
 from tests.support.swarms import PATIENCE_S
 

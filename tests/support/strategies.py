@@ -79,16 +79,7 @@ healths = st.builds(om.Health, printable)
 clocks = st.builds(om.Clock, steps, times_s, st.booleans())
 workloads = st.builds(om.Workload, steps, times_s, ids, ids, rates_hz, rates_hz, times_s, ids, ids, ids)
 statuses = st.builds(
-    om.Status,
-    steps,
-    steps,
-    times_s,
-    agents,
-    agents,
-    times_s,
-    ids,
-    ids,
-    st.sampled_from(om.STATUS_PHASES),
+    om.Status, steps, steps, times_s, agents, agents, times_s, ids, ids, st.sampled_from(om.STATUS_PHASES)
 )
 
 _heads = (agents, centimetres, centimetres)
@@ -181,34 +172,10 @@ REPORT = Codec(
     _in_map(om.Report._fields),
     optional=("members", "answers", "delta"),
 )
-HEALTH = Codec(
-    "health",
-    healths,
-    om.encode_health,
-    om.decode_health,
-    _in_map(om.Health._fields),
-)
-CLOCK = Codec(
-    "clock",
-    clocks,
-    om.encode_clock,
-    om.decode_clock,
-    _in_map(om.Clock._fields),
-)
-WORKLOAD = Codec(
-    "workload",
-    workloads,
-    om.encode_workload,
-    om.decode_workload,
-    _in_map(om.Workload._fields),
-)
-STATUS = Codec(
-    "status",
-    statuses,
-    om.encode_status,
-    om.decode_status,
-    _in_map(om.Status._fields),
-)
+HEALTH = Codec("health", healths, om.encode_health, om.decode_health, _in_map(om.Health._fields))
+CLOCK = Codec("clock", clocks, om.encode_clock, om.decode_clock, _in_map(om.Clock._fields))
+WORKLOAD = Codec("workload", workloads, om.encode_workload, om.decode_workload, _in_map(om.Workload._fields))
+STATUS = Codec("status", statuses, om.encode_status, om.decode_status, _in_map(om.Status._fields))
 FORWARDED = Codec(
     "forwarded",
     st.builds(om.Forwarded, ids, steps, st.binary(max_size=60)),
@@ -239,11 +206,7 @@ MEMBER = Codec(
     "frame", members().map(_from_sender), paper.encode, _decode_paper, _in_array(paper.Member._fields[1:], 1)
 )
 ATTENDING = Codec(
-    "frame",
-    attendings.map(_from_sender),
-    paper.encode,
-    _decode_paper,
-    _in_array(paper.Attending._fields[1:], 1),
+    "frame", attendings.map(_from_sender), paper.encode, _decode_paper, _in_array(paper.Attending._fields[1:], 1)
 )
 TRUTH = Codec("truth", truths, truth.encode_truth, truth.decode_truth, _in_map(truth.Truth._fields))
 

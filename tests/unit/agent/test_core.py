@@ -78,9 +78,7 @@ def test_a_controller_is_told_what_is_sensed_and_heard() -> None:
     core, controller = core_of(Decision())
     near = Event(4, 2.0, 2.0)
     core.step(frame(3, sample(5, 0, b"five"), sample(2, 9, b"two"), events=(near,)))
-    assert controller.percepts == [
-        Percept(3, 3.0, (1.5, 2.5), ((1.0, 2.0),), (near,), [(2, b"two"), (5, b"five")]),
-    ]
+    assert controller.percepts == [Percept(3, 3.0, (1.5, 2.5), ((1.0, 2.0),), (near,), [(2, b"two"), (5, b"five")])]
 
 
 def test_a_decision_becomes_an_act() -> None:

@@ -224,10 +224,7 @@ def test_another_ones_certificate_is_refused(tmp_path: Path, capsys: pytest.Capt
     """Boards that know who may be there would send it nothing, and say nothing of it."""
     certificates.make(tmp_path, [1], [], 1)
     files = [*tls_arguments(tmp_path, "operator")[:-1], str(tmp_path / "world.key")]
-    for given, word in (
-        (tls_arguments(tmp_path, "agent-1"), "agent-1"),
-        (files, "its key"),
-    ):
+    for given, word in ((tls_arguments(tmp_path, "agent-1"), "agent-1"), (files, "its key")):
         command = ["--no-world", "--run", RUN, "--out", str(tmp_path / "out"), "--listen", "tls/127.0.0.1:0", *given]
         assert main(command) == 2
         assert word in capsys.readouterr().err

@@ -15,9 +15,7 @@ from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
 from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
-from deltaswarm_wire.session import (
-    use_one_worker_thread,
-)
+from deltaswarm_wire.session import use_one_worker_thread
 from tests.support.operating import AGENTS, KEYS, World, report, wait_until_heard
 from tests.support.swarms import PATIENCE_S
 

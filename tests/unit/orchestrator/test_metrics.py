@@ -134,13 +134,7 @@ def test_trees_are_averaged_over_the_run_and_its_last_third() -> None:
 def test_nothing_is_no_number() -> None:
     """A run without events, steps or trees has None for what it cannot know, never a zero or NaN."""
     found = metrics(Outcome(), a_scenario())
-    assert found["waiting_time_s"] == {
-        "mean": None,
-        "median": None,
-        "n": 0,
-        "never_sensed": 0,
-        "restricted_mean": None,
-    }
+    assert found["waiting_time_s"] == {"mean": None, "median": None, "n": 0, "never_sensed": 0, "restricted_mean": None}
     assert found["completion_s"] == {"mean": None, "median": None}
     assert (found["completed"], found["open_events"]) == (0, {"mean": None})
     assert found["operator_messages_per_s"] == {"mean": None}

@@ -93,8 +93,7 @@ def test_the_folder_that_was_probably_meant_is_offered(
 
 
 @pytest.mark.parametrize(
-    "command",
-    ["run smoke --dry", "run --re runs/a", "bench run --step 3", "operator --thresh 1", "agent --i 3"],
+    "command", ["run smoke --dry", "run --re runs/a", "bench run --step 3", "operator --thresh 1", "agent --i 3"]
 )
 def test_options_are_not_abbreviated(command: str, capsys: Printed) -> None:
     """An option to come may begin alike; what was given is named."""

@@ -63,11 +63,7 @@ def lives(draw: st.DrawFn) -> list[tuple[Truth, tuple[Report, ...], Workload]]:
         rates = [draw(st.floats(0, MAX_ID)) for _ in range(2)]
         workload = Workload(step, now_s, draw(counts), draw(counts), *rates, draw(times), *[draw(counts)] * 3)
         made.append(
-            (
-                Truth(step, now_s, (), tuple(shown), (), record),
-                tuple(draw(st.lists(reports, max_size=2))),
-                workload,
-            )
+            (Truth(step, now_s, (), tuple(shown), (), record), tuple(draw(st.lists(reports, max_size=2))), workload)
         )
     return made
 

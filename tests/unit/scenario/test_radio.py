@@ -29,31 +29,19 @@ def problems(**radio: Any) -> list[Problem]:
         ({"loss": -0.1}, ("radio.loss", "-0.1")),
         ({"duplication": 1.5}, ("radio.duplication", "1.5")),
         ({"burst": {"p_good_to_bad": 2}}, ("radio.burst.p_good_to_bad", "2")),
-        (
-            {"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}},
-            ("radio.burst.p_bad_to_good", "0"),
-        ),
+        ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, ("radio.burst.p_bad_to_good", "0")),
         ({"latency_s": -1}, ("radio.latency_s", "-1")),
         ({"bandwidth": {"queue_bytes": -1}}, ("radio.bandwidth.queue_bytes", "-1")),
-        (
-            {"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 4}},
-            ("radio.bandwidth.sender_bytes_per_s", "3"),
-        ),
+        ({"bandwidth": {"sender_bytes_per_s": 3, "queue_bytes": 4}}, ("radio.bandwidth.sender_bytes_per_s", "3")),
         ({"reception": "dics"}, ("radio.reception", "'dics'; did you mean 'disc'?")),
-        (
-            {"path_loss": {"sensitivity_dbm": -30}},
-            ("radio.path_loss.sensitivity_dbm", "-30"),
-        ),
+        ({"path_loss": {"sensitivity_dbm": -30}}, ("radio.path_loss.sensitivity_dbm", "-30")),
         ({"ranges": [{"agents": [5], "range_m": 3}]}, ("radio.ranges[0].agents", "5")),
         ({"ranges": [{"agents": [1]}, {"agents": [1]}]}, ("radio.ranges[1].agents", "1 again")),
         ({"ranges": [{}]}, ("radio.ranges[0].agents", "none")),
         ({"ranges": [{"agents": [1], "range_m": 0}]}, ("radio.ranges[0].range_m", "0")),
         ({"walls": [{"a_m": [5, 5], "b_m": [5, 5]}]}, ("radio.walls[0].b_m", "[5.0, 5.0]")),
         ({"walls": [{"a_m": [-1, 0], "b_m": [-1, 100]}]}, ("radio.walls[0]", "[-1.0, 0.0] to [-1.0, 100.0]")),
-        (
-            {"walls": [{"a_m": [0, 0], "b_m": [5, 5], "from_s": 9, "until_s": 9}]},
-            ("radio.walls[0].until_s", "9"),
-        ),
+        ({"walls": [{"a_m": [0, 0], "b_m": [5, 5], "from_s": 9, "until_s": 9}]}, ("radio.walls[0].until_s", "9")),
         ({"blackouts": [{}, {"from_s": 9, "until_s": 3}]}, ("radio.blackouts[1].until_s", "3")),
         ({"jammers": [{"center_m": [108, 108]}]}, ("radio.jammers[0]", "[108.0, 108.0], 10 m")),
         ({"jammers": [{"center_m": [5, 5], "radius_m": -3}]}, ("radio.jammers[0].radius_m", "-3")),
@@ -66,10 +54,7 @@ def problems(**radio: Any) -> list[Problem]:
             {"jammers": [{"waypoints_m": [[1, 2], [3, 4]], "times_s": [5, 5]}]},
             ("radio.jammers[0].times_s", "[5.0, 5.0]"),
         ),
-        (
-            {"jammers": [{"from_s": 6, "waypoints_m": [[1, 2]], "times_s": [5]}]},
-            ("radio.jammers[0].times_s", "[5.0]"),
-        ),
+        ({"jammers": [{"from_s": 6, "waypoints_m": [[1, 2]], "times_s": [5]}]}, ("radio.jammers[0].times_s", "[5.0]")),
         (
             {"jammers": [{"waypoints_m": [[1, 2, 3]], "times_s": [5]}]},
             ("radio.jammers[0].waypoints_m[0]", "[1.0, 2.0, 3.0]"),
@@ -86,11 +71,7 @@ def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[st
 
 def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """On the command line, all mistakes at once."""
-    wrong = [
-        "radio.loss=-1",
-        "radio.burst.loss_bad=7",
-        'radio.walls=[{a_m=[0, 0], b_m=[1, "x"]}]',
-    ]
+    wrong = ["radio.loss=-1", "radio.burst.loss_bad=7", 'radio.walls=[{a_m=[0, 0], b_m=[1, "x"]}]']
     assert (
         main(["run", "smoke", *(text for one in wrong for text in ("--set", one)), "--out", str(tmp_path / "r")]) == 2
     )

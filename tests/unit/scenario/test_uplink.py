@@ -32,14 +32,8 @@ def problems(**uplink: Any) -> list[Problem]:
         ({"relay": True}, ("uplink.relay", "true")),
         ({"base_m": [5], "range_m": 5}, ("uplink.base_m", "[5]")),
         ({"base_m": [5, 5], "range_m": 0}, ("uplink.range_m", "0")),
-        (
-            {"base_m": [5, 100.5], "range_m": 5},
-            ("uplink.base_m", "[5.0, 100.5]"),
-        ),
-        (
-            {"bandwidth": {"receiver_bytes_per_s": 3, "queue_bytes": 5}},
-            ("uplink.bandwidth.receiver_bytes_per_s", "3"),
-        ),
+        ({"base_m": [5, 100.5], "range_m": 5}, ("uplink.base_m", "[5.0, 100.5]")),
+        ({"bandwidth": {"receiver_bytes_per_s": 3, "queue_bytes": 5}}, ("uplink.bandwidth.receiver_bytes_per_s", "3")),
     ],
 )
 def test_a_mistake_is_named(uplink: dict[str, Any], said: tuple[str, str]) -> None:

@@ -9,14 +9,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_wire.codec import MAX_ID, MAX_RADIO_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.envelope import MAX_COMMANDS, Sample, decode_sample, encode_sample
-from tests.support.strategies import (
-    NASTY,
-    RADIO,
-    assert_decodes_or_complains,
-    assert_field_is_named,
-    repacked,
-    strange,
-)
+from tests.support.strategies import NASTY, RADIO, assert_decodes_or_complains, assert_field_is_named, repacked, strange
 
 PLAIN = Sample(5, b"whatever a controller says")
 

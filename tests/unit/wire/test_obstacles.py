@@ -18,26 +18,11 @@ TRIANGLE = {"corners_m": [[1, 1], [9, 1], [5, 9]]}
         ({}, (".corners_m", "0")),
         ({"corners_m": [[1, 1], [2, 2]]}, (".corners_m", "2")),
         ({"corners_m": [[1, 1], [2, 2], [3]]}, (".corners_m[2]", "[3.0]")),
-        (
-            {"corners_m": [[1, 1], [2, 2], [3, 3]]},
-            (".corners_m", "0 m2"),
-        ),
-        (
-            {"corners_m": [[0, 0], [9, 9], [0, 9], [5, 0]]},
-            (".corners_m", "edges that meet after corners 0 and 2"),
-        ),
-        (
-            {"corners_m": [[0, 0], [9, 0], [9, 0], [5, 5]]},
-            (".corners_m", "edges that meet after corners 0 and 1"),
-        ),
-        (
-            {"corners_m": [[0, 0], [9, 0], [4, 0], [4, 5]]},
-            (".corners_m", "edges that meet after corners 0 and 1"),
-        ),
-        (
-            {"corners_m": [[1, 1], [41, 1], [5, 9]]},
-            (".corners_m[1]", "[41.0, 1.0]"),
-        ),
+        ({"corners_m": [[1, 1], [2, 2], [3, 3]]}, (".corners_m", "0 m2")),
+        ({"corners_m": [[0, 0], [9, 9], [0, 9], [5, 0]]}, (".corners_m", "edges that meet after corners 0 and 2")),
+        ({"corners_m": [[0, 0], [9, 0], [9, 0], [5, 5]]}, (".corners_m", "edges that meet after corners 0 and 1")),
+        ({"corners_m": [[0, 0], [9, 0], [4, 0], [4, 5]]}, (".corners_m", "edges that meet after corners 0 and 1")),
+        ({"corners_m": [[1, 1], [41, 1], [5, 9]]}, (".corners_m[1]", "[41.0, 1.0]")),
         ({**TRIANGLE, "attenuation_db": -1}, (".attenuation_db", "-1")),
         ({**TRIANGLE, "attenuation": 3}, (".attenuation", "unknown key")),
     ],

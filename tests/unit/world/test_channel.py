@@ -333,11 +333,7 @@ def test_a_jammer_goes_its_way(time_s: float, at: Place) -> None:
 # Queues
 
 
-@given(
-    st.lists(st.lists(st.integers(1, 40), max_size=3), max_size=30),
-    st.floats(1, 60),
-    st.integers(0, 100),
-)
+@given(st.lists(st.lists(st.integers(1, 40), max_size=3), max_size=30), st.floats(1, 60), st.integers(0, 100))
 def test_a_pipe_is_exact(steps: list[list[int]], rate: float, queue_bytes: int) -> None:
     """In order, never faster than its rate, never more waiting than its queue, each packet once, every byte counted."""
     pipes = RateLimitedQueue(rate, queue_bytes)

@@ -44,9 +44,7 @@ def test_every_frame_is_heard_or_dropped_for_a_reason(
 
 
 @given(situations())
-def test_a_frame_is_heard_by_all_who_are_in_range_and_there(
-    situation: tuple[Floats, list[int], list[bool]],
-) -> None:
+def test_a_frame_is_heard_by_all_who_are_in_range_and_there(situation: tuple[Floats, list[int], list[bool]]) -> None:
     """And by nobody else, not by its sender; in order of receiver, then sender."""
     positions, senders, present = situation
     carried = Stage(positions).carry(senders, present)

@@ -250,11 +250,7 @@ def test_the_world_checks_reports_as_the_operator_does() -> None:
         step_records.append(core.end())
     assert [record.rejected for record in step_records] == [15] * 3
     assert [record.transport_lost for record in step_records] == [1, 0, 0]
-    assert [(record.reports_sent, record.reports_arrived) for record in step_records] == [
-        (3, 0),
-        (3, 3),
-        (3, 3),
-    ]
+    assert [(record.reports_sent, record.reports_arrived) for record in step_records] == [(3, 0), (3, 3), (3, 3)]
     assert [(one.sequence, one.step) for one in core.forwarded] == [(3, 2), (4, 2), (5, 2)]
     assert core.forwarded[0].report == report(0, 1, 1)
 
@@ -270,7 +266,4 @@ def test_a_dead_radio_reports_to_nobody() -> None:
             core.intake.hear_report(agent, report(agent, step, step))
             core.intake.hear_act(agent, encode_act(Act(step, 0.0, 0.0, (), TreeStatus(), step + 1)))
         step_records.append(core.end())
-    assert [(record.reports_arrived, record.reports_dropped_dead) for record in step_records] == [
-        (2, 0),
-        (1, 1),
-    ]
+    assert [(record.reports_arrived, record.reports_dropped_dead) for record in step_records] == [(2, 0), (1, 1)]

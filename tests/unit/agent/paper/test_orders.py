@@ -4,13 +4,7 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.controllers.paper.frames import (
-    Descendant,
-    Leaving,
-    Member,
-    RecruitmentOrder,
-    Relocating,
-)
+from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, Relocating
 from deltaswarm_agent.controllers.paper.states import State
 from tests.support.cores import (
     INSIDE,

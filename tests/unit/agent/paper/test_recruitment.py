@@ -10,25 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.controllers.paper.frames import (
-    Descendant,
-    Member,
-    RecruitmentOrder,
-    Sighting,
-)
+from deltaswarm_agent.controllers.paper.frames import Descendant, Member, RecruitmentOrder, Sighting
 from deltaswarm_agent.controllers.paper.recruitment import Legal, best_place, weakest_leaf
 from deltaswarm_wire.messages import Event
-from tests.support.cores import (
-    ME,
-    STEPS,
-    Lone,
-    Place,
-    Said,
-    a_root,
-    child,
-    event,
-    relocating,
-)
+from tests.support.cores import ME, STEPS, Lone, Place, Said, a_root, child, event, relocating
 
 SIZE_M = (30.0, 24.0)
 SENSING_M, RANGE_M, D_MIN_M = 5.0, 9.98, 6.0
