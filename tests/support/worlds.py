@@ -10,6 +10,7 @@ from deltaswarm_wire.checked import load
 from deltaswarm_wire.envelope import Sample, encode_sample
 from deltaswarm_wire.messages import Act, Frame, TreeStatus, encode_act
 from deltaswarm_world.core.environment import EventRecord
+from deltaswarm_world.core.participants import Participants
 from deltaswarm_world.core.world import WorldCore
 
 
@@ -21,6 +22,13 @@ def sample(counter: int, payload: bytes = b"here") -> bytes:
 def an_act(step: int, *observed: int, vx_mps: float = 0.0, until: int | None = None, role: str = "free") -> Act:
     """An act that holds for one step, unless `until` says otherwise."""
     return Act(step, vx_mps, 0.0, observed, TreeStatus(role), step + 1 if until is None else until)
+
+
+def begin(participants: Participants, step: int) -> list[int]:
+    """A step in which all that can be asked are asked."""
+    taking_part = participants.taking_part()
+    participants.begin(step, taking_part)
+    return taking_part
 
 
 class Stage:

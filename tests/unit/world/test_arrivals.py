@@ -130,7 +130,7 @@ def test_the_cost_of_arrivals_is_linear_in_their_number() -> None:
     assert many < 50 * few
 
 
-def test_times_are_exponential_and_independent_of_places() -> None:
+def test_times_are_exponential_and_independent_of_one_another_and_of_places() -> None:
     """The gaps of 4,000 arrivals have the mean and the spread of an exponential distribution; seed 9."""
     found = arrivals(scenario(9), 20_000.0)
     gaps = np.diff([event.time_s for event in found])
@@ -138,4 +138,5 @@ def test_times_are_exponential_and_independent_of_places() -> None:
     assert gaps.mean() == pytest.approx(5.0, rel=0.07)
     assert gaps.std() == pytest.approx(5.0, rel=0.1)
     assert len({event.event for event in found}) == len(found)
+    assert abs(np.corrcoef(gaps[1:], gaps[:-1])[0, 1]) < 0.06
     assert abs(np.corrcoef(gaps, [event.x_m for event in found[1:]])[0, 1]) < 0.06

@@ -4,16 +4,9 @@ from typing import Any
 
 from deltaswarm_wire.operator_messages import Report, encode_report
 from deltaswarm_world.core.participants import Attendance, Participants
-from tests.support.worlds import Stage
+from tests.support.worlds import Stage, begin
 
 AGENT, BOARD = 0, 1
-
-
-def begin(participants: Participants, step: int) -> list[int]:
-    """A step in which all that can be asked are asked."""
-    taking_part = participants.taking_part()
-    participants.begin(step, taking_part)
-    return taking_part
 
 
 def test_a_board_that_goes_is_counted_and_not_lost() -> None:

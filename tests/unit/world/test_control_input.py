@@ -28,20 +28,12 @@ def test_what_is_no_agents_comes_in_order_and_of_an_agents_the_newest_two(told: 
 
 
 def test_who_comes_and_goes_without_end_is_taken_back_only_so_often() -> None:
-    participants = Participants([0, 1])
+    """A board always is: its link may fail as often as it will."""
+    participants = Participants([0, 1, 2], boards=[2])
     for step in range(10 * MAX_RETURNS):
         participants.begin(step, [0])
-        participants.token_gone(1)
-        participants.token_back(1)
-    assert participants.present == {0}
+        for agent in (1, 2):
+            participants.token_gone(agent)
+            participants.token_back(agent)
+    assert participants.present == {0, 2}
     assert participants.lost == [1] * (MAX_RETURNS + 1)
-
-
-def test_a_board_is_always_taken_back() -> None:
-    """Its link may fail as often as it will."""
-    participants = Participants([0, 1], boards=[1])
-    for step in range(10 * MAX_RETURNS):
-        participants.begin(step, [0])
-        participants.token_gone(1)
-        participants.token_back(1)
-    assert participants.present == {0, 1}

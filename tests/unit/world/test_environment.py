@@ -13,8 +13,6 @@ from deltaswarm_wire.checked import load
 from deltaswarm_world.core.environment import Environment, EventRecord
 from tests.support.cores import play, swarm
 
-Rows = list[tuple[int, float, float, float]]
-
 
 def environment(**tables: Any) -> Environment:
     """A small one: 3 agents, no events unless asked for."""
@@ -32,26 +30,7 @@ def with_event(x_m: float, y_m: float, **tables: Any) -> Environment:
     return made
 
 
-def arrivals(mode: str, steps: int = 250, *more: str) -> Rows:
-    """Number, place and time of all events of a run."""
-    crew = swarm("smoke", f"control.mode={mode}", *more, seed=11)
-    for _ in play(crew, steps):
-        pass
-    return [(e.event, e.x_m, e.y_m, e.arrived_s) for e in crew.world.environment.states()]
-
-
 # Arrivals
-
-
-def test_the_same_seed_gives_the_same_events_whatever_the_swarm_does() -> None:
-    """In any mode, with any loss, any number of agents and without any agent at work: comparisons are paired."""
-    first = arrivals("decentralised")
-    assert len(first) > 10
-    assert first == arrivals("hybrid") == arrivals("hierarchical", 250, "radio.loss=0.5", "agents.count=2")
-    made = Environment(load(Scenario, {**SMOKE, "seed": 11}))
-    for step in range(250):
-        made.arrive(float(step))
-    assert [(e.event, e.x_m, e.y_m, e.arrived_s) for e in made.states()] == first
 
 
 SMOKE = {
@@ -68,22 +47,6 @@ def test_another_seed_gives_other_events() -> None:
         one.arrive(float(step))
         other.arrive(float(step))
     assert [e.x_m for e in one.arrived] != [e.x_m for e in other.arrived]
-
-
-@pytest.mark.parametrize(("rate_hz", "step_s"), [(0.05, 1.0), (0.5, 0.2), (2.0, 1.0)])
-def test_arrivals_are_poisson(rate_hz: float, step_s: float) -> None:
-    """Mean and variance per step are rate x step, over 20,000 steps of a fixed seed."""
-    made = environment(events={"rate_hz": rate_hz}, run={"step_s": step_s})
-    made._place_active = lambda: None  # type: ignore[method-assign]  # not sensed here, and quadratic
-    counts = []
-    for step in range(20_000):
-        before = len(made.arrived)
-        made.arrive(step * step_s)
-        counts.append(len(made.arrived) - before)
-    expected = rate_hz * step_s
-    assert np.mean(counts) == pytest.approx(expected, abs=4 * (expected / 20_000) ** 0.5)
-    assert np.var(counts) == pytest.approx(expected, rel=0.1)
-    assert len({e.event for e in made.arrived}) == len(made.arrived)
 
 
 # Motion
@@ -189,15 +152,6 @@ def test_work_is_linear_in_the_number_of_observers(observers: list[int], step_s:
         assert made.active == ([] if done >= 10 else [event])
         if not was_complete and done >= 10:
             assert event.completed_s == float(step)
-
-
-def test_a_complete_event_is_sensed_no_more() -> None:
-    """It is gone for everybody from the next step on."""
-    made = with_event(50.0, 50.0)
-    made.positions_m[:] = 50.0
-    assert all(made.sense(0.0, [True] * 3))
-    made.work({made.arrived[0].event: 10}, 0.0)
-    assert not any(made.sense(1.0, [True] * 3))
 
 
 def test_changes_are_told_once() -> None:

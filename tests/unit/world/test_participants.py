@@ -8,18 +8,12 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, precondition, rule
 
 from deltaswarm_world.core.participants import TRANSITIONS, Cause, Condition, Participants, diagram
+from tests.support.worlds import begin
 
 PAGE = Path(__file__).parents[3] / "docs" / "PARTICIPANTS.md"
 AGENTS = range(5)
 agents = st.integers(0, 6)
 """Two more than there are: samples may come on any key."""
-
-
-def begin(participants: Participants, step: int) -> list[int]:
-    """A step in which all that can be asked are asked."""
-    taking_part = participants.taking_part()
-    participants.begin(step, taking_part)
-    return taking_part
 
 
 class Life(RuleBasedStateMachine):
@@ -123,41 +117,6 @@ TestLife = Life.TestCase
 TestLife.settings = settings(max_examples=100, stateful_step_count=30)
 
 
-def test_a_step_in_order() -> None:
-    """Begin, one act each, closed."""
-    participants = Participants([2, 0, 1])
-    assert begin(participants, 0) == [0, 1, 2]
-    assert [participants.answer(agent, 0) for agent in (1, 2, 0)] == [True] * 3
-    assert participants.is_closed
-    assert participants.time_out() == []
-
-
-def test_one_act_closes_one_step() -> None:
-    """A second one does not close anything, nor does one of a step before."""
-    participants = Participants([0, 1])
-    begin(participants, 7)
-    assert not participants.answer(0, 6)
-    assert participants.answer(0, 7)
-    assert not participants.answer(0, 7)
-    assert participants.asked == {1}
-
-
-def test_a_hanging_agent_rejoins_at_the_next_step() -> None:
-    """Its late act brings it back, but not into the step under way."""
-    participants = Participants([0, 1])
-    begin(participants, 0)
-    participants.answer(0, 0)
-    assert participants.time_out() == [1]
-    assert begin(participants, 1) == [0]
-    assert not participants.answer_late(1, -1), "not the act of the step that it missed"
-    assert not participants.answer(1, 0)
-    assert participants.answer_late(1, 0)
-    assert not participants.answer_late(1, 0), "it owes one"
-    assert participants.asked == {0}
-    participants.answer(0, 1)
-    assert begin(participants, 2) == [0, 1]
-
-
 def test_a_board_may_answer_each_knock() -> None:
     """Frames that it got while it hung lie in its queue, and it answers one after the other."""
     participants = Participants([0, 1], [1])
@@ -207,24 +166,6 @@ def test_a_board_may_answer_after_an_absence_what_it_was_asked_before(steps_away
         (False, False),
     ]
     assert not participants.unanswered(1)
-
-
-def test_those_lost_in_one_step_are_listed_by_number() -> None:
-    """In whatever order the news of them comes, which no two runs share."""
-    participants = Participants(range(5))
-    for step, going in enumerate([[4], [3, 0], [2, 1]]):
-        begin(participants, step)
-        for agent in going:
-            participants.token_gone(agent)
-    assert participants.lost == [4, 0, 3, 1, 2]
-
-
-def test_a_step_without_agents_is_closed() -> None:
-    """When all have died the world goes on, for whoever watches it."""
-    participants = Participants([0])
-    participants.token_gone(0)
-    assert begin(participants, 0) == []
-    assert participants.is_closed
 
 
 def test_an_absent_agent_is_neither_asked_nor_frozen() -> None:
