@@ -1,6 +1,19 @@
-"""Recognizes error messages by key and value, whatever their wording."""
+"""What is said of mistakes in settings: keys and values, whatever the wording."""
 
 import re
+from typing import Any
+
+import pytest
+
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import SettingsError, load
+
+
+def mistakes(table: Any, cls: type[Any] = Scenario) -> list[tuple[str, str]]:
+    """The keys of the mistakes in a table, and what was found."""
+    with pytest.raises(SettingsError) as caught:
+        load(cls, table)
+    return [(problem.path, problem.found) for problem in caught.value.problems]
 
 
 def names(line: str, said: str) -> bool:

@@ -1,7 +1,5 @@
 """Fault tables: each mistake has one clear message, and what is allowed survives the way through TOML."""
 
-import re
-import subprocess
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -13,8 +11,8 @@ from hypothesis import strategies as st
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.fault import FAULTS, FaultSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.checked import SettingsError, check, load
-from tests.support.swarms import COMMAND
+from deltaswarm_wire.checked import check, load
+from tests.support.complaints import mistakes
 
 KILL = {"kind": "kill", "at_s": 5.0}
 
@@ -48,24 +46,7 @@ KILL = {"kind": "kill", "at_s": 5.0}
 def test_a_mistake_is_one_message(fault: dict[str, Any], said: tuple[str, str]) -> None:
     """With its path and what was found."""
     table = {"run": {"duration_s": 300}, "agents": {"count": 6}, "fault": [{**KILL, "agents": [0]}, fault]}
-    with pytest.raises(SettingsError) as caught:
-        load(Scenario, table)
-    [problem] = caught.value.problems
-    assert (problem.path, problem.found) == (f"fault[1].{said[0]}", said[1])
-
-
-def test_the_command_says_so_and_starts_nothing(tmp_path: Path) -> None:
-    """Exit code 2, one line on standard error."""
-    wrong = 'fault=[{kind="kill", at_s=5, agents=[7]}]'
-    done = subprocess.run(
-        [*COMMAND, "run", "smoke", "--set", wrong, "--out", str(tmp_path / "run")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert done.returncode == 2
-    assert re.fullmatch(r"deltaswarm: fault\[0\]\.agents must .* 5 .*7.*\n", done.stderr)
-    assert not list(tmp_path.iterdir())
+    assert mistakes(table) == [(f"fault[1].{said[0]}", said[1])]
 
 
 def test_a_timeline_survives_the_way_through_toml() -> None:

@@ -11,16 +11,10 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_wire.checked import Problem, SettingsError, load, plain
+from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.envelope import Sample, encode_sample
 from tests.support.airs import EVERYTHING, radios
-
-
-def problems(**radio: Any) -> list[Problem]:
-    """The mistakes in a radio's table, for 5 agents in 100 m x 100 m."""
-    with pytest.raises(SettingsError) as caught:
-        load(Scenario, {"agents": {"count": 5}, "radio": radio})
-    return caught.value.problems
+from tests.support.complaints import mistakes
 
 
 @pytest.mark.parametrize(
@@ -65,21 +59,16 @@ def problems(**radio: Any) -> list[Problem]:
 )
 def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[str, str]) -> None:
     """It has the key's path and what was found."""
-    (problem,) = problems(**radio)
-    assert (problem.path, problem.found) == said
+    assert mistakes({"agents": {"count": 5}, "radio": radio}) == [said]
 
 
 def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """On the command line, all mistakes at once."""
     wrong = ["radio.loss=-1", "radio.burst.loss_bad=7", 'radio.walls=[{a_m=[0, 0], b_m=[1, "x"]}]']
-    assert (
-        main(["run", "smoke", *(text for one in wrong for text in ("--set", one)), "--out", str(tmp_path / "r")]) == 2
-    )
-    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == [
-        "radio.loss",
-        "radio.burst.loss_bad",
-        "radio.walls[0].b_m[1]",
-    ]
+    sets = [text for one in wrong for text in ("--set", one)]
+    assert main(["run", "smoke", *sets, "--out", str(tmp_path / "r")]) == 2
+    keys = ["radio.loss", "radio.burst.loss_bad", "radio.walls[0].b_m[1]"]
+    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == keys
     assert list(tmp_path.iterdir()) == []
 
 
@@ -117,14 +106,8 @@ def test_no_frame_is_shorter_than_the_least() -> None:
 
 def test_the_reference_names_the_keys_of_tables_in_lists() -> None:
     """What a wall or a jammer is made of can be looked up."""
-    page = reference()
-    for key in (
-        "radio.burst.p_good_to_bad",
-        "radio.walls[].a_m",
-        "radio.jammers[].waypoints_m",
-        "radio.ranges[].agents",
-    ):
-        assert f"| `{key}` |" in page
+    for key in ("burst.p_good_to_bad", "walls[].a_m", "jammers[].waypoints_m", "ranges[].agents"):
+        assert f"| `radio.{key}` |" in reference()
 
 
 def test_all_is_off_by_default() -> None:

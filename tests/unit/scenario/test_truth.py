@@ -23,35 +23,10 @@ from deltaswarm_scenario.truth import (
 from deltaswarm_wire.codec import MAX_ORDINARY_BYTES, MAX_SAMPLE_BYTES, PROTOCOL_VERSION, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
 from tests.support.strategies import (
-    NASTY,
-    TRUTH,
-    assert_decodes_or_complains,
-    assert_field_is_named,
     step_records,
-    strange,
-    truths,
 )
 
 TALLY = StepRecord(*([0] * len(StepRecord._fields)))
-
-
-@given(truths)
-def test_what_is_encoded_is_decoded(step: Truth) -> None:
-    """Truth comes out as it went in, with times that are not yet as None."""
-    assert decode_truth(encode_truth(step)) == step
-
-
-@given(strange(TRUTH))
-def test_what_is_strange_is_refused_by_name(data: bytes) -> None:
-    """Damaged or reshaped truth and random bytes decode to something valid or name a field."""
-    assert_decodes_or_complains(TRUTH, data)
-
-
-@given(truths, st.data())
-def test_a_wrong_field_is_named(step: Truth, data: st.DataObject) -> None:
-    """One bad value in one field: the error says which."""
-    for field in TRUTH.places:
-        assert_field_is_named(TRUTH, step, field, data.draw(st.sampled_from(NASTY)))
 
 
 @given(step_records, st.sampled_from(StepRecord._fields))

@@ -1,22 +1,15 @@
-"""The uplink's settings: off by default, and a mistaken table is one clear message each, with exit code 2."""
+"""The uplink's settings: off by default, and a mistaken table is one clear message each."""
 
 from typing import Any
 
 import pytest
 
-from deltaswarm_orchestrator.cli import main
-from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.uplink import LEAST_REPORT_BYTES, UplinkSettings
 from deltaswarm_wire.access import world_rules
-from deltaswarm_wire.checked import Problem, SettingsError, load, plain
+from deltaswarm_wire.checked import load, plain
 from deltaswarm_wire.keys import Keys
 from deltaswarm_wire.operator_messages import Report, encode_report
-
-
-def problems(**uplink: Any) -> list[Problem]:
-    with pytest.raises(SettingsError) as caught:
-        load(Scenario, {"uplink": uplink})
-    return caught.value.problems
+from tests.support.complaints import mistakes
 
 
 @pytest.mark.parametrize(
@@ -38,14 +31,7 @@ def problems(**uplink: Any) -> list[Problem]:
 )
 def test_a_mistake_is_named(uplink: dict[str, Any], said: tuple[str, str]) -> None:
     """With its path and value."""
-    (problem,) = problems(**uplink)
-    assert (problem.path, problem.found) == said
-
-
-def test_a_mistake_ends_with_2(capsys: pytest.CaptureFixture[str]) -> None:
-    """Before anything is started."""
-    assert main(["run", "smoke", "--set", "uplink.relay=true", "--set", "uplink.loss=2"]) == 2
-    assert "uplink.loss must" in capsys.readouterr().err
+    assert mistakes({"uplink": uplink}) == [said]
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Frame, act, report, health, clock, workload, status: what was sent arrives, what is wrong is named."""
+"""Frames, acts, reports, the envelope, truth and all others: what was sent arrives, what is wrong is named."""
 
 from typing import Any
 
@@ -27,6 +27,8 @@ from tests.support.strategies import (
     FRAME,
     MESSAGES,
     NASTY,
+    RADIO,
+    TRUTH,
     Codec,
     assert_decodes_or_complains,
     assert_field_is_named,
@@ -35,8 +37,10 @@ from tests.support.strategies import (
     strange,
 )
 
+each = pytest.mark.parametrize("codec", [*MESSAGES, RADIO, TRUTH], ids=str)
 
-@pytest.mark.parametrize("codec", MESSAGES, ids=str)
+
+@each
 @given(data=st.data())
 def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
     """Every message comes out as it went in."""
@@ -44,14 +48,14 @@ def test_what_is_encoded_is_decoded(codec: Codec, data: st.DataObject) -> None:
     assert codec.decode(codec.encode(message)) == message
 
 
-@pytest.mark.parametrize("codec", MESSAGES, ids=str)
+@each
 @given(data=st.data())
 def test_what_is_strange_is_refused_by_name(codec: Codec, data: st.DataObject) -> None:
     """Damaged or reshaped messages and random bytes decode to something valid or name a field."""
     assert_decodes_or_complains(codec, data.draw(strange(codec)))
 
 
-@pytest.mark.parametrize("codec", MESSAGES, ids=str)
+@each
 @given(data=st.data())
 def test_a_wrong_field_is_named(codec: Codec, data: st.DataObject) -> None:
     """One bad value in one field: the error says which."""
