@@ -67,40 +67,24 @@ class WithoutStep:
     Settings = GuideSettings
 
 
-class WithPlainSettings:
+class WithPlainSettings(WithoutSettings):
     """No controller: its settings cannot be checked."""
 
     Settings: ClassVar[type[Any]] = dict
 
-    def step(self, percept: Percept) -> Decision:
-        """Stand."""
-        return Decision()
 
-
-class Broken:
+class Broken(Guide):
     """Cannot be made."""
-
-    Settings: ClassVar[type[GuideSettings]] = GuideSettings
 
     def __init__(self, context: ControllerContext) -> None:
         raise RuntimeError("no map\nof the place")
 
-    def step(self, percept: Percept) -> Decision:
-        """Never."""
-        return Decision()
 
-
-class Quits:
+class Quits(Guide):
     """Ends the process that makes it."""
-
-    Settings: ClassVar[type[GuideSettings]] = GuideSettings
 
     def __init__(self, context: ControllerContext) -> None:
         sys.exit(0)
-
-    def step(self, percept: Percept) -> Decision:
-        """Never."""
-        return Decision()
 
 
 @dataclass(frozen=True)
@@ -180,11 +164,8 @@ def test_anybodys_class_is_a_controller() -> None:
     made = make_controller(5, shared)
     assert isinstance(made, Guide)
     context = made.context
-    assert (context.agent, context.mode, context.settings, context.shared) == (
-        *(5, named(Guide)),
-        GuideSettings(0.75),
-        shared,
-    )
+    assert (context.agent, context.mode) == (5, named(Guide))
+    assert (context.settings, context.shared) == (GuideSettings(0.75), shared)
     assert made.step(Percept(0, 0.0, (0.0, 0.0), (), (), [])) == Decision((0.75, 0.0))
 
 
@@ -235,12 +216,6 @@ def test_a_module_that_is_not_there_may_need_a_path() -> None:
     assert "PYTHONPATH" not in problem.allowed
 
 
-def test_a_controller_that_exits_cannot_be_made() -> None:
-    """`sys.exit` is a failure as any other: it would end a run in one process."""
-    with pytest.raises(ControllerError, match="SystemExit: 0"):
-        make_controller(1, settings(named(Quits)))
-
-
 def test_an_agents_options_are_its_own() -> None:
     """A controller that changes them changes no other agent's, in one process as with processes."""
     scenario = load(Scenario, {"schema": 1, "control": {"mode": named(Guide), "table": {"of": "mine"}}})
@@ -286,22 +261,21 @@ def test_a_name_that_means_no_controller_is_one_problem(mode: str, said: str) ->
 
 def test_wrong_options_are_problems_of_the_control_table() -> None:
     """Every one of them, by its key."""
-    assert {problem.path for problem in refused(named(Guide), pace_mps=-1, pase=2)} == {
-        "control.pace_mps",
-        "control.pase",
-    }
+    paths = {problem.path for problem in refused(named(Guide), pace_mps=-1, pase=2)}
+    assert paths == {"control.pace_mps", "control.pase"}
     (problem,) = refused(named(Guide), pace_mps=5.0)
     assert (problem.path, problem.found) == ("control.pace_mps", "5")
     (problem,) = refused("hybrid", d_min_m=20)
     assert problem.path == "control.d_min_m"
 
 
-def test_a_controller_that_cannot_be_made_is_one_line() -> None:
-    """With its name and what it raised."""
+@pytest.mark.parametrize(("own", "said"), [(Broken, "RuntimeError: no map"), (Quits, "SystemExit: 0")])
+def test_a_controller_that_cannot_be_made_is_one_line(own: type, said: str) -> None:
+    """With its name and what it raised; `sys.exit` is a failure as any other: it would end a run in one process."""
     with pytest.raises(ControllerError) as caught:
-        make_controller(1, settings(named(Broken)))
-    assert named(Broken) in str(caught.value)
-    assert "RuntimeError: no map" in str(caught.value)
+        make_controller(1, settings(named(own)))
+    assert named(own) in str(caught.value)
+    assert said in str(caught.value)
 
 
 def test_an_error_is_described_in_one_line() -> None:

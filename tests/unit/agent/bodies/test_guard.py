@@ -59,7 +59,7 @@ def test_no_way_leads_across_a_gap() -> None:
 
 @given(places, speeds)
 def test_from_outside_only_the_way_back_is_permitted(at: Place, velocity: Place) -> None:
-    """Standing is, too."""
+    """Or to stand."""
     assume(not SQUARE.holds(at) and min(abs(at[0]), abs(at[0] - 10), abs(at[1]), abs(at[1] - 10)) > 0.01)
 
     def beyond_m(place: Place) -> float:
@@ -198,9 +198,7 @@ def test_the_body_says_what_is_wrong() -> None:
 
 def test_a_vehicle_that_objects_stands_and_says_why() -> None:
     """Until it objects no more."""
-    guard = Guard(LIMITS, SQUARE, 0.1)
-    guard.beat(True, "GUIDED", 0.0)
-    guard.locate(5.0, 5.0, 0.0)
+    guard = a_guard()
     guard.command(1.0, 0.0, 0.0)
     guard.object("on the ground")
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "on the ground")

@@ -110,30 +110,6 @@ def test_places_are_told_to_the_nearest_centimetre(x_m: float, y_m: float) -> No
     assert [to_cm(found.x_m) for found in other.active()] == [sighting.x_cm]
 
 
-def test_an_event_is_forgotten_when_nobody_has_sensed_it_for_12_steps() -> None:
-    """Its age grows by one each step, then it is gone without a word."""
-    beliefs = some()
-    beliefs.sense([event(1, 50, 50)], 45.1, 50.0, NOW)
-    for age in range(1, STEPS.memory + 1):
-        beliefs.forget(NOW + age)
-        assert [sighting.age for sighting in beliefs.sightings(NOW + age)] == [age]
-    beliefs.forget(NOW + STEPS.memory + 1)
-    assert not beliefs
-    assert beliefs.departures(NOW + STEPS.memory + 1) == ()
-
-
-def test_that_an_event_is_gone_is_told_for_30_steps() -> None:
-    """So that slower words of it find no belief; then no more."""
-    beliefs = some()
-    beliefs.sense([event(1, 50, 50)], 50.0, 50.0, NOW)
-    beliefs.sense([], 50.0, 50.0, NOW + 1)
-    last = NOW + 1 + STEPS.gone
-    beliefs.forget(last)
-    assert beliefs.departures(last) == (Gone(1, STEPS.gone),)
-    beliefs.forget(last + 1)
-    assert beliefs.departures(last + 1) == ()
-
-
 @given(st.integers(2, 6), st.lists(st.booleans(), min_size=20, max_size=60))
 def test_echoes_keep_no_event_alive(agents: int, chatter: list[bool]) -> None:
     """Members that tell one another of what nobody senses any more: none believes it after 12 steps."""

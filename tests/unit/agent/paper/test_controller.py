@@ -61,11 +61,6 @@ def test_the_nearest_sensed_event_is_gone_to() -> None:
     assert velocity(lone.step(events=[event(2, 50, 52), event(1, 52, 50)])) == (1.0, 0.0)
 
 
-def test_an_agent_stops_on_its_event() -> None:
-    """The last stride is as short as the way that is left."""
-    assert velocity(Lone().step(events=[event(1, 50.25, 50)])) == (0.25, 0.0)
-
-
 def test_an_event_is_observed_at_the_event_only() -> None:
     """On the way nothing is observed, said or reported; at the event it is each step, standing still."""
     lone, here = Lone(at=(50.0, 46.5)), event(1, 50, 50)

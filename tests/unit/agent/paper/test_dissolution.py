@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_agent.controllers.paper.frames import Leaving, Member, RecruitmentOrder
+from deltaswarm_agent.controllers.paper.frames import Attending, Leaving, Member, RecruitmentOrder
 from deltaswarm_agent.controllers.paper.states import FREE, State
+from deltaswarm_wire.messages import Event
 from tests.support.cores import (
     INSIDE,
     ME,
@@ -42,25 +43,16 @@ def test_gamma_falls_by_the_level_each_second(level: int, gamma_max: int) -> Non
     assert lone.core.state is State.WALKING
 
 
-@pytest.mark.parametrize("step_s", [0.25, 1.0, 5.0])
+@pytest.mark.parametrize("step_s", [0.1, 0.25, 1.0, 5.0])
 @pytest.mark.parametrize("level", [1, 2])
 def test_gamma_is_in_seconds(step_s: float, level: int) -> None:
-    """A member of level 1 dissolves after gamma_max seconds without an event, whatever the length of a step."""
+    """A member of level 1 dissolves after gamma_max seconds without an event; also with steps that no float holds."""
     path = tuple(range(100, 100 + level))
     lone = a_member(path, gamma_max=60, step_s=step_s)
     joined = lone.now
     while lone.path:
         lone.step(member(path, PARENT_AT, pulse=100 + lone.now))
-    assert (lone.now - joined + 1) * step_s == 60 / level
-
-
-def test_gammas_of_short_steps_add_up() -> None:
-    """Steps of 0.1 s, which no float holds exactly, last as long as one expects."""
-    lone = a_member((ROOT,), gamma_max=6, step_s=0.1)
-    joined = lone.now
-    while lone.path:
-        lone.step(member((ROOT,), PARENT_AT, pulse=100 + lone.now))
-    assert lone.now - joined + 1 == 60
+    assert lone.now - joined + 1 == round(60 / level / step_s)
 
 
 def test_adoption_does_not_renew_an_orphans_gamma() -> None:
@@ -97,13 +89,6 @@ def test_a_sensed_event_restores_gamma() -> None:
     assert lone.gamma == 50
 
 
-def test_a_root_does_not_dissolve() -> None:
-    """Its level is 0."""
-    root = a_root()
-    root.steps(300)
-    assert root.core.state is State.ROOT
-
-
 def test_dissolution_can_be_switched_off() -> None:
     """The paper's ablation: members stay without any event."""
     lone = a_member(dissolution=False)
@@ -127,21 +112,12 @@ def test_a_subtree_leaves_hop_by_hop() -> None:
     assert crowd.lones[1].core.membership.table() == ()
 
 
-def test_leaving_is_said_in_four_frames() -> None:
-    """One a step, from the step in which the agent leaves; then it is silent."""
+@pytest.mark.parametrize(("events", "then"), [([], type(None)), ([event(1, *INSIDE)], Attending)])
+def test_leaving_is_said_in_four_frames_before_anything_else(events: list[Event], then: type) -> None:
+    """One a step, from the step in which the agent leaves; then it is silent, or says which event it attends."""
     lone = a_member()
-    assert isinstance(lone.step(leaving(PARENT, PARENT_AT)).radio, Leaving)
-    said = [isinstance(decision.radio, Leaving) for decision in lone.steps(10)]
-    assert said == [True] * (STEPS.leaving - 1) + [False] * (11 - STEPS.leaving)
-
-
-def test_leaving_comes_before_anything_else() -> None:
-    """Who attends an event at once says first that it has left."""
-    lone = a_member()
-    here = [event(1, *INSIDE)]
-    said = [lone.step(leaving(PARENT, PARENT_AT), events=here)]
-    said += lone.steps(6, events=here)
-    assert [type(decision.radio).__name__ for decision in said] == ["Leaving"] * 4 + ["Attending"] * 3
+    said = [lone.step(leaving(PARENT, PARENT_AT), events=events), *lone.steps(9, events=events)]
+    assert [type(decision.radio) for decision in said] == [Leaving] * STEPS.leaving + [then] * (10 - STEPS.leaving)
 
 
 # A root of its own

@@ -28,7 +28,6 @@ from tests.support.cores import (
     a_root,
     attending,
     child,
-    leaving,
     lives,
     member,
     near_frames,
@@ -41,18 +40,6 @@ in_arena = st.floats(0.0, 100.0)
 far_cm = st.integers(-MAX_ABS_CM, MAX_ABS_CM)
 
 
-def test_late_and_duplicate_frames_are_dropped() -> None:
-    """Of each sender what counts is the newest frame by its counter, whenever it comes."""
-    lone = a_member()
-    gone = leaving(PARENT, PARENT_AT)
-    lone.step(on_air(gone, 0), on_air(gone, 1))
-    assert lone.core.state is State.MEMBER, "frame 1 was the parent's own, heard before"
-    lone.step(on_air(member((ROOT, PARENT), PARENT_AT, pulse=102), 9), on_air(gone, 8))
-    assert lone.core.state is State.MEMBER
-    lone.step(on_air(gone, 10))
-    assert lone.core.state is State.WALKING
-
-
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
 @pytest.mark.parametrize(("silent_s", "believed"), [(FORGET_SENDER_S, False), (FORGET_SENDER_S + 1, True)])
 def test_a_restarted_counter_is_believed_after_silence(silent_s: float, believed: bool, step_s: float) -> None:
@@ -62,14 +49,6 @@ def test_a_restarted_counter_is_believed_after_silence(silent_s: float, believed
     lone.steps(round(silent_s / step_s) - 1)
     lone.step(on_air(member((PARENT,), PARENT_AT), 0), at=INSIDE)
     assert (lone.path != ()) == believed
-
-
-def test_an_agents_own_frames_mean_nothing_to_it() -> None:
-    """An echo makes no neighbour."""
-    lone = Lone(at=OUTSIDE)
-    lone.step()
-    lone.step(attending(ME, PARENT_AT, 1, PARENT_AT), member((ME,), PARENT_AT), at=INSIDE)
-    assert lone.core.state is State.WALKING
 
 
 BEGINNINGS = {

@@ -18,7 +18,6 @@ from tests.support.cores import (
     ROOT,
     STEPS,
     Lone,
-    a_chain,
     a_member,
     a_root,
     attending,
@@ -102,24 +101,6 @@ def test_a_child_is_dropped_when_it_is_none_any_more(says: PaperFrame, stays: bo
     assert set(membership.children) == ({CHILD, 2} if stays else {2})
 
 
-def test_a_silent_child_is_dropped_after_12_steps() -> None:
-    """Not before: frames are lost now and then."""
-    root = a_root()
-    root.step(child(CHILD, (ME,), CHILD_AT))
-    tables = [decision.radio.table for decision in root.steps(STEPS.silence) if isinstance(decision.radio, Member)]
-    assert [len(table) for table in tables] == [1] * (STEPS.silence - 1) + [0]
-
-
-def test_the_root_knows_all_below_it() -> None:
-    """One level per step up; each member knows exactly those below itself."""
-    crowd = a_chain(5)
-    for _ in range(4):
-        decisions = crowd.step()
-    for agent, decision in decisions.items():
-        assert isinstance(decision.radio, Member)
-        assert {row.agent: row.parent for row in decision.radio.table} == {n: n - 1 for n in range(agent + 1, 5)}
-
-
 # Pulses
 
 
@@ -140,24 +121,6 @@ def test_a_roots_first_pulse_on_the_air_is_0() -> None:
         assert isinstance(radio, Member)
         pulses_said.append(radio.pulse)
     assert pulses_said == [0, 1, 2, 3]
-
-
-def test_the_pulse_goes_down_one_level_per_step() -> None:
-    """A member says what its parent said a step ago."""
-    crowd = a_chain(4)
-    crowd.step()
-    for _ in range(3):
-        said = [decision.radio.pulse for decision in crowd.step().values() if isinstance(decision.radio, Member)]
-        assert said == [said[0] - level for level in range(4)]
-
-
-def test_a_stalled_pulse_means_a_dead_root() -> None:
-    """A member whose parent lives, but knows no newer pulse, is free after 20 steps."""
-    lone = a_member(dissolution=False)
-    lone.steps(STEPS.stall - 1, parent_says(100))
-    assert lone.core.state is State.MEMBER
-    lone.step(parent_says(100))
-    assert lone.core.state is State.WALKING
 
 
 # The parent

@@ -128,13 +128,6 @@ def test_headings_are_uniform() -> None:
     assert abs(sum(map(math.cos, turns))) / len(turns) < 0.05
 
 
-def test_a_walk_is_its_generators() -> None:
-    """The same seed gives the same walk; another gives another."""
-    one, same, other = (list(walk(an_agent(), seed, 50.0, 50.0, 300)) for seed in (1, 1, 2))
-    assert one == same
-    assert one != other
-
-
 @given(st.tuples(*[st.floats(0.0, 100.0)] * 4), speeds_mps, steps_s)
 def test_the_way_to_a_place_is_straight_and_ends_on_it(
     places: tuple[float, ...], speed_mps: float, step_s: float
