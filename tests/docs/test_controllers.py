@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from deltaswarm_agent.controller import Decision, Percept
+from tests.support.pages import ROOT, blocks, files, shell
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "CONTROLLERS.md").read_text()
 
 SHORTER = {"deltaswarm sweep": "--set run.duration_s=60 --repeats 2 --prove 1"}
@@ -22,8 +22,8 @@ SHORTER = {"deltaswarm sweep": "--set run.duration_s=60 --repeats 2 --prove 1"}
 def folder(tmp_path: Path) -> Path:
     """An empty folder with what the page says to put there."""
     shutil.copy(ROOT / "docs" / "controllers" / "levy.py", tmp_path)
-    for name, text in re.findall(r"```toml\n# (\S+\.toml): (.*?)```", PAGE, flags=re.DOTALL):
-        (tmp_path / name).write_text(f"# {text}")
+    for name, text in files(PAGE).items():
+        (tmp_path / name).write_text(text)
     return tmp_path
 
 
@@ -31,12 +31,9 @@ def folder(tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_the_commands_work(folder: Path) -> None:
     """As they stand; equal digests with processes and without, in the sweep too, and a report with both."""
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    lines = [line for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL) for line in block.splitlines()]
+    lines = [line for block in blocks(PAGE) for line in block.splitlines()]
     script = [f"{line} {next((more for verb, more in SHORTER.items() if line.startswith(verb)), '')}" for line in lines]
-    done = subprocess.run(
-        ["bash", "-ec", "\n".join(script)], cwd=folder, env=environment, capture_output=True, text=True, check=False
-    )
+    done = shell("\n".join(script), folder)
     assert done.returncode == 0, done.stdout + done.stderr
     summaries = [
         json.loads((folder / "runs" / name / "summary.json").read_text()) for name in ("in-process", "processes")

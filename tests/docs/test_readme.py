@@ -1,18 +1,14 @@
 """Every command of README and docs/SWEEPS.md works as written (with short runs, in this virtual environment)."""
 
 import csv
-import os
 import re
-import subprocess
-import sys
 from collections import Counter
 from pathlib import Path
 
 import pytest
 
-from tests.support.pages import serve
+from tests.support.pages import ROOT, commands, files, serve, shell
 
-ROOT = Path(__file__).parents[2]
 README, SWEEPS = ((ROOT / name).read_text() for name in ("README.md", "docs/SWEEPS.md"))
 
 PUBLISHED = {
@@ -37,12 +33,6 @@ SHORTER = {
 }
 
 
-def commands(page: str) -> list[str]:
-    """The lines of all shell blocks, without their comments."""
-    blocks = re.findall(r"```sh\n(.*?)```", page, flags=re.DOTALL)
-    return [line.split(" #")[0].strip() for block in blocks for line in block.splitlines() if line.strip()]
-
-
 def shortened(command: str) -> str:
     """The `deltaswarm` part of a command, with a short run."""
     own = command[command.index("deltaswarm ") :]
@@ -50,12 +40,6 @@ def shortened(command: str) -> str:
     verb = " ".join(before.split()[1:3])
     less = SHORTER.get(verb, SHORTER.get(verb.split()[0], ""))
     return f"{before} {less}{sign}{target}"
-
-
-def files(page: str) -> dict[str, str]:
-    """TOML blocks by the file name in their first line."""
-    blocks = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", page, flags=re.DOTALL)
-    return {name: f"# {text}" for name, text in blocks}
 
 
 @pytest.mark.processes
@@ -66,7 +50,6 @@ def files(page: str) -> dict[str, str]:
 )
 def test_the_commands_work(page: str, least: int, tmp_path: Path) -> None:
     """In the order in which they stand, in one folder, with exit code 0."""
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
     lines = [line for line in commands(page) if "deltaswarm " in line]
     assert len(lines) >= least
     for name, text in files(page).items():
@@ -75,9 +58,7 @@ def test_the_commands_work(page: str, least: int, tmp_path: Path) -> None:
         if line.startswith("deltaswarm replay"):
             serve(line, tmp_path)
             continue
-        done = subprocess.run(
-            shortened(line), shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
-        )
+        done = shell(shortened(line), tmp_path)
         assert done.returncode == 0, f"{line}\n{done.stdout}{done.stderr}"
 
 

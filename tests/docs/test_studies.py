@@ -2,10 +2,7 @@
 
 import dataclasses
 import io
-import os
 import re
-import subprocess
-import sys
 import typing
 from pathlib import Path
 
@@ -17,8 +14,8 @@ from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN
 from deltaswarm_orchestrator.studies.published import repeat
 from deltaswarm_orchestrator.studies.settings import StudyFile
+from tests.support.pages import ROOT, commands, files, shell
 
-ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
 OF_EARLIER_CODE = {"network-bandwidth", "network-loss", "network-range"}
@@ -30,13 +27,10 @@ SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
 @pytest.mark.slow
 def test_the_example_works(tmp_path: Path) -> None:
     """Its commands in their order, with shorter runs: a page with the finding's claim judged."""
-    [(name, text)] = re.findall(r"```toml\n# (\S+\.toml): (.*?)```", PAGE, flags=re.DOTALL)
-    (tmp_path / name).write_text(f"# {text}")
-    environment = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}"}
-    [block] = re.findall(r"```sh\n(.*?)```", PAGE, flags=re.DOTALL)
-    for line in block.splitlines():
-        command = f"{line.split('#')[0]} {SHORTER}"
-        done = subprocess.run(command, shell=True, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    [(name, text)] = files(PAGE).items()
+    (tmp_path / name).write_text(text)
+    for command in commands(PAGE):
+        done = shell(f"{command} {SHORTER}", tmp_path)
         assert done.returncode == 0, done.stdout + done.stderr
     assert pd.read_csv(tmp_path / "studies/my-study/claims.csv")["verdict"].notna().all()
     assert (tmp_path / "studies/my-study/figures/messages.pdf").exists()

@@ -117,13 +117,7 @@ def test_ctrl_c_ends_a_run_with_frozen_agents_in_order(tmp_path: Path) -> None:
 def test_a_world_without_hands_does_not_begin(tmp_path: Path) -> None:
     """Started by itself, it has nobody who could kill an agent: it says so, with exit code 2."""
     scenario = load_scenario("smoke", [timeline(TIMELINES["kill"])[1]])
-    (tmp_path / "scenario.toml").write_text(to_toml(scenario))
-    files = [
-        "--scenario",
-        str(tmp_path / "scenario.toml"),
-        "--credentials",
-        str(tmp_path / "c"),
-        "--out",
-        str(tmp_path),
-    ]
-    assert main([*files, "--run", "alone"]) == 2
+    file = tmp_path / "scenario.toml"
+    file.write_text(to_toml(scenario))
+    others = ["--credentials", str(tmp_path / "c"), "--out", str(tmp_path)]
+    assert main(["--scenario", str(file), *others, "--run", "alone"]) == 2

@@ -115,14 +115,8 @@ def test_an_agent_cannot_speak_as_another_nor_as_the_world(stage: Stage) -> None
 
 def test_rubbish_on_its_own_keys_is_counted_and_harms_nobody(stage: Stage) -> None:
     """Garbage, 10 MB, an unknown version, a NaN velocity, acts of the future: dropped, counted, survived."""
-    stranger = [
-        sys.executable,
-        "-m",
-        "tests.support.stranger",
-        RUN,
-        stage.swarm.endpoint,
-        stage.swarm.password("agent-3"),
-    ]
+    stranger = [sys.executable, "-m", "tests.support.stranger", RUN]
+    stranger += [stage.swarm.endpoint, stage.swarm.password("agent-3")]
     with subprocess.Popen(stranger, stdin=subprocess.PIPE, cwd=Path(__file__).parents[2]) as process:
         summary = stage.finish()
         process.communicate(timeout=PATIENCE_S)

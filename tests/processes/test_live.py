@@ -18,7 +18,7 @@ from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.support.foxglove import CHANNELS, stuck_at, url_of, viewing
-from tests.support.swarms import COMMAND, UNHURRIED, running, wait_until
+from tests.support.swarms import UNHURRIED, running, told, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -83,8 +83,7 @@ def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, duration_s: int, op
     """It finds the run, shows the truth and what the operator counted; the folder is as if nobody had come."""
     with running(tmp_path / "runs" / "first", "--set", f"run.duration_s={duration_s}", *options) as swarm:
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
-        command = [*COMMAND, "top", "--json"]
-        found = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        found = told("top", "--json", cwd=tmp_path)
         assert found.returncode == 0, found.stderr
         said = json.loads(found.stdout)
         assert (said["hello"]["run"], said["hello"]["kind"]) == ("first", "researcher")
@@ -99,7 +98,7 @@ def test_a_port_that_is_taken_is_told_before_anything_begins(tmp_path: Path) -> 
     """With the port, and what to do; no folder is made."""
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = str(taken.getsockname()[1])
-        done = _run(tmp_path, "--live", "foxglove", "--live-port", port)
+        done = told("run", "smoke", "--out", "run", "--live", "foxglove", "--live-port", port, cwd=tmp_path)
     assert done.returncode == 2
     assert f"--live-port {port}: " in done.stderr
     assert "choose another port" in done.stderr
@@ -109,7 +108,7 @@ def test_a_port_that_is_taken_is_told_before_anything_begins(tmp_path: Path) -> 
 def test_a_port_without_a_viewer_is_refused(tmp_path: Path) -> None:
     """And one that is no port."""
     for arguments in (("--live-port", "0"), ("--live-port", "65536")):
-        done = _run(tmp_path, *arguments)
+        done = told("run", "smoke", "--out", "run", *arguments, cwd=tmp_path)
         assert (done.returncode, done.stdout) == (2, "")
         assert "--live" in done.stderr
     assert list(tmp_path.iterdir()) == []
@@ -123,8 +122,3 @@ def test_without_the_extra_it_says_what_to_install(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "pip install 'deltaswarm[live]'" in done.stderr
     assert list(tmp_path.iterdir()) == []
-
-
-def _run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    command = [*COMMAND, "run", "smoke", "--out", "run", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)

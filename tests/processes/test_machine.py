@@ -14,7 +14,7 @@ import tomli_w
 
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_wire import checked
-from tests.support.swarms import COMMAND, PATIENCE_S, running
+from tests.support.swarms import PATIENCE_S, running, told
 
 pytestmark = pytest.mark.processes
 
@@ -62,13 +62,13 @@ def test_a_run_leaves_no_shared_memory(tmp_path: Path, is_interrupted: bool) -> 
 def test_without_loopback_one_line_says_what_to_do(tmp_path: Path, command: str) -> None:
     """The doctor finds it too, and nothing was begun."""
     arguments = command.format(tmp_path).split()
-    done = subprocess.run([*OWN_NETWORK, *COMMAND, *arguments], capture_output=True, text=True, check=False)
+    done = told(*arguments, inside=OWN_NETWORK)
     (line,) = done.stderr.splitlines()
     assert (done.returncode, done.stdout, list(tmp_path.iterdir())) == (1, "", [])
     assert line.startswith("deltaswarm: ")
     assert "127.0.0.1" in line
     assert "run `deltaswarm doctor`" in line
-    doctor = subprocess.run([*OWN_NETWORK, *COMMAND, "doctor"], capture_output=True, text=True, check=False)
+    doctor = told("doctor", inside=OWN_NETWORK)
     assert doctor.returncode == 1
     assert [line.split()[1] for line in doctor.stdout.splitlines() if line.startswith("MISSING")] == ["loopback"]
 
@@ -89,15 +89,7 @@ def test_a_part_that_gets_no_session_says_so_in_one_line(tmp_path: Path, part: s
     (tmp_path / "scenario.toml").write_text(to_toml(scenario))
     (tmp_path / "agent.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(0))))
     environment = {**os.environ, "DELTASWARM_PASSWORD": "x"}
-    done = subprocess.run(
-        [*COMMAND, *part.split()],
-        capture_output=True,
-        text=True,
-        check=False,
-        cwd=tmp_path,
-        env=environment,
-        timeout=PATIENCE_S,
-    )
+    done = told(*part.split(), cwd=tmp_path, env=environment, timeout=PATIENCE_S)
     assert done.returncode == 1
     (line,) = done.stderr.splitlines()
     assert part.split()[-1] in line

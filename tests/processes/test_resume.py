@@ -23,7 +23,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from tests.support.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, wait_until
+from tests.support.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, told, wait_until
 
 pytestmark = pytest.mark.processes
 
@@ -146,9 +146,8 @@ def test_a_run_that_ended_too_early_in_order_goes_on(how: str, tmp_path: Path) -
         assert code == (130 if how == "Ctrl-C" else 1)
         assert f"deltaswarm run --resume {swarm.out}" in errors
         assert not swarm.summary()["complete"]
-    told = subprocess.run([*COMMAND, "info", str(swarm.out)], capture_output=True, text=True, check=True)
-    assert re.search(rf"checkpoint .*step {newest_in(swarm.out)}\b", told.stdout)
-    process = subprocess.run([*COMMAND, "run", "--resume", str(swarm.out)], capture_output=True, text=True)
+    assert re.search(rf"checkpoint .*step {newest_in(swarm.out)}\b", told("info", str(swarm.out)).stdout)
+    process = told("run", "--resume", str(swarm.out))
     assert process.returncode == 0, process.stderr
     same_as_undisturbed(swarm)
 
@@ -163,14 +162,12 @@ def test_a_controller_that_cannot_be_saved_is_refused(tmp_path: Path, monkeypatc
         "        self.kept = lambda: None\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    holder = [*COMMAND, "run", "smoke", "--set", "control={mode='holder:Holder'}", "--set", "run.duration_s=20"]
-    process = subprocess.run(
-        [*holder, "--checkpoint", "5", "--out", str(tmp_path / "run")], capture_output=True, text=True
-    )
+    holder = ["run", "smoke", "--set", "control={mode='holder:Holder'}", "--set", "run.duration_s=20"]
+    process = told(*holder, "--checkpoint", "5", "--out", str(tmp_path / "run"))
     assert process.returncode == 1
     assert "holder:Holder" in process.stderr
     assert "Traceback" not in process.stderr
-    process = subprocess.run([*holder, "--out", str(tmp_path / "other")], capture_output=True, text=True)
+    process = told(*holder, "--out", str(tmp_path / "other"))
     assert process.returncode == 0, process.stderr
 
 

@@ -157,6 +157,11 @@ def running(out: Path, *arguments: str, scenario: str = "smoke", inside: Sequenc
                 os.kill(pid, signal.SIGKILL)
 
 
+def told(*arguments: str, inside: Sequence[str] = (), **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run `deltaswarm` to its end, whatever its exit code, and keep what it says."""
+    return subprocess.run([*inside, *COMMAND, *arguments], capture_output=True, text=True, check=False, **options)
+
+
 def wait_for_end(swarm: Swarm, observer: Observer, within_s: float = PATIENCE_S) -> None:
     """Take what a run under way says, until its world has ended."""
 

@@ -128,16 +128,6 @@ def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
     assert {OK, FAILED, USAGE, MISSED, INTERRUPTED} == set(EXIT_CODES)
 
 
-def test_a_wrong_scenario_ends_with_2(capsys: Printed) -> None:
-    """All mistakes, one line each."""
-    arguments = ["run", "smoke", "--set", "radio.los=1", "--set", "agents.count=0", "--seed", "-1"]
-    assert main(arguments) == 2
-    printed = capsys.readouterr()
-    assert printed.out == ""
-    paths = [line.split()[1].rstrip(":") for line in printed.err.splitlines()]
-    assert sorted(paths) == ["agents.count", "radio.los", "seed"]
-
-
 # Run
 
 

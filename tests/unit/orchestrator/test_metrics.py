@@ -19,11 +19,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import DROP_REASONS, EventState
 from deltaswarm_wire.checked import load
 from tests.support.swarms import run
-from tests.unit.orchestrator.test_results import STEP_S, whole, workload
-
-
-def event(number: int, arrived_s: float, sensed_s: float | None, completed_s: float | None = None) -> EventState:
-    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, completed_s, 0.0)
+from tests.unit.orchestrator.test_results import STEP_S, event, whole, workload
 
 
 def a_scenario(horizon_s: float = 1.0) -> Scenario:

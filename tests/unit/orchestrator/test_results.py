@@ -41,8 +41,8 @@ def workload(step: int, messages: int = 0, **more: Any) -> Workload:
     return Workload(**{**zeros, "step": step, "time_s": step * STEP_S, "messages": messages, **more})
 
 
-def event(number: int, arrived_s: float, sensed_s: float | None) -> EventState:
-    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, None, 0.0)
+def event(number: int, arrived_s: float, sensed_s: float | None, completed_s: float | None = None) -> EventState:
+    return EventState(number, 1.0, 2.0, arrived_s, sensed_s, completed_s, 0.0)
 
 
 def a_scenario(**run: Any) -> Scenario:

@@ -63,6 +63,20 @@ def ending() -> Iterator[ExitStack]:
         yield stack
 
 
+REPORTER = cast(Any, SimpleNamespace(update=lambda status, rate_60s_hz: None))
+
+
+def an_observer(**more: Any) -> SimpleNamespace:
+    """One that hears nothing, unless told otherwise."""
+    quiet = {"work": lambda within_s: False, "newest_workload": None, "orders": deque(), "heard_at": time.monotonic()}
+    return SimpleNamespace(**{**quiet, "records": True, "leave_when_done": lambda: None, **more})
+
+
+def a_swarm(**more: Any) -> SimpleNamespace:
+    """One without a station."""
+    return SimpleNamespace(**{"has_station": False, "write_pids": lambda: None, "stop_world": lambda: None, **more})
+
+
 @pytest.mark.parametrize("told_after", range(6))
 def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     told_after: int, ending: ExitStack, tmp_path: Path
@@ -78,27 +92,14 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     assert operator._process.wait() == WORLD_LOST
     assert world.end() == -signal.SIGKILL
     started: list[bool] = []
-    swarm = SimpleNamespace(
-        station=None,
+    swarm = a_swarm(
         part=lambda role: next(part for part in parts if part.role == role),
         ended=lambda: [part for part in parts if part.exit_code is not None],
-        start_operator=lambda publish_all, is_restart: started.append(is_restart),
-        write_pids=lambda: None,
-        stop_world=lambda: None,
+        start_operator=lambda publish_all, go_on: started.append(go_on),
     )
-    observer = SimpleNamespace(
-        work=lambda within_s: False,
-        status=SimpleNamespace(phase="stepping", step=7),
-        newest_step=7,
-        newest_workload=None,
-        orders=deque(),
-        heard_at=time.monotonic(),
-        records=True,
-        leave_when_done=lambda: None,
-    )
-    reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
-    made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S)
-    made.watch_to_the_end()
+    observer = an_observer(status=SimpleNamespace(phase="stepping", step=7), newest_step=7)
+    made = Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S)
+    made.to_the_end()
     assert [line.split()[0] for line in made.why] == [WORLD, OPERATOR]
     assert "SIGKILL" in made.why[0]
     assert not started
@@ -126,10 +127,8 @@ def whys(monkeypatch: pytest.MonkeyPatch, looks_at_s: Iterator[float], ends_at_s
     """What a watch says of a world that is silent until its end."""
     clock = Clock(looks_at_s, ends_at_s)
     monkeypatch.setattr(watch, "time", SimpleNamespace(monotonic=lambda: clock.now_s))
-    observer = SimpleNamespace(
-        work=clock.work, status=None, orders=deque(), heard_at=0.0, newest_step=7, leave_when_done=lambda: None
-    )
-    swarm = SimpleNamespace(station=None, part=lambda role: clock, ended=list)
+    observer = an_observer(work=clock.work, status=None, heard_at=0.0, newest_step=7)
+    swarm = a_swarm(part=lambda role: clock, ended=list)
     made = Watch(cast(Any, swarm), cast(Any, observer), cast(Any, None), Stop(), PATIENCE_S)
     made.watch_to_the_end()
     return made.why
@@ -176,28 +175,16 @@ def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_
             observer.status = SimpleNamespace(phase=phase, step=0)
         return False
 
-    observer = SimpleNamespace(
-        work=work,
-        status=SimpleNamespace(phase="waiting", step=0),
-        newest_step=-1,
-        newest_workload=None,
-        orders=deque(),
-        heard_at=time.monotonic(),
-        records=True,
-        leave_when_done=lambda: None,
-    )
+    observer = an_observer(work=work, status=SimpleNamespace(phase="waiting", step=0), newest_step=-1)
     stopped: list[bool] = []
     started: list[bool] = []
-    swarm = SimpleNamespace(
-        station=None,
+    swarm = a_swarm(
         part=lambda role: SimpleNamespace(exit_code=None if looks < 6 else 0),
         ended=lambda: [lost],
-        start_operator=lambda publish_all, is_restart: started.append(is_restart),
-        write_pids=lambda: None,
+        start_operator=lambda publish_all, go_on: started.append(go_on),
         stop_world=lambda: stopped.append(True),
     )
-    reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
-    Watch(cast(Any, swarm), cast(Any, observer), cast(Any, reporter), Stop(), PATIENCE_S).watch_to_the_end()
+    Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S).to_the_end()
     assert len(stopped) == stops
     assert started == [True] * (role == OPERATOR)
 
@@ -243,9 +230,8 @@ def test_a_recorder_that_is_far_behind_does_not_put_off_the_end(tmp_path: Path) 
     """Its queue is never empty: what else is to be done, is done between two of its steps."""
     stop = Stop()
     sink = SlowSink(stop)
-    reporter = SimpleNamespace(update=lambda status, rate_60s_hz: None)
     with recorded("behind", tmp_path, sink) as (swarm, observer):
-        Watch(swarm, observer, cast(Any, reporter), stop, PATIENCE_S).watch_to_the_end()
+        Watch(swarm, observer, REPORTER, stop, PATIENCE_S).to_the_end()
     assert stop.by
     assert STOPPED_AT <= sink.steps[-1] <= STOPPED_AT + 2 * AHEAD_STEPS
     assert sink.steps == list(range(sink.steps[-1] + 1))

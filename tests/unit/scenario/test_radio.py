@@ -7,7 +7,6 @@ import pytest
 from docs.extensions.scenario_keys import reference
 from hypothesis import given
 
-from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_scenario.radio import LEAST_FRAME_BYTES, RadioSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -23,6 +22,8 @@ from tests.support.complaints import mistakes
         ({"loss": -0.1}, ("radio.loss", "-0.1")),
         ({"duplication": 1.5}, ("radio.duplication", "1.5")),
         ({"burst": {"p_good_to_bad": 2}}, ("radio.burst.p_good_to_bad", "2")),
+        ({"burst": {"loss_bad": 7}}, ("radio.burst.loss_bad", "7")),
+        ({"walls": [{"a_m": [0, 0], "b_m": [1, "x"]}]}, ("radio.walls[0].b_m[1]", "'x'")),
         ({"burst": {"p_good_to_bad": 0.1, "p_bad_to_good": 0}}, ("radio.burst.p_bad_to_good", "0")),
         ({"latency_s": -1}, ("radio.latency_s", "-1")),
         ({"bandwidth": {"queue_bytes": -1}}, ("radio.bandwidth.queue_bytes", "-1")),
@@ -60,16 +61,6 @@ from tests.support.complaints import mistakes
 def test_a_mistake_gives_one_clear_message(radio: dict[str, Any], said: tuple[str, str]) -> None:
     """It has the key's path and what was found."""
     assert mistakes({"agents": {"count": 5}, "radio": radio}) == [said]
-
-
-def test_a_wrong_air_ends_with_2_and_starts_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """On the command line, all mistakes at once."""
-    wrong = ["radio.loss=-1", "radio.burst.loss_bad=7", 'radio.walls=[{a_m=[0, 0], b_m=[1, "x"]}]']
-    sets = [text for one in wrong for text in ("--set", one)]
-    assert main(["run", "smoke", *sets, "--out", str(tmp_path / "r")]) == 2
-    keys = ["radio.loss", "radio.burst.loss_bad", "radio.walls[0].b_m[1]"]
-    assert [line.split()[1] for line in capsys.readouterr().err.splitlines()] == keys
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

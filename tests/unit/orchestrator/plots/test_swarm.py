@@ -1,7 +1,6 @@
 """A swarm at work: every agent and every event drawn, roots in blue, lines to parents, and the snapshot's own truth."""
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,13 +134,6 @@ def test_no_snapshots_is_said() -> None:
     """Rather than an empty page."""
     with pytest.raises(ValueError, match="no snapshots"):
         swarm({})
-
-
-def test_the_figure_gives_the_same_bytes_twice(tmp_path: Path) -> None:
-    """With image, contour and markers, made anew."""
-    first = style.save(swarm({"hybrid 3": shot()}), tmp_path / "first")
-    second = style.save(swarm({"hybrid 3": shot()}), tmp_path / "second")
-    assert [file.read_bytes() for file in first] == [file.read_bytes() for file in second]
 
 
 def test_a_snapshot_is_the_truth_of_its_time() -> None:
