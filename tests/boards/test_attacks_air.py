@@ -57,9 +57,6 @@ def tls_air(folder: Path, name: str, **air: Any) -> dict[str, Any]:
     return {**air, "tls": {**{key: str(folder / file) for key, file in files.items()}, "verify_name": False}}
 
 
-# Floods
-
-
 def test_a_neighbour_that_floods_its_key_stops_no_board(tmp_path: Path) -> None:
     """The board goes on with its steps; the excess is counted, told once per sender, and takes no memory."""
     port = free_port()
@@ -109,9 +106,6 @@ def test_an_operator_that_is_flooded_counts_the_others(tmp_path: Path) -> None:
     assert totals["per_sender"]["0"]["messages"] > 0
 
 
-# Recordings
-
-
 def test_what_a_recording_repeats_under_the_boards_own_certificate_does_not_count(tmp_path: Path) -> None:
     """While the board itself reports; the operator says that two processes report as one agent."""
     certificates.make(tmp_path, range(3), [], 1)
@@ -142,9 +136,6 @@ def test_what_a_recording_repeats_under_the_boards_own_certificate_does_not_coun
         running.stop(1)
     assert totals["agents"]["1"]["stale"] >= RECENT
     assert totals["agents"]["1"]["reports"] < len(heard) + RECENT // 2, "its own, and few of the recorded"
-
-
-# Certificates
 
 
 def test_whoever_has_the_wrong_certificate_is_told_and_heard_by_nobody(
@@ -197,8 +188,6 @@ def test_over_tls_nothing_is_altered_on_the_way(protocol: str, tmp_path: Path) -
     assert any(b"false" in data for _, data in heard) == (protocol == "tcp")
     assert {data for _, data in heard} <= {mark, sound, TRUE} or protocol == "tcp"
 
-
-# Clocks
 
 WRONG_CLOCK = """
 import os, time

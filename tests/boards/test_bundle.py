@@ -72,9 +72,6 @@ def wheels(folder: Path) -> list[Path]:
     return sorted((folder / "wheels").iterdir())
 
 
-# What is in it
-
-
 @pytest.mark.parametrize("platform", PLATFORMS)
 def test_a_bundle_holds_three_projects_and_what_installs_them(made: Path, platform: str) -> None:
     """In this machine's versions; each wheel's tag fits the platform, and there is one for every Python."""
@@ -146,9 +143,6 @@ def test_an_installed_deltaswarm_has_all_that_a_bundle_is_made_of(tmp_path: Path
     assert Path("systemd/install.sh") in found
 
 
-# What can go wrong
-
-
 def test_nothing_is_overwritten(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that is there stays as it is."""
     assert main(["bundle", "--platform", ARM64, "--out", str(tmp_path)]) == 2
@@ -179,9 +173,6 @@ def test_a_wheel_that_does_not_fit_stops_the_bundle(tmp_path: Path, monkeypatch:
     with pytest.raises(BundleError, match="msgpack"):
         bundles.bundle(tmp_path / "out", ARM64)
     assert list(tmp_path.iterdir()) == []
-
-
-# That it installs and runs
 
 
 def install(bundle: Path, target: Path) -> subprocess.CompletedProcess[str]:

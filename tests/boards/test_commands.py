@@ -188,9 +188,6 @@ def children(pid: int) -> list[int]:
     return [int(line) for line in done.stdout.split()]
 
 
-# Without processes
-
-
 @pytest.mark.parametrize(
     ("place_m", "range_m", "is_heard"),
     [(None, 0.0, True), (None, 9.0, False), ((5.0, 0.0), 9.0, True), ((50.0, 0.0), 9.0, False)],

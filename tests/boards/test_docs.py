@@ -47,9 +47,6 @@ def commands() -> list[str]:
     return [line.strip() for block in blocks for line in block.splitlines()]
 
 
-# The unit
-
-
 @pytest.mark.parametrize(
     ("section", "name", "value"),
     [
@@ -113,9 +110,6 @@ def test_the_installer_refuses(arguments: list[str], message: str) -> None:
     assert message in done.stderr
 
 
-# The example
-
-
 def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
     """With certificates as `deltaswarm certificates` makes them."""
     certificates.make(tmp_path, [3], [], 1)
@@ -127,9 +121,6 @@ def test_the_example_is_a_boards_file(tmp_path: Path) -> None:
     [listens] = [line for line in commands() if line.startswith("deltaswarm operator")]
     assert [endpoint.rpartition(":")[2] for endpoint in settings.air.connect] == re.findall(r":(\d+) --ca", listens)
     assert settings.log.folder == "", "the page says that what it says is in the journal"
-
-
-# The page
 
 
 def test_a_board_needs_five_commands() -> None:

@@ -82,9 +82,6 @@ def without(pairs: Pairs, *parts: str) -> Pairs:
     return [pair for pair in pairs if not any(part in pair[0] for part in parts)]
 
 
-# Who does not come in
-
-
 def test_a_client_without_a_certificate_is_refused(router: Router) -> None:
     """Though it trusts the right authority and knows the user name of the certified."""
     link = router.link("agent-3")
@@ -135,9 +132,6 @@ def test_the_client_refuses_another_agent_as_world(router: Router) -> None:
     pairs = router_pairs(link, str(router.folder / "credentials"), KEYS, ())
     with zenoh.open(configured(zenoh.Config, pairs, link)), pytest.raises(zenoh.ZError):
         opened(replace(router.link("agent-3"), endpoint=endpoint))
-
-
-# As whom
 
 
 def as_three(router: Router) -> dict[str, tuple[RouterLink, Pairs]]:
@@ -212,9 +206,6 @@ def test_over_tcp_a_password_counts_and_the_certifieds_name_opens_nothing(
 
 def _clients(router: Router) -> set[str]:
     return {str(transport.zid) for transport in router.session.info.transports()}
-
-
-# The whole
 
 
 @pytest.mark.processes

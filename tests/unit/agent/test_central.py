@@ -53,9 +53,6 @@ def moved(at_m: Pose, goal_m: Pose, step_s: float) -> Pose:
     return at_m[0] + share * (goal_m[0] - at_m[0]), at_m[1] + share * (goal_m[1] - at_m[1])
 
 
-# Plans
-
-
 @given(st.dictionaries(st.integers(0, 9), places, min_size=1), st.dictionaries(st.integers(1, 99), places, max_size=12))
 def test_every_agent_gets_a_goal_in_the_arena_and_no_event_two_agents(
     agents: dict[int, Pose], events: dict[int, Pose]
@@ -165,8 +162,6 @@ def test_a_known_density_that_moves_is_sampled_anew() -> None:
     assert known.rate_near_hz(120.0, np.array([[130.0, 130.0], [0.0, 0.0]]), 5.0).tolist() == [0.05, 0.0]
 
 
-# What the planner knows
-
 sensed_frames = st.builds(
     SensedFrame,
     st.tuples(st.integers(0, 10_000), st.integers(0, 10_000)).map(lambda cm: (cm[0] / 100, cm[1] / 100)),
@@ -218,8 +213,6 @@ def test_agents_are_expected_where_they_were_sent(step_s: float) -> None:
     overview.advance({}, 16.0)
     assert overview.agents == {}
 
-
-# Runs
 
 SHORT = ["run.duration_s=1500", "control.mode=central", "radio.range_m=150"]
 

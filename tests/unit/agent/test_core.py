@@ -70,9 +70,6 @@ def outbound(decision: Decision, step: int = 3) -> StepOutput:
     return core_of(decision)[0].step(frame(step))
 
 
-# What a controller is told, and what is sent
-
-
 def test_a_controller_is_told_what_is_sensed_and_heard() -> None:
     """Step, time, pose, the poses since, events, and payloads without their envelopes; an echo is no neighbour."""
     core, controller = core_of(Decision())
@@ -142,8 +139,6 @@ def test_a_report_is_what_its_bytes_say() -> None:
     assert out.report.events == (Event(1, 2.0, 0.0),)
     assert type(out.report.events[0]) is Event
 
-
-# What a controller may not return
 
 BAD = {
     "not a number": Decision((math.nan, 0.0)),
@@ -255,9 +250,6 @@ def test_every_good_decision_is_sent_as_it_is(decision: Decision) -> None:
         decision.role, decision.level, decision.parent, decision.root, decision.delta
     )
     assert (out.radio and decode_sample(out.radio).payload) == decision.payload
-
-
-# The receiver
 
 
 def test_of_each_sender_the_newest_counts() -> None:

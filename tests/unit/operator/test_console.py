@@ -48,9 +48,6 @@ def numbers(turn: Turn) -> list[int]:
     return [decode_command(signed.body).number for signed in turn.commands]
 
 
-# CommandLog
-
-
 def command_log() -> CommandLog:
     return CommandLog((GO, FORM))
 
@@ -105,9 +102,6 @@ def test_commands_wait_for_their_turn_in_order_and_not_without_bound() -> None:
     for _ in range(MAX_IN_TURN):
         one.issue("go", Target(), {}, 0.0)
     assert not one.has_room
-
-
-# A script
 
 
 def at(at_s: float, **more: Any) -> dict[str, Any]:
@@ -170,9 +164,6 @@ def test_who_goes_on_keeps_pause_consent_and_the_times_of_questions() -> None:
     assert other.pace == one.pace
     assert shown(other)["probe"] is None
     assert next(step for step in range(500, 700) if close(other, step) and shown(other)["probe"]) == 600
-
-
-# Intents
 
 
 def test_a_command_is_accepted_or_refused_with_a_reason() -> None:

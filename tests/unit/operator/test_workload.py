@@ -49,9 +49,6 @@ def hand_on(meter: WorkloadMeter, sequence: int, data: bytes, step: int = 0) -> 
     return meter.receive_forwarded(encode_forwarded(Forwarded(sequence, step, data)))
 
 
-# Counting
-
-
 def test_a_report_is_counted_in_the_step_closed_next() -> None:
     """Messages, distinct senders, and the backlog as it was at the clock."""
     meter = a_meter()
@@ -102,9 +99,6 @@ def test_an_operator_that_comes_late_begins_with_its_first_clock() -> None:
     assert (meter.totals["steps"], meter.totals["steps_missed"]) == (1, 0)
 
 
-# Loss and rejection
-
-
 def test_the_largest_gap_fits_on_the_wire() -> None:
     """However much a forged sequence claims to have lost."""
     meter = a_meter()
@@ -134,9 +128,6 @@ def test_what_breaks_the_protocol_is_dropped_with_a_reason(data: bytes, said: st
     assert (workload.messages, workload.rejected) == (0, 1)
     assert close(meter, 1).rejected == 0
     assert meter.totals["per_sender"] == {"world": {"messages": 0, "lost": 0, "rejected": 1}}
-
-
-# What the world hands on
 
 
 def test_a_report_counts_when_it_arrives() -> None:
@@ -173,9 +164,6 @@ def test_no_bytes_break_the_meter(data: bytes) -> None:
     hand_on(meter, 0, data)
     workload = close(meter, 0)
     assert workload.messages + workload.rejected == 1
-
-
-# Rates
 
 
 @given(
@@ -231,9 +219,6 @@ def test_rates_are_over_simulated_time() -> None:
     assert (workload.rate_1s_hz, workload.rate_60s_hz) == (6.0, 6.0)
     assert meter.totals["messages_per_s"] == 6.0
     assert workload.time_above_s == 5.0
-
-
-# Against a plain account of the same messages
 
 
 @st.composite

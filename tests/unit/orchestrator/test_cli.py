@@ -46,9 +46,6 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, 
     return out, json.loads(done.stdout)
 
 
-# Usage
-
-
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     """As `head`: the command ends with exit code 1 and says nothing."""
     reading, writing = os.pipe()
@@ -128,9 +125,6 @@ def test_the_help_explains_every_exit_code(capsys: Printed) -> None:
     assert {OK, FAILED, USAGE, MISSED, INTERRUPTED} == set(EXIT_CODES)
 
 
-# Run
-
-
 def test_a_dry_run_prints_the_effective_scenario_and_starts_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
@@ -187,9 +181,6 @@ def test_a_folder_that_cannot_be_made_ends_with_2(tmp_path: Path, capsys: Printe
     (tmp_path / "file").touch()
     assert main(["run", "smoke", *SHORT, "--out", str(tmp_path / "file" / "run")]) == 2
     assert capsys.readouterr().err.startswith("deltaswarm: ")
-
-
-# Info
 
 
 def test_info_tells_of_a_finished_run(finished: tuple[Path, dict[str, Any]], capsys: Printed) -> None:
@@ -286,9 +277,6 @@ def test_info_says_if_a_run_cannot_be_read(
     (tmp_path / name).write_text(content)
     assert main(["info", str(tmp_path)]) == 2
     assert capsys.readouterr().err.startswith("deltaswarm: ")
-
-
-# The wrong file or folder
 
 
 @pytest.mark.parametrize(

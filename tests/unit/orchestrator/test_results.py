@@ -58,8 +58,6 @@ def whole(**more: Any) -> Outcome:
     )
 
 
-# The summary
-
 KEYS = {
     "waiting_time_s": {"mean", "median", "n", "never_sensed", "restricted_mean"},
     "completion_s": {"mean", "median"},
@@ -151,9 +149,6 @@ def test_an_agent_that_may_be_two_is_named() -> None:
     assert "5 times" in reason
 
 
-# Tables
-
-
 def same(found: Outcome, outcome: Outcome) -> bool:
     return (found.step_records, found.workloads, found.events) == (
         outcome.step_records,
@@ -228,9 +223,6 @@ def test_parts_that_were_not_merged_are_read_as_well(tmp_path: Path) -> None:
     write_tables(tmp_path, found)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["events.csv", "series.csv"]
     assert same(read_outcome(tmp_path), outcome)
-
-
-# A recording
 
 
 def test_the_recording_alone_gives_the_figures_of_the_summary(tmp_path: Path) -> None:

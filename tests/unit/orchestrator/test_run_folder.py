@@ -164,9 +164,6 @@ def test_the_command_keeps_a_run_whose_name_was_taken(
     assert json.loads(capsys.readouterr().out)["state"] == "complete"
 
 
-# At the same time
-
-
 MOMENTS = [
     (Path, "mkdir", 1),
     (run_folder, "FolderLock", 1),

@@ -32,9 +32,6 @@ def written(folder: Path, text: str) -> str:
     return str(file)
 
 
-# Built-in scenarios
-
-
 @pytest.mark.parametrize("name", BUILT_IN)
 def test_built_in_scenarios_load(name: str) -> None:
     """By name, wherever the command is called, and they carry that name."""
@@ -55,9 +52,6 @@ def test_the_large_scenario_has_the_base_ones_density_of_agents() -> None:
     areas_m2 = [one.arena.width_m * one.arena.height_m for one in (base, large)]
     assert large.agents.count == 4 * base.agents.count
     assert areas_m2[1] == 4 * areas_m2[0]
-
-
-# Changes from the command line
 
 
 @pytest.mark.parametrize(
@@ -125,9 +119,6 @@ def test_a_wrong_override_is_explained(override: str, said: str) -> None:
     assert names(problem, said), problem
 
 
-# Files
-
-
 def test_a_scenario_that_is_not_there_is_named() -> None:
     """With what could have been meant."""
     (problem,) = problems("nowhere.toml")
@@ -187,8 +178,6 @@ def test_a_zip_of_arrays_is_no_grid(tmp_path: Path) -> None:
     assert len(problems("smoke", "events.density.kind=grid", f"events.density.file={file}")) == 1
 
 
-# The effective scenario
-
 overrides = st.fixed_dictionaries(
     {},
     optional={
@@ -217,8 +206,6 @@ def test_the_effective_scenario_reads_back_as_it_was(changes: dict[str, Any]) ->
     told = scenario.for_agent(3)
     assert load(AgentSettings, tomllib.loads(to_toml(told))) == told
 
-
-# Ten mistakes at once
 
 BAD = """
 schema = 1

@@ -33,9 +33,6 @@ def load_with(density: Any, obstacles: tuple[Any, ...] = ()) -> Scenario:
     return load(Scenario, {"events": {"density": density}, "arena": {"obstacles": list(obstacles)}})
 
 
-# The mean
-
-
 @pytest.mark.parametrize(
     ("time_s", "mean_m"),
     [(0, (1, 2)), (10, (1, 2)), (12.5, (2, 4)), (15, (3, 6)), (20, (9, 9)), (25, (8, 9)), (30, (7, 9)), (1e9, (7, 9))],
@@ -60,8 +57,6 @@ def test_a_mean_that_a_path_replaces_may_be_anywhere() -> None:
     density = {"path_m": [[10, 10]], "path_s": [0]}
     assert load(Scenario, {"events": {"density": density}, "arena": {"width_m": 40, "height_m": 40}})
 
-
-# Mistakes
 
 MISTAKES: list[tuple[Any, list[tuple[str, str]]]] = [
     ({"path_m": [[1, 1]]}, [("path_s", "0 for 1 waypoints")]),
@@ -98,9 +93,6 @@ def test_only_a_normal_distribution_moves(kind: dict[str, Any]) -> None:
         ("events.density.path_m", "[[10.0, 50.0], [90.0, 50.0]]"),
         ("events.density.path_s", "[0.0, 100.0]"),
     ]
-
-
-# Mass along the path
 
 
 def test_a_path_through_a_wall_is_refused() -> None:
@@ -171,9 +163,6 @@ def test_the_check_is_cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     assert evaluated({"mean_m": [31, 41]}, monkeypatch) == SAMPLES
     assert evaluated({"path_m": circle, "path_s": list(range(100))}, monkeypatch) <= 8 * SAMPLES
     assert evaluated({"path_m": [[31, 42]] * 100, "path_s": list(range(100))}, monkeypatch) <= SAMPLES
-
-
-# Files
 
 
 def test_the_example_of_the_documentation_is_a_scenario() -> None:

@@ -62,9 +62,6 @@ def of_key(path: Path) -> str:
     return ".".join(path)
 
 
-# Defaults
-
-
 def test_an_empty_table_is_the_papers_scenario() -> None:
     """Figures of the Experimental Setup, with 25 agents."""
     scenario = load(Scenario, {})
@@ -134,9 +131,6 @@ def test_an_agent_is_told_its_task_and_its_body_alone() -> None:
     seeds = {Scenario(seed=seed).for_agent(agent).seed for seed in (1, 2) for agent in range(10)}
     assert len(seeds) == 20
     assert min(seeds) > 2**32
-
-
-# Mistakes
 
 
 @pytest.mark.parametrize(

@@ -131,9 +131,6 @@ def test_the_command_makes_a_key_once(tmp_path: Path, capsys: pytest.CaptureFixt
         assert "--out and --agents" in capsys.readouterr().err
 
 
-# What an agent makes of it
-
-
 def test_only_what_the_operator_signed_is_heard(keys: Keys) -> None:
     """And relayed. A forged command does not keep the real one of its number from being heard."""
     relay = keys.relay()

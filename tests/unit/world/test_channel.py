@@ -49,9 +49,6 @@ def crowd(count: int) -> Links:
     return Links.of_pairs(Ends(np.array(senders), nowhere), Ends(np.array(receivers), nowhere))
 
 
-# Dice
-
-
 def test_a_link_keeps_its_luck() -> None:
     """In any company and order; another link, direction or seed has its own; from either end the same if mutual."""
     dice = LinkDraws(rng())
@@ -87,9 +84,6 @@ def test_dice_are_fair(mutual: bool) -> None:
     assert abs(np.corrcoef(square[1:].ravel(), square[:-1].ravel())[0, 1]) < 0.02
     assert abs(np.corrcoef(square[:, 1:].ravel(), square[:, :-1].ravel())[0, 1]) < 0.02
     assert np.corrcoef(normal, back)[0, 1] == pytest.approx(float(mutual), abs=0.02)
-
-
-# Path loss
 
 
 CLEAR = PathLossSettings(shadowing_db=0.0)
@@ -165,9 +159,6 @@ def test_an_own_range_is_the_sender_s() -> None:
         assert stage.carry().links == [(0, 1)]
 
 
-# Asymmetry
-
-
 def test_a_share_of_directed_links_is_dead_for_ever() -> None:
     """The same ones in each step, about as many as asked for; the other direction is independent of it."""
     links = crowd(60)
@@ -198,9 +189,6 @@ def test_a_range_factor_shortens_a_direction(low: float, distance_m: float, seed
     assert low <= factor <= 1
     assert cut is not None
     assert cut[0] == (distance_m / 10 > factor)
-
-
-# Bursts
 
 
 @pytest.mark.parametrize(
@@ -235,9 +223,6 @@ def test_frames_of_one_link_in_one_step_share_its_state() -> None:
     assert not np.array_equal(lost[:, 1], lost[:, 2])
 
 
-# Contention
-
-
 @given(st.lists(st.integers(7, 60), min_size=1, max_size=12), st.integers(1, 300), st.integers(0, 99))
 def test_no_receiver_hears_more_than_the_medium_carries(sizes: list[int], most: int, seed: int) -> None:
     """And nothing is lost where all fits."""
@@ -252,9 +237,6 @@ def test_no_receiver_hears_more_than_the_medium_carries(sizes: list[int], most: 
         assert cut is not None
         assert sum(np.array(sizes)[~cut]) <= most
         assert cut.any()
-
-
-# Places and times
 
 
 @given(points, points, points, points)
@@ -330,9 +312,6 @@ def test_a_jammer_goes_its_way(time_s: float, at: Place) -> None:
         assert not from_within[0]
 
 
-# Queues
-
-
 @given(st.lists(st.lists(st.integers(1, 40), max_size=3), max_size=30), st.floats(1, 60), st.integers(0, 100))
 def test_a_pipe_is_exact(steps: list[list[int]], rate: float, queue_bytes: int) -> None:
     """In order, never faster than its rate, never more waiting than its queue, each packet once, every byte counted."""
@@ -361,9 +340,6 @@ def test_a_wide_pipe_is_none(sizes: list[int], rate: int) -> None:
     for number, size in enumerate(sizes):
         packet = Packet(0, number, bytes(size))
         assert pipes.take(0, [packet]) == ([packet], [])
-
-
-# Delays
 
 
 def line(latency_s: float, jitter_s: float, step_s: float = 1.0) -> DelayLine:

@@ -14,8 +14,6 @@ from tests.support.cores import play, swarm
 from tests.support.strategies import ACT, RADIO, complaint, strange
 from tests.support.worlds import Stage, an_act, sample
 
-# Claims
-
 
 @pytest.mark.parametrize(("distance_m", "works"), [(4.9, True), (5.1, False)])
 def test_an_event_beyond_sensing_range_cannot_be_observed(distance_m: float, works: bool) -> None:
@@ -62,9 +60,6 @@ def test_changes_that_nobody_asks_for_are_not_kept() -> None:
         for event in crew.world.environment.changed:
             assert abs(now_s - event.arrived_s) < 1 or now_s in (event.sensed_s, event.completed_s)
     assert len(crew.world.environment.states()) > 30
-
-
-# What agents send
 
 
 @given(st.lists(st.tuples(st.integers(0, 5), strange(RADIO)), min_size=1, max_size=8))
@@ -176,9 +171,6 @@ def test_a_gap_in_counters_is_a_loss_on_the_fabric() -> None:
     assert lost == [0, 0, 2, 0, 0, 0]
 
 
-# What agents get
-
-
 def test_the_heard_bytes_are_the_very_bytes_sent() -> None:
     """Also where a sender writes an integer wider than needed."""
     stage = Stage(2)
@@ -229,9 +221,6 @@ def test_more_events_than_a_frame_may_hold_are_left_out_and_counted() -> None:
     assert all(event.sensed_s == 0.0 for event in stage.core.environment.states())
 
 
-# Agents that are late or gone
-
-
 def test_a_late_agent_keeps_its_velocity_and_gets_no_frame() -> None:
     """Until an act of its arrives; it is counted late once per step that it misses."""
     stage = Stage(2)
@@ -263,9 +252,6 @@ def test_a_dead_agent_stops_and_hears_nothing() -> None:
     assert (record.agents_alive, record.dropped_dead, record.frames_received) == (1, 1, 0)
     assert stage.core.truth(record).bodies[0][1:4] == (50.0, 50.0, "dead")
     assert stage.core.totals(complete=True)["agents_lost"] == [0]
-
-
-# The books
 
 
 @pytest.mark.parametrize("radio", [[], ["radio.loss=0.4"], list(EVERYTHING)], ids=["disc", "loss", "everything"])

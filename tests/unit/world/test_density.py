@@ -150,8 +150,6 @@ def test_a_uniform_density_is_even() -> None:
     assert np.allclose(np.bincount(fields[:, 0] + 4 * fields[:, 1]) / DRAWS, 1 / 8, atol=0.025)
 
 
-# Densities that move
-
 PATH: dict[str, Any] = {"path_m": [[20, 30], [80, 30], [80, 70], [40, 20]], "path_s": [100, 200, 200, 400]}
 """Two straight ways with a jump between them."""
 MOVING_MIXTURE = {"kind": "mixture", "components": [{**a_component(1, 90, 90), **PATH}, a_component(2, 50, 90)]}
@@ -243,8 +241,6 @@ def test_a_world_with_a_moving_density_goes_on_from_its_checkpoint() -> None:
     assert saved.states() == straight.states()
     assert len(saved.arrived) > 100
 
-
-# Grids
 
 GRID = np.array([[1.0, 0.0, 2.0], [0.0, 4.0, 1.0]])
 """Two rows from y = 0 upwards, three columns from x = 0."""

@@ -153,9 +153,6 @@ def test_without_commands_there_is_no_frame_and_no_chance() -> None:
     assert base.downlink.totals == {"frames_sent": 0, "frames_heard": 0, "in_flight": 0, "dropped": {}}
 
 
-# Turns
-
-
 def leaving(turns: Turns, step: int) -> list[int]:
     return [decode_command(signed.body).number for signed in turns.leaving(step, 0.5)]
 
@@ -220,9 +217,6 @@ def test_only_so_many_commands_may_wait() -> None:
     assert turns.accept(a_turn(5, 999))
     leaving(turns, 6)
     assert turns.accept(a_turn(6, 999)) is None
-
-
-# StepGate
 
 
 class Clock:

@@ -30,9 +30,6 @@ def with_event(x_m: float, y_m: float, **tables: Any) -> Environment:
     return made
 
 
-# Arrivals
-
-
 SMOKE = {
     "arena": {"width_m": 40, "height_m": 40},
     "events": {"rate_hz": 0.1, "density": {"mean_m": [20, 20], "covariance_m2": [[30, 0], [0, 30]]}},
@@ -47,9 +44,6 @@ def test_another_seed_gives_other_events() -> None:
         one.arrive(float(step))
         other.arrive(float(step))
     assert [e.x_m for e in one.arrived] != [e.x_m for e in other.arrived]
-
-
-# Motion
 
 
 @given(st.floats(-1e3, 1e3), st.floats(-1e3, 1e3), st.floats(0.1, 50))
@@ -98,9 +92,6 @@ def test_agents_begin_uniformly_in_the_arena() -> None:
     assert np.allclose(np.bincount(quarters) / 2000, 0.25, atol=0.04)
 
 
-# Sensing
-
-
 @pytest.mark.parametrize(("distance_m", "sensed"), [(0.0, True), (5.0, True), (5.001, False)])
 def test_an_event_is_sensed_within_range(distance_m: float, sensed: bool) -> None:
     """The range itself included; by each agent on its own."""
@@ -131,9 +122,6 @@ def test_a_passing_free_agent_ends_an_events_waiting() -> None:
     found = crew.world.environment.states()
     assert any(e.sensed_s is not None and e.sensed_s > e.arrived_s for e in found)
     assert all(e.work_agent_s == 0 and e.completed_s is None for e in found)
-
-
-# Work
 
 
 @given(st.lists(st.integers(0, 4), max_size=40), st.sampled_from([0.5, 1.0, 2.0]))

@@ -37,9 +37,6 @@ def orders(made: Faults, step: int, alive: Collection[int] = ALL, roots: Collect
     return [(order.action, order.agents) for order in made.inject(step, alive, roots)]
 
 
-# Whom it hits
-
-
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
 def test_named_agents_are_hit_at_their_step_and_at_no_other(step_s: float) -> None:
     """Once, whatever step comes after."""
@@ -81,9 +78,6 @@ def test_chance_is_each_faults_own() -> None:
     )
     assert alone == beside
     assert len({orders(faults(share, seed=seed), 5)[0][1] for seed in SEEDS}) > 3
-
-
-# What follows for processes
 
 
 @pytest.mark.parametrize("step_s", [0.5, 1.0])
@@ -197,9 +191,6 @@ def test_orders_can_always_be_carried_out(timeline: list[dict[str, Any]], roots:
         assert made.frozen == stopped
     assert numbers == list(range(len(numbers)))
     assert len(made.log) == len(timeline)
-
-
-# What follows for bodies
 
 
 def test_a_dead_radio_is_deaf_at_once_and_what_it_said_before_is_heard() -> None:

@@ -28,9 +28,6 @@ def array(*rows: Place) -> Any:
     return np.array(rows, dtype=np.float64)
 
 
-# Geometry
-
-
 @given(polygons(), places)
 def test_inside_is_inside(obstacle: ObstacleSettings, place: Place) -> None:
     """As by the winding of the edges around a place."""
@@ -97,9 +94,6 @@ def test_a_body_at_the_edge_is_free_to_leave() -> None:
         assert moved == pytest.approx(way if goes else (0.0, 0.0), abs=1e-5)
 
 
-# In the world
-
-
 UNIFORM = {"rate_hz": 1.0, "density": {"kind": "uniform"}}
 
 
@@ -139,9 +133,6 @@ def test_an_event_behind_an_obstacle_is_not_sensed() -> None:
     made.active.append(EventRecord(1, 21.0, 15.0, 0.0))
     made._place_active()
     assert [len(events) for events in made.sense(0.0, [True, True])] == [0, 1]
-
-
-# On the air
 
 
 def stage(positions_m: list[list[float]], attenuation_db: float | None = None, **radio: Any) -> Stage:
@@ -184,8 +175,6 @@ def test_by_power_attenuation_is_subtracted(attenuation_db: float, heard: bool) 
     made = stage([[9.0, 15.0], [21.0, 15.0]], attenuation_db, reception="log-distance", path_loss=path_loss)
     assert (len(made.carry([0]).links) == 1) == heard
 
-
-# Whole runs
 
 RUN = ("record=off", "agents.count=10", "events.rate_hz=0.3", "events.density.kind=uniform", "run.duration_s=300")
 

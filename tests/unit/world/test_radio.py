@@ -27,9 +27,6 @@ def situations(draw: st.DrawFn) -> tuple[Floats, list[int], list[bool]]:
     return np.array(positions), senders, present
 
 
-# The disc, and loss
-
-
 @given(situations(), st.sampled_from([0.0, 0.3, 1.0]))
 @settings(max_examples=200)
 def test_every_frame_is_heard_or_dropped_for_a_reason(
@@ -110,9 +107,6 @@ def test_loss_is_independent_per_receiver() -> None:
             heard[sender, receiver] += 1
     shares = heard[~np.eye(20, dtype=bool)] / 400
     assert 0.37 < shares.min() < shares.max() < 0.63
-
-
-# All models
 
 
 @given(radios, st.integers(1, 7), st.integers(0, 2**32), st.integers(0, 5))
@@ -203,9 +197,6 @@ SOME: dict[str, dict[str, Any]] = {
     "burst": {"burst": {"p_good_to_bad": 0.2, "p_bad_to_good": 0.5}},
     "contention": {"contention_bytes_per_s": 40.0},
 }
-
-
-# Late frames
 
 
 @given(st.floats(0, 5), st.floats(0, 5), st.integers(0, 99), st.sampled_from([0.5, 1.0]))

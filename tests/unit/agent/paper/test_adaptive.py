@@ -52,9 +52,6 @@ def rate_hz(lone: Lone) -> float:
     return lone.core.controller.agent.finds.rate_hz
 
 
-# Averages
-
-
 def test_a_walker_expects_one_event_in_300_s_at_first() -> None:
     """Of both kinds of legs as many."""
     assert finds().rate_hz == pytest.approx(1 / 300)
@@ -144,9 +141,6 @@ def test_what_is_told_can_be_told_again(averages: Averages) -> None:
     assert told.busy_permille <= 1000
 
 
-# What is learnt
-
-
 def adaptive(**control: object) -> Lone:
     return Lone(at=(50.0, 50.0), **{"mode": "adaptive", **control})
 
@@ -200,9 +194,6 @@ def test_the_paper_learns_nothing() -> None:
     assert lone.core.controller.agent.finds is None
 
 
-# Returning
-
-
 def test_the_probability_of_a_return_follows_what_returns_find() -> None:
     """The more they find beside random legs, the more of them; a few always, to notice a change."""
     assert return_probability(0.0) == MOST
@@ -250,9 +241,6 @@ def test_a_place_is_forgotten_with_time() -> None:
     assert all(places.next_goal(lone.now) is None for _ in range(200))
 
 
-# Patience
-
-
 @pytest.mark.parametrize(("level", "step_s"), [(1, 1.0), (2, 1.0), (3, 1.0), (1, 0.5), (2, 4.0)])
 def test_a_member_leaves_when_a_walker_would_have_found_enough(level: int, step_s: float) -> None:
     """K / w seconds of idling, at level l in 1/l of that; w is 1 in 300 s as long as nobody tells otherwise."""
@@ -296,9 +284,6 @@ def test_who_learns_that_walkers_find_much_leaves_sooner() -> None:
         fast.step(member((100,), PARENT_AT, pulse=101 + step)._replace(averages=rich))
     assert slow.path
     assert not fast.path
-
-
-# Delta
 
 
 @pytest.mark.parametrize(("busy", "delta"), [(0.0, 4), (0.2499, 4), (0.25, 3), (0.4999, 3), (0.5, 2), (1.0, 2)])

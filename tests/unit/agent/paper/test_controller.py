@@ -50,9 +50,6 @@ def at_event(number: int = 1, **control: Any) -> Lone:
     return lone
 
 
-# Decentralised: the baseline
-
-
 def test_the_nearest_sensed_event_is_gone_to() -> None:
     """Straight, at full speed, and by id among equals."""
     lone = Lone(mode="decentralised")
@@ -110,9 +107,6 @@ def test_after_completion_the_agent_walks_on_if_it_senses_nothing() -> None:
     assert (decision.act.observed, decision.radio, decision.report) == ((), None, None)
 
 
-# Newly in range
-
-
 def test_an_agent_newly_in_range_of_an_attending_one_goes_to_its_event() -> None:
     """To the event that it was told, not to the teller."""
     lone = Lone(at=OUTSIDE)
@@ -166,9 +160,6 @@ def test_an_agent_walks_on_where_an_event_should_be_and_is_not() -> None:
     assert lone.core.state is State.WALKING
 
 
-# Root formation
-
-
 @pytest.mark.parametrize(("mode", "threshold"), [("hybrid", 3), ("hybrid", 5), ("hierarchical", 2)])
 def test_a_root_is_founded_at_the_threshold(mode: str, threshold: int) -> None:
     """Delta in hybrid, rho in hierarchical control, where the agent stands; not with one event less."""
@@ -199,9 +190,6 @@ def test_decentralised_agents_found_no_trees() -> None:
     lone = Lone(mode="decentralised", delta=1, rho=1)
     lone.steps(20, events=[event(number, 50, 50 + number / 10) for number in range(10)])
     assert lone.core.state is State.ATTENDING
-
-
-# Tree growth
 
 
 @pytest.mark.parametrize(("distance_m", "joins"), [(5.999, False), (6.0, True), (9.979, True), (9.981, False)])
@@ -258,9 +246,6 @@ def test_no_free_agent_joins_below_itself_or_beyond_the_longest_path(above: tupl
     lone.step()
     lone.step(member((*above, PARENT), PARENT_AT, pulse=40), at=INSIDE)
     assert lone.core.state is State.WALKING
-
-
-# Observing, speaking and reporting
 
 
 def test_events_of_other_trees_are_not_believed_in() -> None:

@@ -120,9 +120,6 @@ def test_leaving_is_said_in_four_frames_before_anything_else(events: list[Event]
     assert [type(decision.radio) for decision in said] == [Leaving] * STEPS.leaving + [then] * (10 - STEPS.leaving)
 
 
-# A root of its own
-
-
 @pytest.mark.parametrize("step_s", [0.5, 1.0, 4.0])
 def test_an_idle_root_leaves_if_it_may(step_s: float) -> None:
     """After gamma_max seconds without an event or a follower; the paper's root stays."""

@@ -38,9 +38,6 @@ def parent_says(pulse: int, **more: Any) -> Member:
     return member((ROOT, PARENT), PARENT_AT, pulse=pulse, **more)
 
 
-# The table
-
-
 @given(lives(near_frames()), st.booleans())
 def test_a_table_has_no_agent_twice_and_not_itself(life: list[Any], is_root: bool) -> None:
     """Whatever the children claim, nobody above the agent either, though it name the agent as its parent."""
@@ -101,9 +98,6 @@ def test_a_child_is_dropped_when_it_is_none_any_more(says: PaperFrame, stays: bo
     assert set(membership.children) == ({CHILD, 2} if stays else {2})
 
 
-# Pulses
-
-
 @given(pulses, st.integers(0, 1000), st.integers(0, 40))
 def test_a_living_roots_pulse_is_fresh_unless_it_comes_late(known: int, elapsed: int, late: int) -> None:
     """One that has advanced is trusted if it is at most 8 behind; one that was known before never is."""
@@ -123,9 +117,6 @@ def test_a_roots_first_pulse_on_the_air_is_0() -> None:
     assert pulses_said == [0, 1, 2, 3]
 
 
-# The parent
-
-
 def test_a_member_follows_its_parents_path() -> None:
     """Nothing is announced: whatever changes above shows in the path, also another root with another pulse."""
     lone = a_member()
@@ -134,9 +125,6 @@ def test_a_member_follows_its_parents_path() -> None:
     assert membership is not None
     assert (membership.root, membership.level, membership.parent) == (9, 3, PARENT)
     assert (lone.path, membership.pulse) == ((9, ROOT, PARENT, ME), 5)
-
-
-# Lost parents
 
 
 @pytest.mark.parametrize("says", [relocating(PARENT, PARENT_AT), attending(PARENT, PARENT_AT, 1, PARENT_AT), None])

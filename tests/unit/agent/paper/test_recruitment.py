@@ -41,9 +41,6 @@ def chosen(leaf: Place, members: list[Place], events: list[Event], taken: Sequen
     return best_place(leaf, legal, events, SENSING_M)
 
 
-# The place
-
-
 @given(in_arena, st.lists(in_arena, min_size=1, max_size=4), st.lists(in_cm | in_arena, max_size=7))
 @settings(max_examples=150)
 def test_the_best_place_is_legal_and_no_place_of_the_grid_is_better(
@@ -76,8 +73,6 @@ def test_there_is_no_place_without_a_known_event() -> None:
     assert chosen((15.0, 12.0), [(0.0, 0.0)], [event(1, 29, 23)]) is None
 
 
-# The leaf
-
 rows = st.lists(
     st.builds(Descendant, st.integers(2, 12), st.integers(1, 12), st.just(0), st.just(0), st.integers(0, 3)),
     max_size=10,
@@ -107,8 +102,6 @@ def test_each_of_equal_leaves_has_its_chance() -> None:
     assert all(250 <= drawn.count(agent) <= 350 for agent in (2, 3, 4))
     assert 5 not in drawn
 
-
-# The order, at the root
 
 LEAF = 2
 FAR_EVENT = Sighting(9, 6200, 5800, 0)
