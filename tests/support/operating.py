@@ -13,7 +13,15 @@ from typing import Any, Self, cast
 
 from deltaswarm_wire.access import user_name
 from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD, Keys
-from deltaswarm_wire.operator_messages import Clock, Forwarded, Report, Workload, encode_clock, encode_forwarded
+from deltaswarm_wire.operator_messages import (
+    Clock,
+    Forwarded,
+    Report,
+    Workload,
+    decode_workload,
+    encode_clock,
+    encode_forwarded,
+)
 from deltaswarm_wire.orders import decode_taken
 from deltaswarm_wire.session import PASSWORD_VARIABLE, RouterLink, configured, router_pairs, use_one_worker_thread
 from tests.support.fields import free_port
@@ -94,6 +102,32 @@ class World:
             )
         self._started.append(process)
         return process
+
+    def running_operator(self, *arguments: str) -> subprocess.Popen[bytes]:
+        """Start it, and wait until it hears what this says."""
+        process = self.start_operator(*arguments)
+        self.wait_for_operator()
+        wait_until_heard(self.clock)
+        return process
+
+    def kill(self, process: subprocess.Popen[bytes]) -> None:
+        """End an operator by SIGKILL, and wait until its token is gone."""
+        process.kill()
+        process.wait()
+        assert self.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+
+    def wait_until_taken(self, step: int) -> None:
+        """Until the operator has confirmed a step."""
+        while self.taken.get(timeout=PATIENCE_S) < step:
+            pass
+
+    def workloads(self) -> "queue.SimpleQueue[Workload]":
+        """What operators publish of the workload from now on."""
+        seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
+        self._workloads = self.session.declare_subscriber(
+            KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
+        )
+        return seen
 
     def wait_for_operator(self) -> None:
         """Until its token is there."""

@@ -1,6 +1,5 @@
 """The operator as a real process: over loopback, through a router with its access rules, ended in every way."""
 
-import queue
 import signal
 import subprocess
 import sys
@@ -14,13 +13,12 @@ from deltaswarm_operator.io.process import End
 from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.exits import WORLD_LOST
 from deltaswarm_wire.keys import REPORT
-from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, decode_workload, encode_report
+from deltaswarm_wire.operator_messages import Clock, Forwarded, Workload, encode_report
 from deltaswarm_wire.session import use_one_worker_thread
-from tests.support.operating import AGENTS, KEYS, World, report, wait_until_heard
+from tests.support.operating import AGENTS, KEYS, World, report
 from tests.support.swarms import PATIENCE_S
 
 use_one_worker_thread()
-import zenoh  # noqa: E402 (reads its thread settings at import)
 
 pytestmark = pytest.mark.processes
 
@@ -34,9 +32,7 @@ def world(tmp_path: Path) -> Iterator[World]:
 def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
     """The clock follows the reports that the world hands on. At no clock is one missing, or early."""
     steps = 150
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
+    process = world.running_operator()
     expected = WorkloadMeter(OperatorSettings(), 1.0)
     wanted = []
     for step in range(steps):
@@ -58,9 +54,7 @@ def test_every_report_of_a_step_is_counted_in_that_step(world: World) -> None:
 
 def test_it_hears_the_world_and_no_agent(world: World) -> None:
     """What an agent puts on its own key does not reach it; what the fabric loses behind the world is found."""
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
+    process = world.running_operator()
     world.session.put(KEYS.agent(1, REPORT), encode_report(report(1, 0, 0)))
     for skipped, step in ((0, 0), (0, 1), (2, 1)):
         world.hand_on(encode_report(report(2, 9 - skipped, 0)), step, skipped)
@@ -74,30 +68,21 @@ def test_it_hears_the_world_and_no_agent(world: World) -> None:
 def test_a_recorder_gets_the_workload_of_every_step(world: World) -> None:
     """With --publish-all the operator is not ready before somebody listens; then nothing is left out."""
     process = world.start_operator("--publish-all", piped=True)
-    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
     assert process.stderr is not None
     assert b"deltaswarm/test/operator/workload" in process.stderr.readline()
-    watch = world.session.declare_subscriber(
-        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
-    )
+    seen = world.workloads()
     world.wait_for_operator()
     for step in range(300):
         world.close_step(step, last=step == 299)
     assert [seen.get(timeout=PATIENCE_S).step for _ in range(300)] == list(range(300))
     assert b"the operator is ready" in process.communicate(timeout=PATIENCE_S)[1]
     assert process.returncode == 0
-    watch.undeclare()
 
 
 def test_those_who_watch_get_the_last_workload(world: World) -> None:
     """Without --publish-all a few of the steps are published, the last among them."""
-    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
-    watch = world.session.declare_subscriber(
-        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
-    )
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
+    seen = world.workloads()
+    process = world.running_operator()
     for step in range(1000):
         world.close_step(step, last=step == 999)
     assert process.wait(PATIENCE_S) == 0
@@ -105,14 +90,11 @@ def test_those_who_watch_get_the_last_workload(world: World) -> None:
     while not published or published[-1] < 999:
         published.append(seen.get(timeout=PATIENCE_S).step)
     assert len(published) < 500
-    watch.undeclare()
 
 
 def test_what_breaks_the_protocol_is_counted_and_told_once(world: World) -> None:
     """Malformed bytes, a clock that is none or stands still: the operator goes on."""
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
+    process = world.running_operator()
     for data in (b"", b"\xc1", encode_report(report(2, 0, 0))):
         world.hand_on(data)
     world.clock.put(b"\x00")
@@ -142,11 +124,8 @@ def test_one_that_is_killed_goes_on_where_it_was(world: World) -> None:
             world.hand_on(kept[step], step, number=step)
             world.close_step(step, last=step == 599)
         if life < 3:
-            while world.taken.get(timeout=PATIENCE_S) < first + 50:
-                pass
-            process.kill()
-            process.wait()
-            assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+            world.wait_until_taken(first + 50)
+            world.kill(process)
             while not world.taken.empty():
                 world.taken.get()
     assert process.wait(PATIENCE_S) == 0
@@ -157,20 +136,14 @@ def test_one_that_is_killed_goes_on_where_it_was(world: World) -> None:
 
 def test_a_successor_says_again_what_may_not_have_been_heard(world: World) -> None:
     """With --publish-all: who was killed had closed all steps, and had not sent the workload of one."""
-    seen: queue.SimpleQueue[Workload] = queue.SimpleQueue()
     process = world.start_operator("--publish-all")
-    watch = world.session.declare_subscriber(
-        KEYS.workload, lambda sample: seen.put(decode_workload(sample.payload.to_bytes()))
-    )
+    seen = world.workloads()
     world.wait_for_operator()
     for step in range(5):
         world.hand_on(encode_report(report(1, step, step)), step)
         world.close_step(step)
-    while world.taken.get(timeout=PATIENCE_S) < 4:
-        pass
-    process.kill()
-    process.wait()
-    assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+    world.wait_until_taken(4)
+    world.kill(process)
     before = [seen.get(timeout=PATIENCE_S) for _ in range(5)]
     process = world.start_operator("--publish-all", "--go-on")
     world.wait_for_operator()
@@ -178,7 +151,6 @@ def test_a_successor_says_again_what_may_not_have_been_heard(world: World) -> No
     world.close_step(5, last=True)
     assert process.wait(PATIENCE_S) == 0
     assert world.rows()[:5] == before
-    watch.undeclare()
 
 
 @pytest.mark.parametrize("is_there", [True, False])
@@ -187,11 +159,8 @@ def test_who_is_killed_after_the_last_step_leaves_a_whole_run(world: World, is_t
     process = world.start_operator()
     world.wait_for_operator()
     world.close_step(0)
-    while world.taken.get(timeout=PATIENCE_S) < 0:
-        pass
-    process.kill()
-    process.wait()
-    assert world.tokens.get(timeout=PATIENCE_S) == zenoh.SampleKind.DELETE
+    world.wait_until_taken(0)
+    world.kill(process)
     state = world.out / "operator-state.json"
     state.write_text(state.read_text().replace('"is_over": false', '"is_over": true'))
     process = world.start_operator("--go-on")
@@ -221,17 +190,13 @@ class WorldMeter:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals) -> None:
     """What was in its queue is written, and marked incomplete."""
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
-    workloads: queue.SimpleQueue[int] = queue.SimpleQueue()
-    watch = world.session.declare_subscriber(KEYS.workload, lambda _: workloads.put(1))
+    process = world.running_operator()
+    seen = world.workloads()
     world.hand_on(encode_report(report(1, 0, 0)))
     world.close_step(0)
-    workloads.get(timeout=PATIENCE_S)
+    seen.get(timeout=PATIENCE_S)
     process.send_signal(number)
     assert process.wait(PATIENCE_S) == 1
-    watch.undeclare()
     assert [row.messages for row in world.rows()] == [1]
     totals = world.totals()
     assert totals["complete"] is False
@@ -240,9 +205,7 @@ def test_a_signal_ends_it_with_what_it_has(world: World, number: signal.Signals)
 
 def test_it_ends_when_the_worlds_token_goes(world: World) -> None:
     """An exit code that says so, a clear message, and every step that was closed before."""
-    process = world.start_operator()
-    world.wait_for_operator()
-    wait_until_heard(world.clock)
+    process = world.running_operator()
     for step in range(500):
         world.close_step(step)
     world.token.undeclare()
