@@ -15,7 +15,7 @@ from deltaswarm_agent.__main__ import main
 from deltaswarm_agent.board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
 from deltaswarm_orchestrator.boards import certificates
-from tests.support.boards import tls_arguments
+from tests.support.boards import tls_arguments, tls_table
 
 AIR = {"listen": ["tcp/127.0.0.1:0"], "connect": ["tcp/127.0.0.1:1"]}
 WHOLE: dict[str, Any] = {
@@ -162,11 +162,11 @@ def test_a_secret_that_others_may_read_is_refused_everywhere(
 ) -> None:
     """A board's key and credentials, and what is given to the operator by argument: in a line, with what to do."""
     certificates.make(tmp_path, [3], [], 1)
-    key, secret = tmp_path / "agent-3.key", tmp_path / "secret"
+    secret = tmp_path / "secret"
     secret.write_text("agent-3:word\noperator:word\n")
-    for file in (key, secret, tmp_path / "operator.key"):
+    for file in (tmp_path / "agent-3.key", secret, tmp_path / "operator.key"):
         file.chmod(mode)
-    tls = {"ca_file": str(tmp_path / "ca.pem"), "cert_file": str(tmp_path / "agent-3.pem"), "key_file": str(key)}
+    tls = tls_table(tmp_path, "agent-3")
     for air in ({"listen": ["tls/127.0.0.1:0"], "tls": tls}, {**AIR, "credentials_file": str(secret)}):
         file = tmp_path / "3.toml"
         file.write_text(tomli_w.dumps({"id": 3, "air": air}))

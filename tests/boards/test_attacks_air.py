@@ -20,7 +20,7 @@ from deltaswarm_wire.keys import RADIO, REPORT, Keys
 from deltaswarm_wire.messages import Event
 from deltaswarm_wire.operator_messages import MAX_REPORTED, Report, encode_report
 from tests.boards.test_identity import TRUE, board, listen, opened
-from tests.support.boards import tls_arguments
+from tests.support.boards import tls_arguments, tls_table
 from tests.support.cable import cable
 from tests.support.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
 from tests.support.soak import resident_mb
@@ -53,8 +53,7 @@ def flooding(to: str, keys: Sequence[str], samples: Sequence[tuple[bytes, bytes]
 
 def tls_air(folder: Path, name: str, **air: Any) -> dict[str, Any]:
     """Of a board that has these files."""
-    files = {"ca_file": "ca.pem", "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
-    return {**air, "tls": {**{key: str(folder / file) for key, file in files.items()}, "verify_name": False}}
+    return {**air, "tls": tls_table(folder, name, verify_name=False)}
 
 
 def test_a_neighbour_that_floods_its_key_stops_no_board(tmp_path: Path) -> None:

@@ -2,8 +2,7 @@
 
 import json
 import subprocess
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,7 @@ from deltaswarm_wire.operator_messages import REFUSED, decode_report
 from deltaswarm_wire.session import use_one_worker_thread
 from deltaswarm_wire.signing import make_key, signer
 from tests.support.airborne import operating
-from tests.support.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
+from tests.support.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port, plain_peer
 from tests.support.swarms import PATIENCE_S, wait_until
 
 use_one_worker_thread()
@@ -36,23 +35,9 @@ SCRIPT = [{"at_s": 0.2, "name": "hold", "arguments": {"for_s": 300.0}, "life_s":
 KEYS = Keys(RUN)
 
 
-@contextmanager
-def peer(*ports: int) -> Iterator[zenoh.Session]:
+def peer(*ports: int) -> zenoh.Session:
     """A process with a Zenoh session that connects to boards."""
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", '"peer"'),
-        ("connect/endpoints", json.dumps([endpoint(port) for port in ports])),
-        ("connect/timeout_ms", "-1"),
-        ("connect/exit_on_failure", "false"),
-        ("listen/endpoints", "[]"),
-        ("scouting/multicast/enabled", "false"),
-        ("scouting/gossip/enabled", "false"),
-        ("transport/shared_memory/enabled", "false"),
-    ):
-        config.insert_json5(key, value)
-    with zenoh.open(config) as session:
-        yield session
+    return zenoh.open(plain_peer(*map(endpoint, ports)))
 
 
 class Answers:

@@ -19,7 +19,7 @@ from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
-from tests.support.boards import tls_arguments
+from tests.support.boards import tls_arguments, tls_table
 from tests.support.fields import RUN, free_port
 from tests.support.swarms import wait_until
 
@@ -42,11 +42,8 @@ def endpoint(port: int) -> str:
 
 def board(folder: Path, agent: int, agents: str = "", **air: Any) -> BoardSettings:
     """A board's settings, with its certificate."""
-    files = {"ca_file": "ca.pem", "cert_file": f"agent-{agent}.pem", "key_file": f"agent-{agent}.key"}
-    tls = {name: str(folder / file) for name, file in files.items()}
-    return load(
-        BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": {**tls, "verify_name": False}, **air}}
-    )
+    tls = tls_table(folder, f"agent-{agent}", verify_name=False)
+    return load(BoardSettings, {"id": agent, "run": RUN, "air": {"agents": agents, "tls": tls, **air}})
 
 
 def opened(settings: BoardSettings) -> zenoh.Session:

@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_wire.envelope import Sample, encode_sample
+from tests.support.boards import tls_table
 from tests.support.fields import EVENT_AT, RUN, Boards, Listener, board_table, boards, endpoint, free_port, listening
 from tests.support.soak import resident_mb
 from tests.support.swarms import PATIENCE_S, stat, wait_until
@@ -200,10 +201,8 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
     listen = f"tls/127.0.0.1:{free_port()}"
     with boards(tmp_path) as running:
         for agent in range(3):
-            name = str(tmp_path / f"agent-{agent}")
-            tls = {"ca_file": str(tmp_path / "ca.pem"), "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
             link = {"connect": [listen]} if agent else {"listen": [listen]}
-            air = {**link, "agents": "0-24", "tls": {**tls, "verify_name": False}}
+            air = {**link, "agents": "0-24", "tls": tls_table(tmp_path, f"agent-{agent}", verify_name=False)}
             running.start(board_table(agent, EVENT_AT, air, tmp_path))
         wait_until(lambda: "links: 2 " in running.said(0), "both links")
         assert resident_mb(running.processes[0].pid) <= 40.0

@@ -6,6 +6,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.results import run_tables
@@ -28,6 +29,12 @@ def tls_arguments(folder: Path, name: str) -> list[str]:
     """The same as arguments of a part."""
     files = tls_files(folder, name)
     return ["--ca", files.ca, "--certificate", files.certificate, "--key", files.key]
+
+
+def tls_table(folder: Path, name: str, **more: bool) -> dict[str, Any]:
+    """The same as a table of a board's file."""
+    files = tls_files(folder, name)
+    return {"ca_file": files.ca, "cert_file": files.certificate, "key_file": files.key, **more}
 
 
 def run_with_board(folder: Path, board: Sequence[str], environment: Mapping[str, str]) -> Outcome:

@@ -183,9 +183,8 @@ class Listener:
             raise AssertionError(f"{error}; last heard: {self.radio}") from None
 
 
-@contextmanager
-def listening(*endpoints: str) -> Iterator[Listener]:
-    """A listener that connects to boards, whether they are there yet or not."""
+def plain_peer(*endpoints: str) -> zenoh.Config:
+    """Of a session that connects to boards, whether they are there yet or not."""
     config = zenoh.Config()
     for key, value in (
         ("mode", '"peer"'),
@@ -199,5 +198,11 @@ def listening(*endpoints: str) -> Iterator[Listener]:
         ("transport/shared_memory/enabled", "false"),
     ):
         config.insert_json5(key, value)
-    with zenoh.open(config) as session:
+    return config
+
+
+@contextmanager
+def listening(*endpoints: str) -> Iterator[Listener]:
+    """A listener that connects to boards, whether they are there yet or not."""
+    with zenoh.open(plain_peer(*endpoints)) as session:
         yield Listener(session)

@@ -28,7 +28,7 @@ from deltaswarm_scenario.operator_settings import OperatorSettings
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.session import RouterLink
 from tests.support.airborne import operating
-from tests.support.boards import tls_arguments
+from tests.support.boards import tls_arguments, tls_table
 from tests.support.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port
 from tests.support.swarms import PATIENCE_S, wait_until
 
@@ -88,8 +88,7 @@ def test_over_tls_only_certified_boards_come_in(tmp_path: Path) -> None:
         boards(tmp_path) as running,
     ):
         for agent, folder in ((1, other), (0, own)):
-            name = str(folder / f"agent-{agent}")
-            tls = {"ca_file": str(own / "ca.pem"), "cert_file": f"{name}.pem", "key_file": f"{name}.key"}
+            tls = tls_table(folder, f"agent-{agent}") | {"ca_file": str(own / "ca.pem")}
             air = {"connect": [listen], "tls": tls}
             running.start(board_table(agent, EVENT_AT, air, tmp_path), *FAST)
         operator.wait_for("1 agents alive (0), ")
