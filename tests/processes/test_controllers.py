@@ -89,10 +89,6 @@ class Nosy(Well):
 class NeverThere(Well):
     def __init__(self, context):
         raise OSError("no body today")
-
-
-class NoController:
-    pass
 '''
 
 
@@ -200,23 +196,3 @@ def test_agents_that_cannot_be_made_end_the_run(module: Path) -> None:
     assert re.search("at_fault:NeverThere .*OSError: no body", errors)
     assert "Traceback" not in errors
     assert main(["run", "smoke", *sets("NeverThere"), "--in-process", "--out", str(module / "one")]) == 1
-
-
-@pytest.mark.parametrize(
-    ("mode", "said"),
-    [
-        ("at_fault:NoController", "Settings, step"),
-        ("at_fault:Nothing", "AttributeError"),
-        ("no_such_module:Any", "ModuleNotFoundError"),
-        ("hybird", "'hybrid'"),
-    ],
-)
-def test_what_is_no_controller_starts_nothing(
-    module: Path, mode: str, said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """One line with the key, what was given and why; exit code 2."""
-    assert main(["run", "smoke", "--set", f"control.mode={mode}", "--out", str(module / "run")]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith("deltaswarm: control.mode")
-    assert said in line
-    assert not (module / "run").exists()

@@ -35,8 +35,7 @@ def outside_and_inside(folder: Path, *faults: str) -> tuple[dict[str, Any], dict
     options = [*SHORT, *timeline(*faults), "--record", "off"]
     with running(folder / "outside", *options) as swarm:
         pids = wait_until(lambda: swarm.pids, "process ids")
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        errors = swarm.end_well()
         assert not [name for name, pid in pids.items() if is_running(pid)]
         outside = swarm.summary()
     return outside, run(folder / "inside", "--in-process", *options), errors
@@ -78,8 +77,7 @@ def test_an_accident_beside_a_fault_is_told_apart(tmp_path: Path) -> None:
         wait_until(lambda: len(swarm.pids) == 8 and "agent 1 (kill)" in swarm.log("world"), "the fault")
         swarm.wait_for_steps(1)
         swarm.signal("agent 3", signal.SIGKILL)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        errors = swarm.end_well()
         summary = swarm.summary()
         assert summary["agents_lost"] == [3]
         assert [fault["agents"] for fault in summary["faults"]] == [[1]]

@@ -54,8 +54,7 @@ def test_a_run_is_seen_while_it_is_under_way(tmp_path: Path) -> None:
                     if seen.keys() >= TOPICS.keys() - {"/log", "/swarm/event"}:
                         break
         assert all(EPOCH_S <= time_ns / 1e9 <= EPOCH_S + DURATION_S for time_ns in seen.values())
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        errors = swarm.end_well()
         assert "foxglove.sdk.v1" in errors, "who was refused is told why"
         assert swarm.summary()["digest"] == digest(DURATION_S)
         assert not (swarm.out / "recording.mcap").exists()
@@ -69,8 +68,7 @@ def test_viewers_that_hang_do_not_slow_the_run(tmp_path: Path) -> None:
         wait_until(lambda: (swarm.part / LIVE_SOCKET).exists(), "a socket")
         # Plain sockets: a WebSocket library would read on in a thread of its own.
         with stuck_at(url), stuck_at(url), connected(swarm.part, 10.0), connected(swarm.part, 10.0):
-            code, _, errors = swarm.finish()
-        assert code == 0, errors
+            swarm.end_well()
         assert swarm.summary()["digest"] == digest(DURATION_S)
         assert swarm.summary()["valid"]
         assert (swarm.out / "recording.mcap").exists()
@@ -88,8 +86,7 @@ def test_top_attaches_to_a_run_and_leaves_it(tmp_path: Path, duration_s: int, op
         said = json.loads(found.stdout)
         assert (said["hello"]["run"], said["hello"]["kind"]) == ("first", "researcher")
         assert said["picture"]["type"] == "picture"
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
         assert swarm.summary()["digest"] == digest(duration_s)
         assert not (swarm.out / LIVE_SOCKET).exists()
 

@@ -106,14 +106,9 @@ def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) 
     """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
     with running(tmp_path / "run", "--record", "off", *flags(COMMANDER)) as swarm:
         operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
-        for steps in (30, 50):
-            swarm.wait_for_steps(steps)
-            os.kill(operator, signal.SIGKILL)
-            operator = wait_until(
-                lambda before=operator: (pid := swarm.pids.get("operator")) and pid != before and pid, "its successor"
-            )
-        code, printed, errors = swarm.finish()
-        assert code == 0, errors + printed
+        swarm.wait_for_steps(30)
+        os.kill(operator, signal.SIGKILL)
+        swarm.end_well()
         outside = swarm.summary()
     alone = inside(*COMMANDER)
     assert outside["operator_restarts"] == 2

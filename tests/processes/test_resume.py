@@ -111,8 +111,7 @@ def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
         with resuming(swarm.out) as swarm:
             kill_after_a_checkpoint(swarm, newest(swarm), 10 * life, all_of_it=life != 2)
     with resuming(swarm.out) as swarm:
-        code, _, errors = swarm.finish()
-    assert code == 0, errors
+        swarm.end_well()
     assert len(swarm.manifest()["resumed"]) == 5
     same_as_undisturbed(swarm)
     left = {path.name for path in swarm.out.iterdir()}
@@ -187,8 +186,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
     settings = [part for text in sets for part in ("--set", text)]
     began = time.monotonic()
     with running(tmp_path / "run", *settings, "--checkpoint", "5") as swarm:
-        code, _, errors = swarm.finish()
-    assert code == 0, errors
+        swarm.end_well()
     assert time.monotonic() - began < BOUND_S
     assert "agent 3 did not save itself" in swarm.log("world")
     assert not swarm.summary()["agents_lost"]
@@ -314,8 +312,7 @@ def test_an_agent_that_only_says_that_it_is_saved_completes_no_checkpoint(tmp_pa
     """What is not on the disk is not there: the run goes on without the checkpoint, and the log names the agent."""
     control = ("--set", "control.mode=tests.processes.test_resume:Liar")
     with running(tmp_path / "run", "--checkpoint", "50", "--set", "run.duration_s=120", *control) as swarm:
-        code, _, errors = swarm.finish()
-    assert code == 0, errors
+        swarm.end_well()
     assert "agent 3 did not save itself" in swarm.log("world")
 
 

@@ -99,8 +99,7 @@ def test_real_time_is_never_faster_than_its_factor(tmp_path: Path, factor: int, 
     """100 simulated seconds take 100 s over the factor at least; where the machine is slower, the run says so."""
     options = ["--set", "run.clock=realtime", "--set", f"run.real_time_factor={factor}", "--set", "run.duration_s=100"]
     with running(tmp_path / "run", "--record", "off", *options) as swarm:
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        errors = swarm.end_well()
         summary = swarm.summary()
     assert (summary["complete"], summary["steps"]) == (True, 100)
     assert summary["wall_s"] >= 100 / factor

@@ -123,8 +123,7 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
         assert not person.picture["over"]
         person.say("pace", speed=0)
         person.say("pace", paused=False)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
     assert numbers == list(range(40))
     summary = swarm.summary()
     assert summary["valid"]
@@ -145,8 +144,7 @@ def test_an_operator_that_is_killed_loses_no_command_of_a_script(tmp_path: Path)
         swarm.wait_until_under_way()
         swarm.wait_for_steps(30)
         swarm.signal("operator", signal.SIGKILL)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
         assert swarm.manifest()["operator_restarts"] == 1
     other = swarms.run(tmp_path / "other", *given, "--in-process")
     assert swarm.summary()["digest"] == other["digest"]
@@ -172,8 +170,7 @@ def test_an_operator_that_is_killed_goes_on_with_its_person(tmp_path: Path) -> N
         assert person.command("hold", arguments={"for_s": 10})["number"] == 1
         person.say("pace", speed=0)
         person.say("pace", paused=False)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
     assert swarm.summary()["valid"]
     again = swarms.run(
         tmp_path / "again", *sets("run.duration_s=200"), "--commands", str(swarm.out / "commands.toml"), "--in-process"
@@ -194,8 +191,7 @@ def test_a_station_that_is_killed_in_a_pause_comes_back_at_its_address(tmp_path:
             assert again.url == person.url
             assert again.picture["pace"]["paused"]
             again.say("pace", paused=False)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
     assert swarm.summary()["valid"]
     assert swarm.summary()["steps"] == 300
     plain = swarms.run(tmp_path / "plain", "--in-process")
@@ -215,8 +211,7 @@ def test_a_station_that_is_killed_before_the_first_step_comes_back(
         (tmp_path / "go").touch()
         with Person(swarm) as person:
             person.say("pace", paused=False)
-            code, _, errors = swarm.finish()
-        assert code == 0, errors
+            swarm.end_well()
     assert (swarm.summary()["valid"], swarm.summary()["steps"]) == (True, 5)
 
 
@@ -226,8 +221,7 @@ def test_a_stopped_station_costs_the_run_nothing(tmp_path: Path) -> None:
         person.begin()
         wait_until(lambda: len(swarm.pids) == ALL, "all processes")
         swarm.signal("station", signal.SIGSTOP)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
         assert swarm.summary()["valid"]
         assert swarm.summary()["steps"] == 300
 
@@ -266,8 +260,7 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
         person.say("tlx", scales={**scales, "effort": 101})
         assert person.hear("refused")
         person.say("tlx", scales=scales)
-        code, _, errors = swarm.finish()
-        assert code == 0, errors
+        swarm.end_well()
     rows = table(swarm.out / "probes.csv")
     assert [(row["probe"], row["value"]) for row in rows] == [
         ("isa", "4"),

@@ -121,6 +121,12 @@ class RunningSwarm:
         out, err = self.process.communicate(timeout=within_s)
         return self.process.returncode, out, err
 
+    def end_well(self, within_s: float = PATIENCE_S) -> str:
+        """Standard error of a run that ends with exit code 0."""
+        code, printed, errors = self.finish(within_s)
+        assert code == 0, errors + printed
+        return errors
+
     def summary(self) -> dict[str, Any]:
         """The finished run's summary."""
         return dict(json.loads((self.out / "summary.json").read_text()))
@@ -176,8 +182,7 @@ def wait_for_end(swarm: Swarm, observer: Observer, within_s: float = PATIENCE_S)
 def run(out: Path, *arguments: str, scenario: str = "smoke") -> dict[str, Any]:
     """A whole run; its summary. Fails with the run's own words if it fails."""
     with running(out, *arguments, scenario=scenario) as swarm:
-        code, printed, errors = swarm.finish()
-        assert code == 0, errors + printed
+        swarm.end_well()
         return swarm.summary()
 
 
