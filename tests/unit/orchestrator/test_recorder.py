@@ -127,7 +127,8 @@ def test_an_error_leaves_a_readable_part(tmp_path: Path) -> None:
     assert not (tmp_path / "recording.mcap").exists()
     assert (tmp_path / "wire.mcap.part").exists()
     assert len(on("/swarm/state", messages(tmp_path / "recording.mcap.part"))) == 5
-    assert not read_recording(tmp_path).complete
+    found = read_recording(tmp_path)
+    assert (found.complete, found.metadata) == (False, {})
 
 
 def test_raw_frames_are_kept_only_when_asked_for(tmp_path: Path) -> None:
@@ -183,15 +184,6 @@ def test_what_was_written_is_flushed_each_wall_second(tmp_path: Path) -> None:
         clock.now_s = 102.0
         recorder.flush_when_due()
         assert len(read_recording(tmp_path).step_records) == 4
-
-
-def test_the_same_run_gives_the_same_bytes(tmp_path: Path) -> None:
-    """Only the wall clock, which is kept in the swarm's state, may make two recordings differ."""
-    files = []
-    for name in ("a", "b"):
-        (tmp_path / name).mkdir()
-        files.append(recorded(tmp_path / name, scenario(), 20).read_bytes())
-    assert files[0] == files[1]
 
 
 def test_workload_is_recorded_as_counted(tmp_path: Path) -> None:

@@ -122,17 +122,6 @@ def test_a_finished_recording_is_complete(tmp_path: Path) -> None:
     assert load(Scenario, tomllib.loads(found.scenario)) == SCENARIO
 
 
-def test_a_recording_that_was_not_closed_is_incomplete(tmp_path: Path) -> None:
-    """All steps are there, and it is said that the end is not."""
-    told = list(steps(SCENARIO, 3))
-    with Recorder(tmp_path, SCENARIO) as recorder:
-        for truth, sent, _ in told:
-            recorder.step(truth, sent)
-    found = read_recording(tmp_path)
-    assert (len(found.step_records), found.complete, found.metadata) == (3, False, {})
-    assert load(Scenario, tomllib.loads(found.scenario)) == SCENARIO
-
-
 def test_a_finished_recording_is_preferred_to_a_part(tmp_path: Path) -> None:
     """A run's folder with both is read as finished."""
     write(tmp_path, list(steps(SCENARIO, 3)))

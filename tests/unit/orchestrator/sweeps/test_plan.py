@@ -11,7 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.sweeps.plan import SEED_BITS, Job, Variant, replicate_seed
 from deltaswarm_scenario.density import DENSITIES, ComponentSettings
 from deltaswarm_scenario.scenario import CLOCKS, RECORDS, Scenario
@@ -66,23 +65,6 @@ def test_more_replicates_keep_the_first_ones() -> None:
     """Else a sweep could not be extended."""
     few, many = (made({"axes": {"control.delta": [2]}, "repeats": repeats}).jobs() for repeats in (2, 4))
     assert [one.key for one in many[:2]] == [one.key for one in few]
-
-
-def test_the_structures_of_one_replicate_see_the_same_arrivals() -> None:
-    """Each event's number, place and time; and the next replicate sees others."""
-    busy = {"run.duration_s": 300.0, "events.rate_hz": 0.2}
-    sweep = made({"axes": {"control.mode": ["decentralised", "hierarchical", "hybrid"]}, "repeats": 2}, scenario=busy)
-    seen: dict[int, list[list[tuple[int, float, float, float]]]] = {0: [], 1: []}
-    digests = set()
-    for one in sweep.jobs():
-        outcome = run_in_process(one.scenario)
-        digests.add(outcome.digest)
-        seen[one.replicate].append([(e.event, e.x_m, e.y_m, e.arrived_s) for e in outcome.events])
-    assert len(digests) == 6
-    for events in seen.values():
-        assert len(events[0]) > 2
-        assert events[0] == events[1] == events[2]
-    assert seen[0][0] != seen[1][0]
 
 
 def test_no_run_of_a_sweep_is_recorded() -> None:

@@ -183,21 +183,6 @@ def test_a_damaged_file_is_no_finished_run(tmp_path: Path, means: str, spoil: Ca
     assert result.manifest["digest"] == first.manifest["digest"]
 
 
-def test_a_full_disk_ends_a_sweep_as_a_failure(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not as a mistake of usage; the file and the cause are named."""
-
-    def full(file: Path, data: bytes) -> None:
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-    sweep, folder = planned(repeats=1), SweepFolder(tmp_path / "out")
-    (job, *_) = sweep.jobs()
-    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.folder.write_whole", full)
-    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)) as caught:
-        folder.save(job, IN_PROCESS, {})
-    assert str(folder.file(job, IN_PROCESS)) in str(caught.value)
-    assert caught.value.code == 1
-
-
 def test_a_damaged_file_of_a_run_is_named(tmp_path: Path, capsys: Printed) -> None:
     """And its run is done again."""
     sweep = load_sweep("smoke", ["run.duration_s=60"], {"repeats": 1, "prove": 0})
@@ -368,16 +353,19 @@ def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path, where: str) -> 
     assert main(["sweep", "smoke", "--out", str(tmp_path / where)]) == 2
 
 
-def test_a_result_that_cannot_be_written_ends_the_sweep_with_a_reason(
+def test_a_result_that_cannot_be_written_ends_the_sweep_as_a_failure(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A full disk, say."""
+    """A full disk, say: not as a mistake of usage; the file and the cause are named."""
 
     def full(file: Path, data: bytes) -> None:
         if file.parent.name == "runs":
-            raise OSError(28, "No space left on device")
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         file.write_bytes(data)
 
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.folder.write_whole", full)
-    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)):
-        conducted(planned(), tmp_path / "out", Here())
+    sweep, out = planned(), tmp_path / "out"
+    with pytest.raises(SweepFolderError, match=os.strerror(errno.ENOSPC)) as caught:
+        conducted(sweep, out, Here())
+    assert str(SweepFolder(out).file(sweep.jobs()[0], IN_PROCESS)) in str(caught.value)
+    assert caught.value.code == 1
