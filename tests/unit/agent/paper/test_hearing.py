@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from deltaswarm_agent.controllers.paper.frames import Member, PaperFrame, RecruitmentOrder, Sighting, decode, encode
+from deltaswarm_agent.controllers.paper.frames import PaperFrame, RecruitmentOrder, Sighting, decode, encode
 from deltaswarm_agent.controllers.paper.states import State
 from deltaswarm_agent.core.agent_core import FORGET_SENDER_S
 from deltaswarm_wire.codec import MAX_ABS_CM, WireError
@@ -71,16 +71,6 @@ def test_the_order_of_arrival_does_not_matter(life: list[Any], begin: str, order
         samples = list({(sender, decode_sample(data).counter): (sender, data) for sender, data in heard}.values())
         shuffled = order.sample(samples * 2, len(samples) * 2)
         assert one.go_where_it_wants(*samples, events=sensed) == other.go_where_it_wants(*shuffled, events=sensed)
-
-
-def test_senders_are_taken_in_the_order_of_their_ids() -> None:
-    """So tables, and with them bytes on the air, do not depend on arrival either."""
-    children = [child(number, (ME,), (50, 50 + number)) for number in (2, 4, 8)]
-    one, other = a_root(), a_root()
-    decision = one.step(*children)
-    assert decision == other.step(*reversed(children))
-    assert isinstance(decision.radio, Member)
-    assert [row.agent for row in decision.radio.table] == [2, 4, 8]
 
 
 def is_valid(sender: int, payload: bytes) -> bool:
