@@ -16,6 +16,7 @@ from deltaswarm_agent.board.settings import MAX_FILE_BYTES
 from deltaswarm_operator.__main__ import main as operator_main
 from deltaswarm_orchestrator.boards import certificates
 from tests.support.boards import tls_arguments, tls_table
+from tests.support.complaints import Printed
 
 AIR = {"listen": ["tcp/127.0.0.1:0"], "connect": ["tcp/127.0.0.1:1"]}
 WHOLE: dict[str, Any] = {
@@ -61,7 +62,7 @@ def places(table: dict[str, Any], above: tuple[str, ...] = ()) -> list[tuple[str
     return found
 
 
-def check(file: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
+def check(file: Path, capsys: Printed) -> tuple[int, str]:
     """Exit code, and what is said, of which each line can be read."""
     code = main(["board", str(file), "--check"])
     said = capsys.readouterr().err
@@ -73,9 +74,7 @@ def check(file: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, str]:
 
 
 @pytest.mark.parametrize("place", places(WHOLE), ids=".".join)
-def test_any_value_anywhere_is_right_or_told(
-    place: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_any_value_anywhere_is_right_or_told(place: tuple[str, ...], tmp_path: Path, capsys: Printed) -> None:
     """Wrong types, endless and deep values, devices, NUL and terminal codes: exit code 2 and a line, or nothing."""
     file = tmp_path / "3.toml"
     for value in NASTY:
@@ -91,16 +90,14 @@ def test_any_value_anywhere_is_right_or_told(
 
 @pytest.mark.parametrize("place", ["x", "air", "air.zenoh", "body.kind", "body.options", "agent.control.options"])
 @pytest.mark.parametrize("value", ["." + ".".join("a" * 3000) + " = 1", " = " + "[" * 100_000], ids=["dotted", "lists"])
-def test_a_file_that_is_nested_deeply_is_told(
-    value: str, place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_is_nested_deeply_is_told(value: str, place: str, tmp_path: Path, capsys: Printed) -> None:
     """Wherever that is, and in which way."""
     file = tmp_path / "3.toml"
     file.write_text(f"{place}{value}\n")
     assert check(file, capsys)[0] == 2
 
 
-def test_a_file_of_ten_megabytes_is_not_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_of_ten_megabytes_is_not_read(tmp_path: Path, capsys: Printed) -> None:
     """Nor an endless one."""
     file = tmp_path / "3.toml"
     file.write_text(f'run = "{"x" * 10_000_000}"\n')
@@ -111,7 +108,7 @@ def test_a_file_of_ten_megabytes_is_not_read(tmp_path: Path, capsys: pytest.Capt
     assert check(Path("/dev/zero"), capsys)[0] == 2
 
 
-def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: Printed) -> None:
     """It names code that runs; that others may read it does not matter, since secrets are in files of their own."""
     file = tmp_path / "3.toml"
     file.write_text(tomli_w.dumps(WHOLE | {"air": AIR}))
@@ -125,9 +122,7 @@ def test_a_file_that_everybody_may_write_to_is_refused(tmp_path: Path, capsys: p
 
 
 @pytest.mark.parametrize("endless", ["/dev/zero", "fifo", "large"])
-def test_events_are_read_from_a_file_of_reasonable_size(
-    endless: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_events_are_read_from_a_file_of_reasonable_size(endless: str, tmp_path: Path, capsys: Printed) -> None:
     """No device, nobody's pipe, nothing that fills the memory."""
     os.mkfifo(tmp_path / "fifo")
     with (tmp_path / "large").open("wb") as large:
@@ -157,9 +152,7 @@ def test_no_module_beside_the_file_is_loaded(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [0o644, 0o640, 0o604, 0o660], ids=oct)
-def test_a_secret_that_others_may_read_is_refused_everywhere(
-    mode: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_secret_that_others_may_read_is_refused_everywhere(mode: int, tmp_path: Path, capsys: Printed) -> None:
     """A board's key and credentials, and what is given to the operator by argument: in a line, with what to do."""
     certificates.make(tmp_path, [3], [], 1)
     secret = tmp_path / "secret"

@@ -11,6 +11,7 @@ from cryptography.x509.oid import NameOID
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.cli import main
+from tests.support.complaints import Printed
 
 NAMES = {"ca", "world", "operator", "recorder", "agent-20", "agent-21", "agent-7"}
 
@@ -58,9 +59,7 @@ def test_the_worlds_certificate_is_for_its_hosts(folder: Path) -> None:
     assert list(names) == [x509.DNSName("agent-7")]
 
 
-def test_more_agents_are_added_and_nothing_is_made_anew(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_more_agents_are_added_and_nothing_is_made_anew(folder: Path, tmp_path: Path, capsys: Printed) -> None:
     """By the same authority."""
     for path in folder.iterdir():
         shutil.copy2(path, tmp_path)
@@ -71,7 +70,7 @@ def test_more_agents_are_added_and_nothing_is_made_anew(
     certificate(tmp_path / "agent-8.pem").verify_directly_issued_by(certificate(tmp_path / "ca.pem"))
 
 
-def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: Printed) -> None:
     """Rather than to sign what nobody believes."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").write_bytes((tmp_path / "world.key").read_bytes())
@@ -79,9 +78,7 @@ def test_an_authority_whose_files_do_not_fit_is_refused(tmp_path: Path, capsys: 
     assert "ca.key is not the key of ca.pem" in capsys.readouterr().err
 
 
-def test_an_authority_whose_key_others_may_read_signs_nothing(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_authority_whose_key_others_may_read_signs_nothing(folder: Path, tmp_path: Path, capsys: Printed) -> None:
     """With its mode, and what to do."""
     certificates.make(tmp_path, [], [], 1)
     (tmp_path / "ca.key").chmod(0o644)
@@ -89,7 +86,7 @@ def test_an_authority_whose_key_others_may_read_signs_nothing(
     assert f"chmod 600 {tmp_path}" in capsys.readouterr().err
 
 
-def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: Printed) -> None:
     """Beside the list of files, which a script may read."""
     assert main(["certificates", "--out", str(folder), "--agents", "7"]) == 0
     printed = capsys.readouterr()
@@ -98,7 +95,7 @@ def test_the_command_says_what_stays_on_this_machine(folder: Path, capsys: pytes
 
 
 def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Printed
 ) -> None:
     """Else a year later all of them are there, and nobody comes in."""
     certificates.make(tmp_path, [3, 4], [], 30)
@@ -122,9 +119,7 @@ def test_what_has_ended_is_made_anew_and_an_authority_that_has_ended_signs_nothi
         (["--agents", "1", "--days", "0"], "1 to 36500"),
     ],
 )
-def test_a_wrong_argument_is_refused(
-    tmp_path: Path, arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_argument_is_refused(tmp_path: Path, arguments: list[str], message: str, capsys: Printed) -> None:
     """With what is allowed; nothing is written."""
     with pytest.raises(SystemExit, match="2"):
         main(["certificates", "--out", str(tmp_path / "out"), *arguments])
@@ -133,7 +128,7 @@ def test_a_wrong_argument_is_refused(
 
 
 @pytest.mark.parametrize("host", ["", "a b", "tcp/10.0.0.1", "10.0.0.1:7447", "wörld"])
-def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_host_that_is_none_is_refused(tmp_path: Path, host: str, capsys: Printed) -> None:
     """A name or an address is expected; nothing is written."""
     assert main(["certificates", "--out", str(tmp_path / "out"), "--agents", "1", "--host", host]) == 2
     assert f"(got {host!r})" in capsys.readouterr().err

@@ -23,6 +23,7 @@ from deltaswarm_wire.operator_messages import REFUSED, decode_report
 from deltaswarm_wire.session import use_one_worker_thread
 from deltaswarm_wire.signing import make_key, signer
 from tests.support.airborne import operating
+from tests.support.complaints import Printed
 from tests.support.fields import EVENT_AT, RUN, board_table, boards, endpoint, free_port, plain_peer
 from tests.support.swarms import PATIENCE_S, wait_until
 
@@ -201,7 +202,7 @@ def test_a_base_that_starts_again_is_heard_at_once() -> None:
     assert relays(10, 5 + int(FORGET_SENDER_S))
 
 
-def test_a_boards_key_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_boards_key_is_checked(tmp_path: Path, capsys: Printed) -> None:
     """It is 64 hexadecimal digits, and a board whose body a world simulates has none."""
     public = make_key(tmp_path / "operator.key")
     for air, body, word in (
@@ -229,9 +230,7 @@ def test_a_boards_key_is_checked(tmp_path: Path, capsys: pytest.CaptureFixture[s
         (["--commands", "SCRIPT", "--command-key", "KEY", "--controller", "potential"], "hold"),
     ],
 )
-def test_an_operator_refuses(
-    arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_operator_refuses(arguments: Sequence[str], message: str, tmp_path: Path, capsys: Printed) -> None:
     """With exit code 2, the reason, and how to make a key that is missing."""
     make_key(tmp_path / "operator.key")
     script(tmp_path, [{"name": "hold"}])

@@ -16,7 +16,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.checked import SettingsError
 from tests.support.cable import cable
-from tests.support.complaints import names
+from tests.support.complaints import Printed, names
 from tests.support.fields import boards
 from tests.support.loops import loop, mode
 from tests.support.swarms import PATIENCE_S, run, running, wait_until
@@ -187,9 +187,7 @@ def test_the_run_says_for_which_boards_it_waits(tmp_path: Path) -> None:
         (["--boards-folder", "there"], "--boards-folder: --boards"),
     ],
 )
-def test_what_cannot_be_is_refused(
-    arguments: Sequence[str], message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_is_refused(arguments: Sequence[str], message: str, tmp_path: Path, capsys: Printed) -> None:
     """With exit code 2, and nothing is started or written."""
     assert main(["run", "smoke", "--out", str(tmp_path / "run"), *arguments]) == 2
     assert names(capsys.readouterr().err, message)

@@ -20,6 +20,7 @@ from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import AGENT, HEALTH, RADIO, REPORT, Keys
 from deltaswarm_wire.session import configured
 from tests.support.boards import tls_arguments, tls_table
+from tests.support.complaints import Printed
 from tests.support.fields import RUN, free_port
 from tests.support.swarms import wait_until
 
@@ -220,9 +221,7 @@ def test_numbers_need_certificates(tmp_path: Path) -> None:
         _open_air_config(open_air_parser().parse_args(command))
 
 
-def test_a_certificate_is_tried_before_it_meets_silence(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_certificate_is_tried_before_it_meets_silence(folder: Path, tmp_path: Path, capsys: Printed) -> None:
     """By `--check`: whose it is, its key, its authority, its days."""
     certificates.make(tmp_path, [3], [], 1)
     brief = Authority.load(folder).sign("agent-3", days=-1 / 24)

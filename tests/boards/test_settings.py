@@ -19,6 +19,7 @@ from deltaswarm_agent.bodies.kinematic import KinematicBody
 from deltaswarm_agent.bodies.loading import find_body
 from deltaswarm_wire.checked import SettingsError, check, load
 from deltaswarm_wire.session import Tls
+from tests.support.complaints import Printed
 
 
 def a_file(folder: Path, **table: Any) -> Path:
@@ -34,7 +35,7 @@ def secret(folder: Path, text: str = "agent-3:word\n", mode: int = 0o600) -> str
     return str(file)
 
 
-def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: Printed) -> None:
     """Each with its key, what must hold, and what was found; exit code 2."""
     table = {
         "id": 70_000,
@@ -61,7 +62,7 @@ def test_all_mistakes_are_told_at_once(tmp_path: Path, capsys: pytest.CaptureFix
     assert all(line.startswith(str(tmp_path)) for line in told)
 
 
-def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: Printed) -> None:
     """Wherever it stands: no table is wrong by itself here, but for keys that nobody knows."""
     air = {"listen": ["tcp/127.0.0.1:0"], "multi_cast": True}
     table = {"agnet": {}, "agent": {"range_m": 5.0, "rnage": 1}, "air": air, "log": {"lvel": "INFO"}}
@@ -92,9 +93,7 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
         ({"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}}, "log.record must"),
     ],
 )
-def test_what_no_single_key_shows_is_told(
-    table: dict[str, Any], word: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_no_single_key_shows_is_told(table: dict[str, Any], word: str, tmp_path: Path, capsys: Printed) -> None:
     """Exit code 2, with and without `--check`."""
     file = str(a_file(tmp_path, **table))
     assert main(["board", file]) == 2
@@ -127,7 +126,7 @@ def test_credentials_log_the_agent_in(tmp_path: Path) -> None:
     assert settings.air.link(settings.user).user == "agent-3"
 
 
-def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_check_says_what_would_be_done_and_does_nothing(tmp_path: Path, capsys: Printed) -> None:
     """No log folder comes into being."""
     log = {"folder": str(tmp_path / "logs"), "record": "mcap"}
     assert main(["board", str(a_file(tmp_path, log=log)), "--check"]) == 0
@@ -188,7 +187,7 @@ def test_arguments_are_checked(arguments: list[str], tmp_path: Path) -> None:
     assert main(["board", str(a_file(tmp_path)), *arguments]) == 2
 
 
-def test_a_real_body_has_real_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_real_body_has_real_time(tmp_path: Path, capsys: Printed) -> None:
     """It cannot be accelerated."""
     file = str(a_file(tmp_path, body={"kind": "mavlink"}))
     assert main(["board", file, "--check"]) == 0

@@ -19,6 +19,7 @@ from deltaswarm_wire.session import CERTIFIED, Pairs, RouterLink, client_pairs, 
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
 from tests.support.boards import run_with_board, tls_arguments, tls_files, usual_digest
+from tests.support.complaints import Printed
 from tests.support.fields import free_port
 from tests.support.swarms import wait_until
 
@@ -245,9 +246,7 @@ def test_a_key_that_others_may_read_is_refused(made: Router, tmp_path: Path) -> 
     assert tls_of(["tls/127.0.0.1:0"], **files) is not None
 
 
-def test_the_world_listens_on_the_network_over_tls_alone(
-    made: Router, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_world_listens_on_the_network_over_tls_alone(made: Router, tmp_path: Path, capsys: Printed) -> None:
     """Beside a TLS endpoint, passwords are for loopback."""
     scenario = tmp_path / "scenario.toml"
     scenario.write_text(to_toml(load_scenario("smoke", [])))

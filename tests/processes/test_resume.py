@@ -23,6 +23,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
+from tests.support.complaints import Printed
 from tests.support.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, told, wait_until
 
 pytestmark = pytest.mark.processes
@@ -201,9 +202,7 @@ def test_an_agent_that_never_saves_itself_costs_little(tmp_path: Path, monkeypat
         (["smoke", "--checkpoint", "0"], "--checkpoint: must be at least 1 (got '0')"),
     ],
 )
-def test_what_cannot_be_resumed_or_saved_is_refused(
-    arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_cannot_be_resumed_or_saved_is_refused(arguments: list[str], said: str, capsys: Printed) -> None:
     """One line, exit code 2."""
     try:
         code = main(["run", *arguments])
@@ -213,9 +212,7 @@ def test_what_cannot_be_resumed_or_saved_is_refused(
     assert said in capsys.readouterr().err
 
 
-def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_without_a_checkpoint_or_of_other_code_stays_as_it_is(tmp_path: Path, capsys: Printed) -> None:
     """Nothing in its folder is touched."""
     run = tmp_path / "run"
     assert main(["run", "smoke", "--in-process", "--set", "run.duration_s=20", "--out", str(run)]) == 0
@@ -255,7 +252,7 @@ def cut_off(tmp_path_factory: pytest.TempPathFactory) -> Path:
 )
 @pytest.mark.parametrize("is_cut", [True, False])
 def test_a_damaged_checkpoint_is_refused_in_a_line(
-    name: str, is_cut: bool, cut_off: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    name: str, is_cut: bool, cut_off: Path, tmp_path: Path, capsys: Printed
 ) -> None:
     """It names the file that is empty or missing, and leaves all others as they are, so that the file may come back."""
     run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
@@ -270,33 +267,9 @@ def test_a_damaged_checkpoint_is_refused_in_a_line(
     assert sorted(path.name for path in run.rglob("*")) == before
 
 
-def flip(data: bytes) -> bytes:
-    middle = len(data) // 2
-    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
-
-
-def another_digit(data: bytes) -> bytes:
-    """In the table's second row, which still reads as well."""
-    head, second, rest = data.split(b"\n", 2)
-    return b"\n".join([head, second.translate(bytes.maketrans(b"0123456789", b"1234567890")), rest])
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        *((f"checkpoint/{{step}}/{name}", flip) for name in ("operator.json", "agent-3.pickle", "world.pickle")),
-        ("checkpoint/newest.json", lambda data: data.replace(b'"restarts": []', b'"restarts": [[3, 1]]')),
-        ("world.csv", another_digit),
-        ("operator.csv", another_digit),
-        ("scenario.toml", lambda data: data.replace(b"seed = ", b"seed = 1")),
-        ("scenario.toml", lambda data: data.replace(b"loss = 0.0", b"loss = 0.5")),
-        ("scenario.toml", lambda data: data.replace(b"step_timeout_s = 5", b"step_timeout_s = 6")),
-    ],
-)
-def test_a_run_with_a_changed_input_is_refused(
-    name: str, change: Callable[[bytes], bytes], cut_off: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """It could be read all the same, and the run would go on as another one, or with other figures."""
+@pytest.mark.parametrize("name", ["operator.json", "agent-3.pickle", "world.pickle"])
+def test_a_checkpoint_with_a_changed_byte_is_refused(name: str, cut_off: Path, tmp_path: Path, capsys: Printed) -> None:
+    """It could be read all the same, and the run would go on as another one."""
     run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
     file = run / name.format(step=newest_in(run))
     before = file.read_bytes()

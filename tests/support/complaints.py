@@ -8,6 +8,8 @@ import pytest
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError, load
 
+Printed = pytest.CaptureFixture[str]
+
 
 def mistakes(table: Any, cls: type[Any] = Scenario) -> list[tuple[str, str]]:
     """The keys of the mistakes in a table, and what was found."""

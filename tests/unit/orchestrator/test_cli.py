@@ -20,9 +20,8 @@ from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import load
+from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
-
-Printed = pytest.CaptureFixture[str]
 
 COMMANDS = ["run", "sweep", "study", "report", "why", "info", "doctor", "bench", "agent", "world", "operator"]
 COMMANDS += ["bundle", "certificates", "top"]
@@ -323,7 +322,7 @@ def test_the_wrong_file_or_folder_ends_with_2(
     "command",
     [["run", "smoke", "--in-process", "--out"], ["sweep", "smoke", "--out"], ["info"], ["report"], ["replay"]],
 )
-def test_a_name_that_no_file_can_have_is_refused(command: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_name_that_no_file_can_have_is_refused(command: list[str], capsys: Printed) -> None:
     """In one line, with the exit code of wrong usage."""
     assert main([*command, "x" * 300]) == 2
     assert capsys.readouterr().err.count("\n") == 1

@@ -11,8 +11,7 @@ from packaging.requirements import Requirement
 
 from deltaswarm_orchestrator.bench import doctor
 from deltaswarm_orchestrator.cli import main
-
-Printed = pytest.CaptureFixture[str]
+from tests.support.complaints import Printed
 
 
 def test_doctor_tells_what_this_machine_has(capsys: Printed) -> None:

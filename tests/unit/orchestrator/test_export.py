@@ -22,6 +22,7 @@ from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, Truth
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import NOBODY
+from tests.support.complaints import Printed
 from tests.support.truths import recorded, steps, truth
 
 STEPS = 12
@@ -48,7 +49,7 @@ def near(place: tuple[float, float], body: Any) -> bool:
     return abs(place[0] - body.x_m) < MM and abs(place[1] - body.y_m) < MM
 
 
-def test_tables_hold_poses_events_and_workload(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_tables_hold_poses_events_and_workload(run: Path, capsys: Printed) -> None:
     """A row per view and agent, per event, per step; the folder is beside the run, and is printed."""
     assert export(run, "csv") == 0
     out = run.with_name("run-csv")
@@ -128,7 +129,7 @@ def test_ffmpeg_makes_a_video(run: Path) -> None:
     assert run.with_name("run.mp4").read_bytes()[4:8] == b"ftyp"
 
 
-def test_a_video_needs_ffmpeg(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_video_needs_ffmpeg(run: Path, capsys: Printed) -> None:
     """What is missing is named, and nothing is left behind."""
     with matplotlib.rc_context({"animation.ffmpeg_path": "no-such-ffmpeg"}):
         assert export(run, "mp4") == 2
@@ -138,7 +139,7 @@ def test_a_video_needs_ffmpeg(run: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.parametrize(("name", "library"), [("rosbag2", "rosbags"), ("rrd", "rerun")])
 def test_a_missing_library_is_named_with_its_extra(
-    run: Path, name: str, library: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    run: Path, name: str, library: str, monkeypatch: pytest.MonkeyPatch, capsys: Printed
 ) -> None:
     """As where deltaswarm was installed without the extra."""
     monkeypatch.delitem(sys.modules, f"deltaswarm_orchestrator.export.{name}", raising=False)
@@ -161,9 +162,7 @@ def test_an_export_replaces_its_like_alone_and_with_force(run: Path) -> None:
     assert not list(run.parent.glob(".export-*"))
 
 
-def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(run: Path, capsys: Printed) -> None:
     """With a word about it; a file may be given instead of a folder."""
     data = (run / "recording.mcap").read_bytes()
     cut = run.parent / "cut.mcap.part"
@@ -173,7 +172,7 @@ def test_a_recording_that_was_cut_off_is_exported_as_far_as_it_goes(
     assert (run.parent / "cut-csv" / "poses.csv").exists()
 
 
-def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: Printed) -> None:
     """A folder without one, a file that is none."""
     (tmp_path / "notes.txt").write_text("no recording at all")
     for path in (tmp_path, tmp_path / "notes.txt", tmp_path / "nothing"):
@@ -181,7 +180,7 @@ def test_what_is_no_recording_is_refused(tmp_path: Path, capsys: pytest.CaptureF
         assert str(path) in capsys.readouterr().err
 
 
-def test_a_recording_with_a_damaged_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_with_a_damaged_scenario_is_refused(run: Path, capsys: Printed) -> None:
     """Attachments are not compressed, so a bit may flip in the text itself."""
     file = run / "recording.mcap"
     file.write_bytes(file.read_bytes().replace(b"[arena]", b"[are=a]", 1))
@@ -189,7 +188,7 @@ def test_a_recording_with_a_damaged_scenario_is_refused(run: Path, capsys: pytes
     assert str(file) in capsys.readouterr().err
 
 
-def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_without_a_scenario_is_refused(run: Path, capsys: Printed) -> None:
     """It was cut off after its first bytes."""
     file = run / "recording.mcap"
     file.write_bytes(file.read_bytes()[:8])

@@ -10,8 +10,7 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import load
-
-Printed = pytest.CaptureFixture[str]
+from tests.support.complaints import Printed
 
 
 def code_of(command: str) -> int:

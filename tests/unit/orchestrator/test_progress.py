@@ -10,12 +10,11 @@ from deltaswarm_orchestrator.run.progress import Display
 from deltaswarm_orchestrator.sweeps.engine import Done
 from deltaswarm_orchestrator.sweeps.progress import SweepDisplay
 from deltaswarm_wire.operator_messages import Status
+from tests.support.complaints import Printed
 from tests.support.sweeping import made, tasks_of
 
 
-def test_a_speed_is_told_when_there_was_time_to_measure_it(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_speed_is_told_when_there_was_time_to_measure_it(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
     """Of the first state it is not known; later it is what was simulated since, by the wall clock."""
     told = []
     with Display(step_s=1.0, agents=25) as display:

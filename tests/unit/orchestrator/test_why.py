@@ -13,6 +13,7 @@ from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_scenario.scenario import Scenario
 from tests.support.airs import EVERYTHING
+from tests.support.complaints import Printed
 
 STEPS = 120
 
@@ -126,7 +127,7 @@ def test_the_operator_is_asked_about_too() -> None:
         assert {answer.differs_from_step for answer in answers} == {None}
 
 
-def test_without_an_uplink_model_the_operator_hears_all(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_without_an_uplink_model_the_operator_hears_all(folder: Path, capsys: Printed) -> None:
     """It says so; and what is neither a number nor the operator is a mistake."""
     assert main(["why", str(folder), "1", "operator", "--at", "100"]) == 0
     said = capsys.readouterr().out
@@ -144,7 +145,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-def test_a_run_is_asked_by_its_folder(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_is_asked_by_its_folder(folder: Path, capsys: Printed) -> None:
     """In words, and as JSON; the rows of the run are those of the folder."""
     assert main(["why", str(folder), "1", "2", "--at", "100.5"]) == 0
     said = capsys.readouterr().out
@@ -155,7 +156,7 @@ def test_a_run_is_asked_by_its_folder(folder: Path, capsys: pytest.CaptureFixtur
     assert (found["step"], found["sender"], found["receiver"], found["differs_from_step"]) == (100, 1, 2, None)
 
 
-def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: Printed) -> None:
     """What another run than this one knows of itself is told, and the exit code is 1; and where it ended too early."""
     for name in ("manifest.json", "scenario.toml", "summary.json", "events.csv"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
@@ -185,16 +186,14 @@ def test_a_run_that_was_disturbed_says_so(folder: Path, tmp_path: Path, capsys: 
         (["1", "2", "--at", "nan"], ["--at ", "(got nan)", "below 300 s"]),
     ],
 )
-def test_a_wrong_question_ends_with_2(
-    folder: Path, arguments: list[str], facts: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_wrong_question_ends_with_2(folder: Path, arguments: list[str], facts: list[str], capsys: Printed) -> None:
     """One line names the argument, the value and the limit."""
     assert main(["why", str(folder), *arguments]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert all(fact in line for fact in facts), line
 
 
-def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_run_cannot_be_asked(tmp_path: Path, capsys: Printed) -> None:
     """Exit code 2, and its name."""
     assert main(["why", str(tmp_path), "1", "2", "--at", "5"]) == 2
     assert str(tmp_path) in capsys.readouterr().err

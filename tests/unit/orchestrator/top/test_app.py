@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.top.app import BANNER, NO_TRUTH, Top
 from deltaswarm_orchestrator.top.link import Link, NoRunError, linked
 from deltaswarm_scenario.scenario import Scenario
+from tests.support.complaints import Printed
 from tests.support.looking import STATUS, Seen, a_truth, always
 
 SCENARIO = Scenario(name="here")
@@ -157,9 +158,7 @@ def test_a_link_keeps_the_newest_picture() -> None:
     assert link.is_over
 
 
-def test_the_command_says_what_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_says_what_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
     """A terminal, the extra, a run: exit codes as everywhere."""
     monkeypatch.chdir(tmp_path)
     assert main(["top"]) == 2
