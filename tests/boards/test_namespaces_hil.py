@@ -7,15 +7,10 @@ from typing import Any
 import pytest
 
 from tests.support.loops import Loop, loop
-from tests.support.namespaces import network, why_not
+from tests.support.namespaces import NEEDS_NAMESPACES, network
 from tests.support.swarms import PATIENCE_S
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.processes,
-    pytest.mark.timeout(900),
-    pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),
-]
+pytestmark = NEEDS_NAMESPACES
 
 IS_LONG = "DELTASWARM_LONG" in os.environ
 WALL_S = 120 if IS_LONG else 8

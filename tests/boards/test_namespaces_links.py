@@ -8,13 +8,9 @@ from statistics import median
 import pytest
 
 from tests.support import namespaces
-from tests.support.namespaces import HUB, network, why_not
+from tests.support.namespaces import HUB, NEEDS_NAMESPACES, network
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.processes,
-    pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),
-]
+pytestmark = NEEDS_NAMESPACES
 
 DELAY_S, LOSS = 0.05, 0.2
 SENT = 500

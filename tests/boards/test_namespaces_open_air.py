@@ -12,18 +12,11 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
-import pytest
-
 from tests.support.fields import EVENT_AT, RUN, TASK, Boards, Listener, board_table, boards, listening
-from tests.support.namespaces import HUB, Network, network, why_not
+from tests.support.namespaces import HUB, NEEDS_NAMESPACES, Network, network
 from tests.support.swarms import PATIENCE_S, wait_until
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.processes,
-    pytest.mark.timeout(900),
-    pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),
-]
+pytestmark = NEEDS_NAMESPACES
 
 IS_LONG = "DELTASWARM_LONG" in os.environ
 FACTOR = 1 if IS_LONG else 5

@@ -5,10 +5,8 @@ import os
 import re
 import shutil
 import signal
-import subprocess
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
 
@@ -24,7 +22,17 @@ from deltaswarm_orchestrator.results.run_tables import read_outcome
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from tests.support.complaints import Printed
-from tests.support.swarms import BOUND_S, COMMAND, UNHURRIED, RunningSwarm, is_running, running, told, wait_until
+from tests.support.swarms import (
+    BOUND_S,
+    COMMAND,
+    UNHURRIED,
+    RunningSwarm,
+    is_running,
+    running,
+    told,
+    under_way,
+    wait_until,
+)
 
 pytestmark = pytest.mark.processes
 
@@ -41,19 +49,9 @@ SETTINGS = (
 SETS = [part for text in SETTINGS for part in ("--set", text)]
 
 
-@contextmanager
-def resuming(out: Path) -> Iterator[RunningSwarm]:
+def resuming(out: Path) -> AbstractContextManager[RunningSwarm]:
     """`deltaswarm run --resume`, under way."""
-    command = [*COMMAND, "run", "--resume", str(out.with_name(out.name + ".part"))]
-    process = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
-    try:
-        yield RunningSwarm(process, out)
-    finally:
-        if process.poll() is None:
-            os.killpg(process.pid, signal.SIGKILL)
-        process.communicate()
+    return under_way(out, *COMMAND, "run", "--resume", str(out.with_name(out.name + ".part")))
 
 
 def newest(swarm: RunningSwarm) -> int:

@@ -22,6 +22,8 @@ from itertools import count
 from pathlib import Path
 from random import Random
 
+import pytest
+
 PREFIX = "ds77"
 """Namespaces are called PREFIX-PROCESS-NUMBER."""
 
@@ -214,3 +216,11 @@ def network(machines: int, delay_s: float = 0.0, loss: float = 0.0) -> Iterator[
         yield made
     finally:
         made.remove()
+
+
+NEEDS_NAMESPACES = [
+    pytest.mark.slow,
+    pytest.mark.processes,
+    pytest.mark.timeout(900),
+    pytest.mark.skipif(bool(why_not()), reason=f"no network namespaces here: {why_not()}"),
+]

@@ -7,7 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -136,18 +136,18 @@ class RunningSwarm:
         return dict(json.loads((self.out / "manifest.json").read_text()))
 
 
-@contextmanager
-def running(out: Path, *arguments: str, scenario: str = "smoke", inside: Sequence[str] = ()) -> Iterator[RunningSwarm]:
-    """A run by the command line, with nothing left of it afterwards, whatever the test does.
+def running(
+    out: Path, *arguments: str, scenario: str = "smoke", inside: Sequence[str] = ()
+) -> AbstractContextManager[RunningSwarm]:
+    """A run by the command line; `inside` is the command that runs another one elsewhere."""
+    return under_way(out, *inside, *COMMAND, "run", scenario, "--out", str(out), *arguments)
 
-    `inside` is the command that runs another one elsewhere.
-    """
+
+@contextmanager
+def under_way(out: Path, *command: str) -> Iterator[RunningSwarm]:
+    """A run by a command, with nothing left of it afterwards, whatever the test does."""
     process = subprocess.Popen(
-        [*inside, *COMMAND, "run", scenario, "--out", str(out), *arguments],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )
     swarm = RunningSwarm(process, out)
     pids: dict[str, int] = {}
