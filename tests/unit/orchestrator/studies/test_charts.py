@@ -103,9 +103,7 @@ def test_a_frontier_joins_the_medians_of_each_path() -> None:
     paths = 'paths = { loss = ["loss=0.0, hybrid 3", "loss=0.5, hybrid 3", "loss=0.9, hybrid 3"] }\n'
     alone = 'variants = ["loss=0.0, decentralised"]\n'
     runs = runs_of(
-        made(OWN),
-        table(messages=lambda level, mode, replicate: LEVELS.index(level) + 1.05**replicate),
-        NONE,
+        made(OWN), table(messages=lambda level, mode, replicate: LEVELS.index(level) + 1.05**replicate), NONE
     )
     figure = drawn(f'kind = "frontier"\nx = "waiting_all"\nmetric = "messages"\n{paths}{alone}', runs)
     [axes] = figure.axes

@@ -215,8 +215,7 @@ def test_holms_correction_is_over_the_claims_of_one_source() -> None:
 
 
 @pytest.mark.parametrize(
-    ("less", "more", "verdict"),
-    [("messages", "waiting", "holds"), ("waiting", "messages", "refuted")],
+    ("less", "more", "verdict"), [("messages", "waiting", "holds"), ("waiting", "messages", "refuted")]
 )
 def test_the_better_of_two_predictors_is_found(less: str, more: str, verdict: str) -> None:
     """Waiting of sensed events puts the variants into the same order as `waiting_all` does, messages do not."""

@@ -179,11 +179,7 @@ BY_STEP = OWN.replace("loss =", "step =").replace('"messages"', '"waiting"')
 
 @pytest.mark.parametrize(
     ("metric", "reference", "is_refused"),
-    [
-        ("waiting_all", "step_s=0.5", False),
-        ("frames_sent", "step_s=0.5", True),
-        ("messages", "step_s=0.5", True),
-    ],
+    [("waiting_all", "step_s=0.5", False), ("frames_sent", "step_s=0.5", True), ("messages", "step_s=0.5", True)],
 )
 def test_numbers_that_depend_on_the_step_are_not_compared_between_steps(
     metric: str, reference: str, is_refused: bool

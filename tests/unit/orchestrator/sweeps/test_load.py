@@ -153,35 +153,20 @@ MANY = list(range(1, 1001))
 
 WRONG: dict[str, tuple[dict[str, Any], str]] = {
     "unknown key": ({"axes": {"control.dleta": [2]}}, "control.dleta"),
-    "unknown in one variant": (
-        {"variants": [{"control.delta": 2}, {"control.delay": 3}]},
-        "control.delay",
-    ),
+    "unknown in one variant": ({"variants": [{"control.delta": 2}, {"control.delay": 3}]}, "control.delay"),
     "unknown setting": ({**AXES, "repeat": 3}, "sweep.repeat"),
     "empty list": ({"axes": {"control.delta": []}}, "sweep.axes.control.delta: []"),
     "no list": ({"axes": {"control": {"delta": 3}}}, "sweep.axes.control.delta: 3"),
     "table of tables": ({"axes": {"a": {"b": {"c": 1}}}}, "sweep.axes.a.b.c: 1"),
     "empty table": ({"axes": {"control": {}}}, "sweep.axes.control"),
-    "lengths": (
-        {"paired": [{"control.delta": [2, 3], "radio.loss": [0.1]}]},
-        "sweep.paired[0]",
-    ),
-    "quoted and nested": (
-        {"axes": {"control.delta": [2], "control": {"delta": [3]}}},
-        "sweep.axes.control.delta",
-    ),
+    "lengths": ({"paired": [{"control.delta": [2, 3], "radio.loss": [0.1]}]}, "sweep.paired[0]"),
+    "quoted and nested": ({"axes": {"control.delta": [2], "control": {"delta": [3]}}}, "sweep.axes.control.delta"),
     "twice in a variant": (
         {"variants": [{"control.delta": 2, "control": {"delta": 3}}]},
         "sweep.variants[0].control.delta",
     ),
-    "axis and pair": (
-        {**AXES, "paired": [{"control.delta": [4]}]},
-        "sweep.paired[0].control.delta",
-    ),
-    "table and key in it": (
-        {"axes": {"control": [{"delta": 3}], "control.delta": [2]}},
-        "sweep.axes.control.delta",
-    ),
+    "axis and pair": ({**AXES, "paired": [{"control.delta": [4]}]}, "sweep.paired[0].control.delta"),
+    "table and key in it": ({"axes": {"control": [{"delta": 3}], "control.delta": [2]}}, "sweep.axes.control.delta"),
     "nothing": ({"repeats": 3}, "sweep"),
     "seed": ({"axes": {"seed": [1, 2]}}, "sweep.axes.seed"),
     "record": ({"variants": [{"record": "off"}]}, "sweep.variants.record"),
@@ -208,23 +193,11 @@ WRONG: dict[str, tuple[dict[str, Any], str]] = {
         "sweep: 2 variants called 'a'",
     ),
     "one value twice": ({"axes": {"control.delta": [2, 2]}}, "sweep: 2 variants called 'delta=2'"),
-    "only labels": (
-        {**AXES, "paired": [{"label": ["a", "b"]}]},
-        "sweep.paired[0]",
-    ),
+    "only labels": ({**AXES, "paired": [{"label": ["a", "b"]}]}, "sweep.paired[0]"),
     "no pairs": ({**AXES, "paired": [{}]}, "sweep.paired[0]"),
-    "label as axis": (
-        {"axes": {**AXES["axes"], "label": ["a"]}},
-        "sweep.axes.label",
-    ),
-    "label no string": (
-        {"variants": [{"label": 7, "control.delta": 2}]},
-        "sweep.variants[0].label: 7",
-    ),
-    "label of two lines": (
-        {"paired": [{"label": ["a\nb"], "control.delta": [2]}]},
-        "sweep.paired[0].label",
-    ),
+    "label as axis": ({"axes": {**AXES["axes"], "label": ["a"]}}, "sweep.axes.label"),
+    "label no string": ({"variants": [{"label": 7, "control.delta": 2}]}, "sweep.variants[0].label: 7"),
+    "label of two lines": ({"paired": [{"label": ["a\nb"], "control.delta": [2]}]}, "sweep.paired[0].label"),
     "axes no table": ({"axes": [1]}, "sweep.axes: [1]"),
     "paired no list": ({"paired": {"control.delta": [1]}}, "sweep.paired: {'control.delta': [1]}"),
     "variants no tables": ({"variants": [1, "a"]}, "sweep.variants[0]: 1"),
