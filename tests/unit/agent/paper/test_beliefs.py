@@ -4,7 +4,7 @@ import random
 from collections.abc import Iterable
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from deltaswarm_agent.controllers.paper.beliefs import Beliefs, to_cm
@@ -43,6 +43,7 @@ def freshest(told: Words) -> dict[int, tuple[int, bool]]:
 
 
 @given(words)
+@example({(1, STEPS.memory - 1): True, (2, STEPS.memory): True, (3, STEPS.gone - 1): False, (4, STEPS.gone): False})
 def test_the_freshest_word_wins(told: Words) -> None:
     """That it is there or that it is gone: per event what was found last, so far as it is not too old."""
     beliefs = some()
