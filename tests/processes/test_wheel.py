@@ -11,9 +11,8 @@ import pytest
 from deltaswarm_orchestrator.processes.process import wait_for
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.session import PASSWORD_VARIABLE
-from tests.support.swarms import PATIENCE_S, run, started, wait_until
+from tests.support.swarms import PATIENCE_S, run, started, wait_for_end
 
 pytestmark = [pytest.mark.slow, pytest.mark.processes]
 
@@ -51,13 +50,7 @@ def test_an_agent_from_the_wheel_joins_a_world_over_tcp(tmp_path: Path) -> None:
         command += ["--connect", swarm.endpoint, "--settings", str(tmp_path / "agents" / "5.toml")]
         environment = {**os.environ, PASSWORD_VARIABLE: swarm.password("agent-5")}
         with subprocess.Popen(command, env=environment, cwd=tmp_path) as agent:
-
-            def has_ended() -> bool:
-                observer.work(0.01)
-                observer.leave_when_done()
-                return swarm.part(WORLD).exit_code is not None
-
-            wait_until(has_ended, "the end of the run")
+            wait_for_end(swarm, observer)
             assert agent.wait(PATIENCE_S) == 0
         assert not wait_for(swarm.parts, 5)
     outcome = run_tables.read_outcome(tmp_path)
