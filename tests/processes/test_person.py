@@ -106,8 +106,12 @@ def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) 
     """What it had read, what it was doing and what it would have drawn: nothing is lost, and no digest moves."""
     with running(tmp_path / "run", "--record", "off", *flags(COMMANDER)) as swarm:
         operator = wait_until(lambda: swarm.pids.get("operator"), "the operator")
-        swarm.wait_for_steps(30)
-        os.kill(operator, signal.SIGKILL)
+        for steps in (30, 50):
+            swarm.wait_for_steps(steps)
+            os.kill(operator, signal.SIGKILL)
+            operator = wait_until(
+                lambda before=operator: (pid := swarm.pids.get("operator")) and pid != before and pid, "its successor"
+            )
         swarm.end_well()
         outside = swarm.summary()
     alone = inside(*COMMANDER)

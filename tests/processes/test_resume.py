@@ -6,6 +6,7 @@ import re
 import shutil
 import signal
 import time
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -265,9 +266,33 @@ def test_a_damaged_checkpoint_is_refused_in_a_line(
     assert sorted(path.name for path in run.rglob("*")) == before
 
 
-@pytest.mark.parametrize("name", ["operator.json", "agent-3.pickle", "world.pickle"])
-def test_a_checkpoint_with_a_changed_byte_is_refused(name: str, cut_off: Path, tmp_path: Path, capsys: Printed) -> None:
-    """It could be read all the same, and the run would go on as another one."""
+def flip(data: bytes) -> bytes:
+    middle = len(data) // 2
+    return data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+
+
+def another_digit(data: bytes) -> bytes:
+    """In the table's second row, which still reads as well."""
+    head, second, rest = data.split(b"\n", 2)
+    return b"\n".join([head, second.translate(bytes.maketrans(b"0123456789", b"1234567890")), rest])
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        *((f"checkpoint/{{step}}/{name}", flip) for name in ("operator.json", "agent-3.pickle", "world.pickle")),
+        ("checkpoint/newest.json", lambda data: data.replace(b'"restarts": []', b'"restarts": [[3, 1]]')),
+        ("world.csv", another_digit),
+        ("operator.csv", another_digit),
+        ("scenario.toml", lambda data: data.replace(b"seed = ", b"seed = 1")),
+        ("scenario.toml", lambda data: data.replace(b"loss = 0.0", b"loss = 0.5")),
+        ("scenario.toml", lambda data: data.replace(b"step_timeout_s = 5", b"step_timeout_s = 6")),
+    ],
+)
+def test_a_run_with_a_changed_input_is_refused(
+    name: str, change: Callable[[bytes], bytes], cut_off: Path, tmp_path: Path, capsys: Printed
+) -> None:
+    """It could be read all the same, and the run would go on as another one, or with other figures."""
     run = shutil.copytree(cut_off, tmp_path / "run.part", ignore=shutil.ignore_patterns("*.sock"))
     file = run / name.format(step=newest_in(run))
     before = file.read_bytes()

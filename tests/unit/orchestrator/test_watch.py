@@ -95,11 +95,11 @@ def test_the_end_of_the_world_is_told_before_that_of_an_operator_who_lost_it(
     swarm = a_swarm(
         part=lambda role: next(part for part in parts if part.role == role),
         ended=lambda: [part for part in parts if part.exit_code is not None],
-        start_operator=lambda publish_all, go_on: started.append(go_on),
+        start_operator=lambda publish_all, is_restart: started.append(is_restart),
     )
     observer = an_observer(status=SimpleNamespace(phase="stepping", step=7), newest_step=7)
     made = Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S)
-    made.to_the_end()
+    made.watch_to_the_end()
     assert [line.split()[0] for line in made.why] == [WORLD, OPERATOR]
     assert "SIGKILL" in made.why[0]
     assert not started
@@ -181,10 +181,10 @@ def test_a_part_lost_before_the_first_step_ends_the_run_and_one_lost_in_it_does_
     swarm = a_swarm(
         part=lambda role: SimpleNamespace(exit_code=None if looks < 6 else 0),
         ended=lambda: [lost],
-        start_operator=lambda publish_all, go_on: started.append(go_on),
+        start_operator=lambda publish_all, is_restart: started.append(is_restart),
         stop_world=lambda: stopped.append(True),
     )
-    Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S).to_the_end()
+    Watch(cast(Any, swarm), cast(Any, observer), REPORTER, Stop(), PATIENCE_S).watch_to_the_end()
     assert len(stopped) == stops
     assert started == [True] * (role == OPERATOR)
 
@@ -231,7 +231,7 @@ def test_a_recorder_that_is_far_behind_does_not_put_off_the_end(tmp_path: Path) 
     stop = Stop()
     sink = SlowSink(stop)
     with recorded("behind", tmp_path, sink) as (swarm, observer):
-        Watch(swarm, observer, REPORTER, stop, PATIENCE_S).to_the_end()
+        Watch(swarm, observer, REPORTER, stop, PATIENCE_S).watch_to_the_end()
     assert stop.by
     assert STOPPED_AT <= sink.steps[-1] <= STOPPED_AT + 2 * AHEAD_STEPS
     assert sink.steps == list(range(sink.steps[-1] + 1))
