@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire.keys import OPERATOR, WORLD
 from tests.hostile.attacker import SILENCE, WHO

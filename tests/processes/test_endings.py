@@ -355,7 +355,7 @@ def test_a_disk_without_room_for_a_manifest_ends_it_with_a_line(size: str, small
         told = subprocess.run([*COMMAND, "info", str(left)], capture_output=True, text=True)
         assert told.returncode != 0
         assert "manifest.json" in told.stderr
-        RunFolder(kept / "run", force=True).close()
+        RunFolder(kept / "run", force=True).release()
 
 
 @pytest.mark.parametrize(("free_mb", "is_said"), [(1, True), (1000, False)])

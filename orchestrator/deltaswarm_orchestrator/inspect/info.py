@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.base.text import aligned, shown
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError
 from deltaswarm_orchestrator.results.folder_lock import is_held
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.resume import newest
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked

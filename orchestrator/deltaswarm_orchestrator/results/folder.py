@@ -41,10 +41,10 @@ class RunFolder:
 
     The folder is locked before it gets the name `.part` and until it gets its final name, so every `.part` that is
     being written is locked. An old `.part` is locked, too, and moved away before it is deleted. Leave the context, or
-    call `close`, to release the lock.
+    call `release`, to release the lock.
 
     Raises:
-        FolderError: the folder cannot be taken; the text says why, and what to do.
+        FolderError: the folder cannot be used; the text says why, and what to do.
     """
 
     def __init__(self, target: Path, *, force: bool) -> None:
@@ -52,16 +52,16 @@ class RunFolder:
         self.target = target
         self.path = target.with_name(target.name + ".part")
         self._force = force
-        made = _beside(self.path)
+        new = _beside(self.path)
         try:
-            made.mkdir(parents=True)
-            self._lock = FolderLock(made)
+            new.mkdir(parents=True)
+            self._lock = FolderLock(new)
         except OSError as error:
-            shutil.rmtree(made, ignore_errors=True)
+            shutil.rmtree(new, ignore_errors=True)
             raise FolderError(f"{self.path} cannot be made: {error.strerror}", _code_of(error)) from None
         try:
-            self._move_away_what_was_left()
-            made.rename(self.path)  # fails if another run's folder is there, since that is never empty
+            self._delete_interrupted()
+            new.rename(self.path)  # fails if another run's folder is there, since that is never empty
         except OSError as error:
             is_late = error.errno in (errno.ENOTEMPTY, errno.EEXIST, errno.ENOENT)
             reason = "another run has just made it" if is_late else error.strerror
@@ -69,19 +69,19 @@ class RunFolder:
         finally:
             if not self._lock.is_at(self.path):
                 self._lock.release()
-                shutil.rmtree(made, ignore_errors=True)
+                shutil.rmtree(new, ignore_errors=True)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self.release()
 
-    def close(self) -> None:
+    def release(self) -> None:
         """Release the folder's lock."""
         self._lock.release()
 
-    def begin(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
+    def prepare(self, scenario: Scenario, manifest: dict[str, Any]) -> None:
         """Write scenario and manifest, and reserve disk space for the results at the end.
 
         The scenario is synced to disk: a run that is resumed after a power loss needs it.
@@ -89,9 +89,9 @@ class RunFolder:
         write_whole(self.path / "scenario.toml", to_toml(scenario).encode())
         with suppress(PermissionError):  # the folder may be writable but not readable
             sync_folder(self.path.parent)
-        self.go_on(manifest)
+        self.prepare_to_resume(manifest)
 
-    def go_on(self, manifest: dict[str, Any]) -> None:
+    def prepare_to_resume(self, manifest: dict[str, Any]) -> None:
         """Reserve disk space and write the manifest; the scenario is already there."""
         disk.keep_reserve(self.path)
         self.write_manifest(manifest)
@@ -121,12 +121,12 @@ class RunFolder:
             raise FolderTakenError(f"{self.target} cannot be made ({error.strerror}): {kept}") from None
         if replaced is not None:
             _delete(replaced)
-        self.close()
+        self.release()
         with suppress(OSError):
             (self.target / LOCK).unlink()
         return self.target
 
-    def _move_away_what_was_left(self) -> None:
+    def _delete_interrupted(self) -> None:
         """Delete the folder of an interrupted run, if there is one.
 
         Raises:
@@ -137,13 +137,13 @@ class RunFolder:
         if not _is_replaceable(self.path, BEGINNING):
             raise FolderError(f"{self.path} exists and is not a run folder; a run needs this name until it is complete")
         try:
-            left = FolderLock(self.path)
+            lock = FolderLock(self.path)
         except HeldError as error:
             raise FolderError(
                 f"{self.path} is being written by a run in progress{error}: end that run, or use another folder"
             ) from None
         try:
-            if not left.is_at(self.path):
+            if not lock.is_at(self.path):
                 raise FileExistsError(errno.EEXIST, "another run took it first")
             if not self._force:
                 raise FolderError(f"{self.path} exists: an interrupted run; --force replaces it")
@@ -151,7 +151,7 @@ class RunFolder:
             self.path.rename(away)
             _delete(away)
         finally:
-            left.release()
+            lock.release()
 
 
 class ResumedFolder(RunFolder):

@@ -86,14 +86,14 @@ class FolderLock:
 
     def _become_owner(self, folder: Path) -> None:
         while not self._create(OWNER):
-            found = _read(folder / OWNER)
-            if found is None:
+            text = _read(folder / OWNER)
+            if text is None:
                 continue  # its owner has just released it
-            if (owner := _parsed(found)) is None or owner.is_running() is not False:
-                raise HeldError(_told(owner, folder / OWNER))
+            if (owner := _parsed(text)) is None or owner.is_running() is not False:
+                raise HeldError(_described(owner, folder / OWNER))
             if not self._create(CLAIM):
                 raise HeldError(f" (if no other run is starting, delete {folder / CLAIM})")
-            if _read(folder / OWNER) == found:  # and it stays so, since the claim keeps others from replacing it
+            if _read(folder / OWNER) == text:  # and it stays so, since the claim keeps others from replacing it
                 os.replace(CLAIM, OWNER, src_dir_fd=self._directory, dst_dir_fd=self._directory)
                 return
             self._remove(CLAIM)
@@ -115,9 +115,8 @@ class FolderLock:
 
 def is_held(folder: Path) -> bool | None:
     """Return whether a process holds a folder; None where that cannot be known."""
-    found = _read(folder / OWNER)
-    if found is not None:
-        owner = _parsed(found)
+    if (text := _read(folder / OWNER)) is not None:
+        owner = _parsed(text)
         return None if owner is None else owner.is_running()
     try:
         lock = os.open(folder / LOCK, os.O_RDONLY)
@@ -136,7 +135,7 @@ def is_held(folder: Path) -> bool | None:
     return False
 
 
-def _told(owner: Owner | None, file: Path) -> str:
+def _described(owner: Owner | None, file: Path) -> str:
     if owner is None:
         return f" (its owner cannot be read; if it has ended, delete {file})"
     if owner.is_running():

@@ -1,73 +1,104 @@
-"""The metrics of one run: the outcome of the task, the operator's workload, the traffic within the swarm."""
+"""What one run recorded, and its metrics: the outcome of the task, the operator's workload, the swarm's traffic."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
 from statistics import fmean, median
 from typing import Any, NamedTuple
 
-from deltaswarm_orchestrator.results.outcome import Outcome
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, EventState
+from deltaswarm_scenario.truth import DROP_REASONS, UPLINK_REASONS, EventState, StepRecord
+from deltaswarm_wire import digest
+from deltaswarm_wire.operator_messages import Workload
+
+
+@dataclass
+class Outcome:
+    """What the parts of one run recorded."""
+
+    step_records: list[StepRecord] = field(default_factory=list)
+    events: list[EventState] = field(default_factory=list)
+    workloads: list[Workload] = field(default_factory=list)
+    world: dict[str, Any] = field(default_factory=dict)
+    operator: dict[str, Any] = field(default_factory=dict)
+    messages: list[str] = field(default_factory=list)
+    """Messages for the user: agents that failed, and why."""
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether world and operator both reached the last step."""
+        return bool(self.world.get("complete") and self.operator.get("complete"))
+
+    @property
+    def digest(self) -> str | None:
+        """The run's digest; None if the world's or the operator's is missing."""
+        world, operator = self.world.get("digest"), self.operator.get("digest")
+        return digest.combine(world, operator) if world and operator else None
 
 
 def metrics(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Compute the metrics of an outcome. They do not depend on who recorded it; a recording gives the same."""
-    step_records, workloads = outcome.step_records, outcome.workloads
+    records, workloads = outcome.step_records, outcome.workloads
     step_s, horizon_s = scenario.run.step_s, scenario.metrics.horizon_s
-    events = followed(outcome.events, len(step_records) * step_s, horizon_s)
-    waits = [e.sensed_s - e.arrived_s for e in outcome.events if e.sensed_s is not None]
+    events = followed(outcome.events, len(records) * step_s, horizon_s)
+    waits = [event.sensed_s - event.arrived_s for event in outcome.events if event.sensed_s is not None]
+    completions = [event.completion_s for event in events]
     times, places = arrival_digests(outcome.events)
-    covered = [t.covered_area_m2 for t in step_records if t.covered_area_m2 is not None]
-    with_trees = [t.covered_area_m2 for t in step_records if t.covered_area_m2 is not None and t.trees]
-    in_trees = [t.agents_in_trees for t in step_records]
+    in_trees = _column(records, "agents_in_trees")
+    with_trees = [record for record in records if record.trees]
+
+    def total(name: str) -> int:
+        return sum(_column(records, name))
+
+    def mean(name: str) -> dict[str, float | None]:
+        return {"mean": _mean(_column(records, name))}
+
+    def mean_per_s(rows: Sequence[StepRecord] | Sequence[Workload], name: str) -> dict[str, float | None]:
+        per_step = _mean(_column(rows, name))
+        return {"mean": None if per_step is None else per_step / step_s}
+
     return {
         "waiting_time_s": {
             "mean": _mean(waits),
             "median": float(median(waits)) if waits else None,
             "n": len(waits),
             "never_sensed": len(outcome.events) - len(waits),
-            "restricted_mean": _mean([event.waiting_s for event in events]),
+            "restricted_mean": _mean(_column(events, "waiting_s")),
         },
         "completion_s": {
-            "mean": _mean([event.completion_s for event in events]),
-            "median": float(median(event.completion_s for event in events)) if events else None,
+            "mean": _mean(completions),
+            "median": float(median(completions)) if completions else None,
         },
         "completed": sum(event.completed_s is not None for event in outcome.events),
-        "open_events": {"mean": _mean([t.events_open for t in step_records])},
+        "open_events": mean("events_open"),
         "arrivals": {"n": len(outcome.events), "followed": len(events), "times": times, "places": places},
-        "operator_messages_per_s": {"mean": _rate([w.messages for w in workloads], step_s)},
-        "operator_senders": {"mean": _mean([w.senders for w in workloads])},
+        "operator_messages_per_s": mean_per_s(workloads, "messages"),
+        "operator_senders": {"mean": _mean(_column(workloads, "senders"))},
         "operator_time_above_threshold_s": workloads[-1].time_above_s if workloads else None,
-        "frames_sent_per_s": {"mean": _rate([t.frames_sent for t in step_records], step_s)},
-        "frames_received_per_s": {"mean": _rate([t.frames_received for t in step_records], step_s)},
-        "bytes_sent_per_s": {"mean": _rate([t.bytes_sent for t in step_records], step_s)},
+        "frames_sent_per_s": mean_per_s(records, "frames_sent"),
+        "frames_received_per_s": mean_per_s(records, "frames_received"),
+        "bytes_sent_per_s": mean_per_s(records, "bytes_sent"),
         "frames": {
-            "sent": sum(t.frames_sent for t in step_records),
-            "received": sum(t.frames_received for t in step_records),
-            "duplicated": sum(t.frames_duplicated for t in step_records),
-            "in_flight": step_records[-1].frames_in_flight if step_records else 0,
+            **{name: total(f"frames_{name}") for name in ("sent", "received", "duplicated")},
+            "in_flight": records[-1].frames_in_flight if records else 0,
         },
-        "frames_dropped": {
-            reason: sum(getattr(t, f"dropped_{reason}") for t in step_records) for reason in DROP_REASONS
-        },
+        "frames_dropped": {reason: total(f"dropped_{reason}") for reason in DROP_REASONS},
         "reports": {
-            "sent": sum(t.reports_sent for t in step_records),
-            "arrived": sum(t.reports_arrived for t in step_records),
-            "in_flight": step_records[-1].reports_in_flight if step_records else 0,
+            **{name: total(f"reports_{name}") for name in ("sent", "arrived")},
+            "in_flight": records[-1].reports_in_flight if records else 0,
         },
-        "reports_dropped": {
-            reason: sum(getattr(t, f"reports_dropped_{reason}") for t in step_records) for reason in UPLINK_REASONS
-        },
+        "reports_dropped": {reason: total(f"reports_dropped_{reason}") for reason in UPLINK_REASONS},
         "agents_in_trees": {"mean": _mean(in_trees), "last_third_mean": _mean(in_trees[len(in_trees) * 2 // 3 :])},
-        "trees": {"mean": _mean([t.trees for t in step_records])},
-        "roots_from_densest_m": {
-            "mean": _mean([t.roots_from_densest_m for t in step_records if t.roots_from_densest_m is not None])
+        "trees": mean("trees"),
+        "roots_from_densest_m": mean("roots_from_densest_m"),
+        "delta": mean("delta"),
+        "covered_area_m2": {
+            **mean("covered_area_m2"),
+            "mean_while_trees": _mean(_column(with_trees, "covered_area_m2")),
         },
-        "delta": {"mean": _mean([t.delta for t in step_records if t.delta is not None])},
-        "covered_area_m2": {"mean": _mean(covered), "mean_while_trees": _mean(with_trees)},
-        "transport_lost": sum(t.transport_lost for t in step_records) + sum(w.lost for w in workloads),
-        "samples_rejected": sum(t.rejected for t in step_records) + sum(w.rejected for w in workloads),
-        "steps": len(step_records),
+        "transport_lost": total("transport_lost") + sum(workload.lost for workload in workloads),
+        "samples_rejected": total("rejected") + sum(workload.rejected for workload in workloads),
+        "steps": len(records),
     }
 
 
@@ -110,10 +141,10 @@ def arrival_digests(events: Iterable[EventState]) -> tuple[str, str]:
     return times, places
 
 
+def _column(rows: Sequence[Any], name: str) -> list[Any]:
+    """Return what the rows know of one quantity."""
+    return [value for row in rows if (value := getattr(row, name)) is not None]
+
+
 def _mean(values: Sequence[float]) -> float | None:
     return fmean(values) if values else None
-
-
-def _rate(counts: Sequence[int], step_s: float) -> float | None:
-    mean = _mean(counts)
-    return None if mean is None else mean / step_s

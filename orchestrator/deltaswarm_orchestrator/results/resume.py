@@ -46,8 +46,7 @@ def newest(folder: Path) -> Resumed:
     """
     file = folder / checkpoint.FOLDER / checkpoint.NEWEST
     if not file.exists():
-        reason = f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them"
-        raise FolderError(reason)
+        raise FolderError(f"{folder} has no checkpoint to go on from; `deltaswarm run --checkpoint STEPS` writes them")
     try:
         content = checkpoint.unsealed(file.read_bytes())
         resumed = Resumed(
@@ -94,9 +93,11 @@ def wait_for_leftovers(folder: Path) -> None:
         FolderError: a process has not ended after LEFTOVERS_S.
     """
     deadline = time.monotonic() + LEFTOVERS_S
-    while left := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
+    while left_over := [path.parts[2] for path in Path("/proc").glob("[0-9]*/fd/2") if _is_log_of(folder, path)]:
         if time.monotonic() >= deadline:
-            raise FolderError(f"{folder} is still being written by processes of the earlier run: {', '.join(left)}")
+            raise FolderError(
+                f"{folder} is still being written by processes of the earlier run: {', '.join(left_over)}"
+            )
         time.sleep(0.1)
 
 

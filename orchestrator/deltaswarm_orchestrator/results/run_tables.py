@@ -13,8 +13,7 @@ import tomli_w
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import source_digest
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
-from deltaswarm_orchestrator.results.metrics import metrics
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome, metrics
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
@@ -71,21 +70,16 @@ def read_outcome(folder: Path) -> Outcome:
     if (folder / "series.csv").exists():
         rows = _table(folder / "series.csv")
         step_records = [_row(StepRecord, row) for row in rows]
-        own = [{**row, **{name: row[column] for name, column in OPERATOR_COLUMNS.items()}} for row in rows]
-        workloads = [_row(Workload, row) for row in own if row["messages"]]
+        renamed = [{**row, **{name: row[column] for name, column in OPERATOR_COLUMNS.items()}} for row in rows]
+        workloads = [_row(Workload, row) for row in renamed if row["messages"]]
     else:
         step_records = [_row(StepRecord, row) for row in _table(folder / "world.csv")]
         workloads = [_row(Workload, row) for row in _table(folder / "operator.csv")]
     events = _table(folder / "events.csv")
     if not events:
         events = list({row["event"]: row for row in _table(folder / EVENTS_SO_FAR)}.values())  # the newest of each
-    return Outcome(
-        step_records,
-        [_row(EventState, row) for row in events],
-        workloads,
-        _json(folder / "world.json"),
-        _json(folder / "operator.json"),
-    )
+    world, operator = (_json(folder / name) for name in ("world.json", "operator.json"))
+    return Outcome(step_records, [_row(EventState, row) for row in events], workloads, world, operator)
 
 
 def _json(file: Path) -> dict[str, Any]:
@@ -155,7 +149,7 @@ def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) 
 
 def _lost_by_agent(outcome: Outcome) -> str:
     """Name the agents that lost most messages, most first; empty if that is not known."""
-    lost = Counter({agent: own["lost"] for agent, own in (outcome.operator.get("per_sender") or {}).items()})
+    lost = Counter({agent: counts["lost"] for agent, counts in (outcome.operator.get("per_sender") or {}).items()})
     lost.update(outcome.world.get("transport_lost", {}))
     named = [f"{count} of agent {agent}" for agent, count in (+lost).most_common(MAX_NAMED) if agent != WORLD]
     return f" ({', '.join(named)})" if named else ""
@@ -163,12 +157,11 @@ def _lost_by_agent(outcome: Outcome) -> str:
 
 def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
     """Return the content of `summary.json`: the metrics, and how the run went."""
-    found = metrics(outcome, scenario)
-    wall_s = outcome.world.get("wall_s")
-    simulated_s = found["steps"] * scenario.run.step_s
+    numbers = metrics(outcome, scenario)
+    wall_s, steps = outcome.world.get("wall_s"), numbers["steps"]
     reasons = [] if outcome.is_complete else ["the run did not reach its last step"]
-    if found["transport_lost"]:
-        reasons.append(f"{found['transport_lost']} messages were lost on the fabric{_lost_by_agent(outcome)}")
+    if numbers["transport_lost"]:
+        reasons.append(f"{numbers['transport_lost']} messages were lost on the fabric{_lost_by_agent(outcome)}")
     reasons += [
         f"agent {agent}'s sequence number reset {count} times; two processes may share its id"
         for agent, count in outcome.world.get("fell_back", {}).items()
@@ -182,15 +175,15 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "name": scenario.name,
         "mode": scenario.control.mode,
         "seed": scenario.seed,
-        **found,
+        **numbers,
         "wall_s": wall_s,
-        "steps_per_s": found["steps"] / wall_s if wall_s else None,
-        "real_time_factor": simulated_s / wall_s if wall_s else None,
+        "steps_per_s": steps / wall_s if wall_s else None,
+        "real_time_factor": steps * scenario.run.step_s / wall_s if wall_s else None,
         "digest": outcome.digest,
         "agents_lost": outcome.world.get("agents_lost", []),
         "boards": outcome.world.get("boards", {}),
         "faults": outcome.world.get("faults", []),
-        "agents_late": sum(t.agents_late for t in outcome.step_records),
+        "agents_late": sum(record.agents_late for record in outcome.step_records),
         "refused_claims": outcome.world.get("refused_claims"),
         "events_cut": outcome.world.get("events_cut"),
         "realtime_overruns": outcome.world.get("realtime_overruns", 0),

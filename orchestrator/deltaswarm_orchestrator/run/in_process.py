@@ -15,7 +15,7 @@ from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_orchestrator.recording.sink import Sink
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import StepRecord

@@ -26,7 +26,7 @@ from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
@@ -159,9 +159,9 @@ class _Run:
         if warning := disk.shortage(folder, self.scenario):
             self.reporter.say(f"warning: {warning}")
         if self.resumed:
-            self.folder.go_on(self.manifest)
+            self.folder.prepare_to_resume(self.manifest)
         else:
-            self.folder.begin(self.scenario, self.manifest)
+            self.folder.prepare(self.scenario, self.manifest)
         if self.checkpoint_steps:
             (folder / checkpoint.FOLDER).mkdir(exist_ok=True)
             sync_folder(folder)

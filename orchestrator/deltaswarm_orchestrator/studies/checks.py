@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
 from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, ContrastSettings, listed

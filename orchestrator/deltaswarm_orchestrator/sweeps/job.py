@@ -22,8 +22,7 @@ import orjson
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import OK, USAGE
 from deltaswarm_orchestrator.results import run_tables
-from deltaswarm_orchestrator.results.metrics import FollowedEvent, followed
-from deltaswarm_orchestrator.results.outcome import Outcome
+from deltaswarm_orchestrator.results.metrics import FollowedEvent, Outcome, followed
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS
 from deltaswarm_orchestrator.run.in_process import run_in_process
 from deltaswarm_orchestrator.scenarios.load import to_toml

@@ -235,7 +235,7 @@ def test_info_tells_a_run_that_goes_on_from_one_that_was_killed(tmp_path: Path, 
     """By whether its folder is held, whatever process has its number by now; where that cannot be known it says so."""
     out = tmp_path / "run"
     folder = RunFolder(out, force=False)
-    folder.begin(load_scenario("smoke"), new_manifest(load_scenario("smoke"), "in-process", "off"))
+    folder.prepare(load_scenario("smoke"), new_manifest(load_scenario("smoke"), "in-process", "off"))
 
     def state() -> str:
         assert main(["info", str(folder.path), "--json"]) == 0
@@ -243,7 +243,7 @@ def test_info_tells_a_run_that_goes_on_from_one_that_was_killed(tmp_path: Path, 
 
     killed = "incomplete (killed, its machine stopped, or its disk was full)"
     assert [state(), state()] == ["running", "running"]
-    folder.close()
+    folder.release()
     assert state() == killed
     (folder.path / OWNER).write_text('["elsewhere", "another boot", 7, "7"]')
     assert state() == f"running, or {killed}"

@@ -91,7 +91,7 @@ def test_an_owner_of_whom_nothing_is_known_here_is_named(
 ) -> None:
     """With the file to delete if it has ended: for runs and sweeps alike, in one line."""
     without_flock(monkeypatch)
-    RunFolder(tmp_path / "run", force=False).close()
+    RunFolder(tmp_path / "run", force=False).release()
     out = str(tmp_path / "sweep")
     sweep = ["sweep", "smoke", "--set", "run.duration_s=20", "--repeats", "1", "--prove", "0", "-j", "1", "--out", out]
     assert main(sweep) == 0

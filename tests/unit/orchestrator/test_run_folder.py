@@ -26,7 +26,7 @@ def test_a_run_folder_has_its_name_when_it_is_whole(tmp_path: Path) -> None:
     target = tmp_path / "run"
     folder = RunFolder(target, force=False)
     scenario = load_scenario("smoke")
-    folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
+    folder.prepare(scenario, new_manifest(scenario, "in-process", "off"))
     assert [path.name for path in tmp_path.iterdir()] == ["run.part"]
     assert folder.finish() == target
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
@@ -52,11 +52,11 @@ def test_a_run_under_way_is_never_replaced(tmp_path: Path, force: bool) -> None:
     """Not by force either: both would write into one folder, and the first to end would name a mixture its own."""
     scenario = load_scenario("smoke")
     with RunFolder(tmp_path / "run", force=False) as folder:
-        folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
+        folder.prepare(scenario, new_manifest(scenario, "in-process", "off"))
         with pytest.raises(FolderError, match="run in progress"):
             RunFolder(tmp_path / "run", force=force)
         assert (folder.path / "manifest.json").exists()
-    RunFolder(tmp_path / "run", force=True).close()
+    RunFolder(tmp_path / "run", force=True).release()
     assert [path.name for path in tmp_path.iterdir()] == ["run.part"]
 
 
@@ -128,7 +128,7 @@ def test_what_appears_during_a_run_is_replaced_only_if_it_is_a_run(tmp_path: Pat
     target = tmp_path / "run"
     scenario = load_scenario("smoke")
     with RunFolder(target, force=force) as folder:
-        folder.begin(scenario, new_manifest(scenario, "in-process", "off"))
+        folder.prepare(scenario, new_manifest(scenario, "in-process", "off"))
         APPEARS[what](target)
         if force and what == "a run":
             assert folder.finish() == target
@@ -216,7 +216,7 @@ def test_what_a_resume_needs_is_on_the_disk(tmp_path: Path, monkeypatch: pytest.
 
     monkeypatch.setattr(os, "fsync", noted)
     with RunFolder(tmp_path / "run", force=False) as folder:
-        folder.begin(load_scenario("smoke"), {})
+        folder.prepare(load_scenario("smoke"), {})
         needed = tmp_path, folder.path, folder.path / "scenario.toml"
         assert {path.stat().st_ino for path in needed} <= synced
 
