@@ -185,12 +185,12 @@ def _conducted(arguments: argparse.Namespace, study: "Study", folder: Path) -> "
     """
     from deltaswarm_orchestrator.studies.evidence import Evidence
     from deltaswarm_orchestrator.studies.origin import provenance_of
-    from deltaswarm_orchestrator.sweeps.reuse import take_over
+    from deltaswarm_orchestrator.sweeps.folder import copy_runs
 
     runs = folder / "sweep"
     if not arguments.processes:
         others = [sweep.parent for sweep in folder.parent.glob("*/sweep/runs")]
-        if count := take_over(study.sweep, runs, others):
+        if count := copy_runs(study.sweep, runs, others):
             notice(f"{study.name}: {count} runs are taken from other studies")
     result = conduct_for(arguments, study.sweep, runs, with_series=bool(study.sweep.file.sweep.series_every_s))
     if not result.is_well:

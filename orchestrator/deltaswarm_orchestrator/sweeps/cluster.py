@@ -87,13 +87,11 @@ def _key(code: str, task: Task) -> str:
 
 def attempt_with(code: str, task: Task) -> tuple[Result | None, str]:
     """Do a run if this worker's code has the digest `code`; return its result, or None and the reason."""
-    own = _own_code()
-    if own != code:
-        return (
-            None,
-            f"the Dask worker runs another version of deltaswarm (code {own}, here {code}); install the same on both",
-        )
-    return attempt(task)
+    worker_code = _own_code()
+    if worker_code == code:
+        return attempt(task)
+    codes = f"code {worker_code}, here {code}"
+    return None, f"the Dask worker runs another version of deltaswarm ({codes}); install the same on both"
 
 
 @functools.cache

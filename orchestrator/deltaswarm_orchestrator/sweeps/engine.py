@@ -1,4 +1,4 @@
-"""What does the runs of a sweep: here, processes on this machine. `cluster.py` has another."""
+"""Engines that do the runs of a sweep: here, processes on this machine; in `cluster.py`, a Dask cluster."""
 
 import contextlib
 import multiprocessing
@@ -14,23 +14,23 @@ from typing import Protocol
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
-from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, work
+from deltaswarm_orchestrator.sweeps.job import WAKE_EVERY_S, DisturbedError, Result, RunError, Task, how_ended, work
 
 ATTEMPTS = 2
-"""A run whose worker was killed is tried once more: what killed it may have been meant for another."""
+"""A run whose worker was killed is repeated once: the signal may have been meant for another process."""
 
 
 class EngineError(CommandError):
-    """The engine cannot be had."""
+    """The engine is not available."""
 
 
 class EngineLostError(EngineError):
-    """The engine went away in mid-sweep; what it finished is kept."""
+    """The engine was lost during the sweep; the runs that it finished are kept."""
 
 
 @dataclass(frozen=True)
 class Done:
-    """A run that ended: with a result, or with the reason why there is none."""
+    """A run that ended, with its result or the reason why it has none."""
 
     task: Task
     result: Result | None
@@ -41,7 +41,7 @@ class Engine(Protocol):
     """Does runs side by side, in any order."""
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Each task once, as it ends; what is under way when the caller stops is given up."""
+        """Yield each task once, as it ends; abandon unfinished runs when the caller stops."""
 
 
 class LocalEngine:
@@ -52,7 +52,7 @@ class LocalEngine:
         self._context = multiprocessing.get_context("spawn")
 
     def run(self, tasks: Sequence[Task]) -> Iterator[Done]:
-        """Each task once, as it ends."""
+        """Yield each task once, as it ends."""
         waiting = deque((task, 1) for task in tasks)
         busy: dict[Connection, _Worker] = {}
         try:
@@ -61,16 +61,15 @@ class LocalEngine:
                 while waiting and (idle or len(busy) < self._workers):
                     worker = idle.pop() if idle else _Worker(self._context)
                     busy[worker.connection] = worker
-                    worker.give(*waiting.popleft())
+                    worker.assign(*waiting.popleft())
                 if not waiting:
                     for worker in [worker for worker in busy.values() if worker.task is None]:
-                        busy.pop(worker.connection).end()
+                        busy.pop(worker.connection).stop()
                     if not busy:
                         break
-                ended = wait([worker.connection for worker in busy.values()], WAKE_EVERY_S)
-                if not ended:
-                    for worker in busy.values():
-                        worker.wake()
+                ended = wait(list(busy), WAKE_EVERY_S)
+                for worker in () if ended else busy.values():
+                    worker.resume()
                 for connection in ended:
                     worker = busy[connection]  # type: ignore[index]  # only connections were given
                     task, attempt = worker.task, worker.attempt
@@ -78,7 +77,7 @@ class LocalEngine:
                     try:
                         result, reason = worker.connection.recv()
                     except (EOFError, OSError):
-                        how = busy.pop(worker.connection).end()
+                        how = busy.pop(worker.connection).stop()
                         if attempt < ATTEMPTS:
                             waiting.appendleft((task, attempt + 1))
                         else:
@@ -88,7 +87,7 @@ class LocalEngine:
                     yield Done(task, result, reason)
         finally:
             for worker in busy.values():
-                worker.end()
+                worker.stop()
 
 
 class _Worker:
@@ -102,32 +101,31 @@ class _Worker:
         self._process.start()
         theirs.close()
 
-    def give(self, task: Task, attempt: int) -> None:
-        """Have it do a run."""
+    def assign(self, task: Task, attempt: int) -> None:
+        """Send the process a run to do."""
         self.task, self.attempt = task, attempt
-        with contextlib.suppress(OSError):  # it is dead: the next wait says so
+        with contextlib.suppress(OSError):  # it has died; the next `wait` reports that
             self.connection.send(task)
 
-    def wake(self) -> None:
-        """Let the process go on if a signal has stopped it."""
+    def resume(self) -> None:
+        """Let the process continue if a signal has stopped it."""
         if self._process.pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(self._process.pid, signal.SIGCONT)
 
-    def end(self) -> str:
-        """End it at once; how it ended."""
+    def stop(self) -> str:
+        """Stop the process at once, and return how it ended."""
         self.connection.close()
         self._process.join(0.2 if self.task is None else 0)
         self._process.kill()
         self._process.join()
-        code = self._process.exitcode or 0
-        return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
+        return how_ended(self._process.exitcode or 0)
 
 
 def _serve(connection: Connection, parent: int) -> None:
     """Do runs in a worker process until there are no more."""
     signal_at_parents_death(signal.SIGKILL, parent)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the one who asked
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal's Ctrl-C is for the parent
     while True:
         try:
             task = connection.recv()
@@ -137,7 +135,7 @@ def _serve(connection: Connection, parent: int) -> None:
 
 
 def attempt(task: Task) -> tuple[Result | None, str]:
-    """A run's result, or the reason why there is none; once more if a process of its swarm was killed."""
+    """Do a run, again if it was disturbed; return its result, or None and the reason."""
     reason = ""
     for _ in range(ATTEMPTS):
         try:

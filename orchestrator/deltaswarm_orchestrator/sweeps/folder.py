@@ -1,19 +1,20 @@
-"""A sweep's folder: a file for each finished run, so that an interrupted sweep can be resumed."""
+"""A sweep's folder: a file for each finished run, so that a sweep can be resumed and others can reuse its runs."""
 
 import hashlib
 import json
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import orjson
 
+from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 from deltaswarm_orchestrator.results.folder_lock import LOCK, FolderLock, HeldError
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, Result
-from deltaswarm_orchestrator.sweeps.plan import Job
+from deltaswarm_orchestrator.sweeps.plan import Job, Sweep
 from deltaswarm_wire.files import write_whole
 
 CHECKSUM = "checksum"
@@ -41,26 +42,22 @@ class SweepFolder:
         """
         with ExitStack() as stack:
             try:
-                self._take(name, stack)
+                if self.path.exists() and not self._is_ours():
+                    raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
+                self.path.mkdir(parents=True, exist_ok=True)
+                stack.callback(FolderLock(self.path).release)
+                manifest = self.manifest()
+                if manifest is not None and manifest.get("name") != name:
+                    raise SweepFolderError(f"{self.path} holds the sweep {manifest.get('name')!r}, not {name!r}")
+                self.runs.mkdir(exist_ok=True)
+                shutil.rmtree(self.scratch, ignore_errors=True)
+                self.scratch.mkdir(exist_ok=True)  # an orphaned run may still be writing there
+                stack.callback(shutil.rmtree, self.scratch, ignore_errors=True)
             except HeldError as error:
                 raise SweepFolderError(f"{self.path} is in use by another sweep{error}") from None
             except OSError as error:
                 raise SweepFolderError(f"{self.path} cannot be used: {error.strerror}") from None
             yield
-
-    def _take(self, name: str, stack: ExitStack) -> None:
-        """Lock the folder for as long as the stack is open, and check what is in it."""
-        if self.path.exists() and not self._is_ours():
-            raise SweepFolderError(f"{self.path} exists and holds no sweep; choose another folder by --out")
-        self.path.mkdir(parents=True, exist_ok=True)
-        stack.callback(FolderLock(self.path).release)
-        found = self.manifest()
-        if found is not None and found.get("name") != name:
-            raise SweepFolderError(f"{self.path} holds the sweep {found.get('name')!r}, not {name!r}")
-        self.runs.mkdir(exist_ok=True)
-        shutil.rmtree(self.scratch, ignore_errors=True)
-        self.scratch.mkdir(exist_ok=True)  # an orphaned run may still be writing there
-        stack.callback(shutil.rmtree, self.scratch, ignore_errors=True)
 
     def _is_ours(self) -> bool:
         """Return whether the folder is a sweep's or empty.
@@ -98,11 +95,11 @@ class SweepFolder:
     def result(self, job: Job, means: str = IN_PROCESS) -> Result | None:
         """Read a finished run; return None if it is not finished or its file is damaged."""
         try:
-            found = orjson.loads(self.file(job, means).read_bytes())
+            result = orjson.loads(self.file(job, means).read_bytes())
         except (OSError, ValueError):
             return None
-        is_whole = isinstance(found, dict) and found.pop(CHECKSUM, None) == _checksum(found)
-        return found if is_whole else None
+        is_whole = isinstance(result, dict) and result.pop(CHECKSUM, None) == _checksum(result)
+        return result if is_whole else None
 
     def manifest(self) -> dict[str, Any] | None:
         """Read the manifest; return None before the first sweep in the folder.
@@ -111,14 +108,14 @@ class SweepFolder:
             SweepFolderError: the manifest cannot be read.
         """
         try:
-            found = orjson.loads((self.path / "manifest.json").read_bytes())
+            manifest = orjson.loads((self.path / "manifest.json").read_bytes())
         except FileNotFoundError:
             return None
         except (OSError, ValueError) as error:
             raise SweepFolderError(f"{self.path / 'manifest.json'} cannot be read: {error}") from None
-        if not isinstance(found, dict):
+        if not isinstance(manifest, dict):
             raise SweepFolderError(f"{self.path / 'manifest.json'} is not a sweep's manifest")
-        return found
+        return manifest
 
     def write_manifest(self, manifest: dict[str, Any]) -> None:
         """Write `manifest.json` atomically."""
@@ -128,3 +125,26 @@ class SweepFolder:
 
 def _checksum(result: Result) -> str:
     return hashlib.blake2b(orjson.dumps(result), digest_size=16).hexdigest()
+
+
+def copy_runs(sweep: Sweep, path: Path, others: Sequence[Path]) -> int:
+    """Copy the runs that a sweep lacks from other sweeps' folders, and return their number.
+
+    Experiments share runs, above all those without a limit. A run is the same if its key and the digest of its code
+    are the same.
+
+    Raises:
+        SweepFolderError: the folder is in use, holds something else, or cannot be written.
+    """
+    folder, code = SweepFolder(path), provenance.code_digest()
+    copied = 0
+    with folder.held(sweep.name):
+        for job in sweep.jobs():
+            if folder.has(job):
+                continue
+            results = (SweepFolder(other).result(job) for other in others if other != path)
+            result = next((result for result in results if result and result.get("code") == code), None)
+            if result is not None:
+                folder.save(job, IN_PROCESS, result)
+                copied += 1
+    return copied

@@ -108,7 +108,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
         code, printed, errors = _run_awake(command)
         if code != OK:
             kind = RunError if code == USAGE else DisturbedError
-            raise kind(f"deltaswarm run {_ended(code)}:\n{errors}")
+            raise kind(f"deltaswarm run {how_ended(code)}:\n{errors}")
         summary = orjson.loads(printed)
         lost = summary["agents_lost"]
         late = summary["agents_late"] if task.job.scenario.run.clock == "lockstep" else 0
@@ -134,7 +134,8 @@ def _run_awake(command: Sequence[str]) -> tuple[int, str, str]:
             raise
 
 
-def _ended(code: int) -> str:
+def how_ended(code: int) -> str:
+    """Say how a process with this exit code ended."""
     return f"was killed by signal {-code}" if code < 0 else f"ended with exit code {code}"
 
 
@@ -150,7 +151,8 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     step_s = scenario.run.step_s
     width = round(every_s / step_s)
     starts = range(0, len(outcome.step_records), width)
-    columns: dict[str, list[float | None]] = {"time_s": [index * step_s for index in starts]}
+    edges_s = [start * step_s for start in starts]
+    columns: dict[str, list[float | None]] = {"time_s": [*edges_s]}
     rows: Sequence[tuple[str, str, Sequence[Any]]] = [
         *((name, name, outcome.step_records) for name in StepRecord._fields if name not in ("step", "time_s")),
         *((column, name, outcome.workloads) for name, column in OPERATOR_COLUMNS.items()),
@@ -158,7 +160,6 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     for column, name, source in rows:
         values = np.array([getattr(row, name) for row in source], dtype=float)
         columns[column] = [_mean(values[start : start + width]) for start in starts]
-    edges_s = [start * step_s for start in starts]
 
     def window_of(time_s: float) -> int:
         return bisect_right(edges_s, time_s) - 1
@@ -166,7 +167,7 @@ def series_of(outcome: Outcome, scenario: Scenario, every_s: float) -> dict[str,
     completed = Counter(window_of(event.completed_s) for event in outcome.events if event.completed_s is not None)
     never_sensed = Counter(window_of(event.arrived_s) for event in outcome.events if event.sensed_s is None)
     for column, counts in (("completed", completed), ("never_sensed", never_sensed)):
-        columns[column] = [float(counts[index]) for index in range(len(edges_s))]
+        columns[column] = [float(counts[index]) for index in range(len(starts))]
     windows: list[list[FollowedEvent]] = [[] for _ in starts]
     for event in followed(outcome.events, len(outcome.step_records) * step_s, scenario.metrics.horizon_s):
         windows[window_of(event.arrived_s)].append(event)
@@ -182,6 +183,6 @@ def _mean(window: "np.ndarray[Any, np.dtype[np.float64]]") -> float | None:
 
 
 def default_workers(means: str) -> int:
-    """A core for each run in one process; two for each run by processes."""
+    """Return the number of runs to do at once: one per core, or by processes one per two cores."""
     cores = len(os.sched_getaffinity(0))
     return cores if means == IN_PROCESS else max(1, cores // 2)

@@ -4,7 +4,7 @@ import copy
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,6 @@ import orjson
 
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_orchestrator.sweeps.plan import LABEL, MAX_RUNS, Sweep, SweepFile, SweepSettings, Variant
-from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError
 
@@ -49,9 +48,9 @@ def load_sweep(
     """
     table, beside = read_file(name)
     table = {name: value for name, value in table.items() if name not in STUDY_TABLES}
-    own = table.setdefault("sweep", {})
-    if isinstance(own, dict):
-        own |= {setting: value for setting, value in (settings or {}).items() if value is not None}
+    swept = table.setdefault("sweep", {})
+    if isinstance(swept, dict):
+        swept |= {setting: value for setting, value in (settings or {}).items() if value is not None}
     return make_sweep(table, beside, overrides)
 
 
@@ -66,29 +65,24 @@ def make_sweep(table: dict[str, Any], beside: Path = Path(), overrides: Sequence
         base = scenarios.read_table(file.base, beside, "base")
     except SettingsError as error:
         raise SettingsError([*problems, *error.problems]) from None
-    shared = _flat(file.scenario, "scenario", problems)
-    _make_absolute(shared, beside)
+    shared = _flat(file.scenario, "scenario", beside, problems)
     for dotted, value in shared.items():
         problems += scenarios.put(base, dotted, value)
     for override in overrides:
         problems += scenarios.apply(base, override)
     has_variants = file.sweep.axes or file.sweep.paired or file.sweep.variants
-    choices, found = _choices(file.sweep, beside) if has_variants or not problems else ([], [])
-    problems += found
+    choices, wrong = _choices(file.sweep, beside) if has_variants or not problems else ([], [])
+    problems += wrong
     rows = [_joined(row) for row in itertools.product(*choices)] if choices else []
     set_here = [(f"scenario.{name}", name) for name in shared]
     set_here += [("--set", override.partition("=")[0].strip()) for override in overrides]
-    problems += [
-        Problem(path, name, "must not be set: the sweep sets it for each run") for path, name in set_here if name in OWN
-    ]
     in_all = set.intersection(*(set(row) for row in rows)) if rows else set()
-    problems += [
-        Problem(path, name, "must not be set: it varies in this sweep") for path, name in set_here if name in in_all
-    ]
+    for reason, names in (("the sweep sets it for each run", OWN), ("it varies in this sweep", in_all)):
+        problems += [Problem(path, name, f"must not be set: {reason}") for path, name in set_here if name in names]
     if ("--set", GRID) in set_here and not problems:  # a path on the command line is relative to the working folder
         scenarios.put(base, GRID, _absolute(_at(base, GRID), Path()))
-    variants, found = _variants({**base, "record": "off"}, rows)
-    problems += found if rows else scenarios.check_table(base)[1]
+    variants, wrong = _variants({**base, "record": "off"}, rows)
+    problems += wrong if rows else scenarios.check_table(base)[1]
     problems += [
         Problem("sweep.series_every_s", f"{every_s:.15g}", f"must be a whole number of steps of {step_s:.15g} s")
         for every_s in [file.sweep.series_every_s]
@@ -138,48 +132,45 @@ def _file(table: dict[str, Any]) -> tuple[SweepFile, list[Problem]]:
     return file, problems
 
 
-def _flat(table: Mapping[str, Any], path: str, problems: list[Problem]) -> Row:
-    """Flatten to dotted keys: TOML reads `control.delta = 3` as nested tables, `"control.delta" = 3` as one key."""
+def _flat(table: Mapping[str, Any], path: str, beside: Path, problems: list[Problem]) -> Row:
+    """Flatten to dotted keys: TOML reads `control.delta = 3` as nested tables, `"control.delta" = 3` as one key.
+
+    The path of a grid's file, or of each in a list, becomes absolute: it is relative to the file that names it.
+    """
     flat: Row = {}
     waiting = [*reversed(list(table.items()))]
     while waiting:
         name, value = waiting.pop()
         if isinstance(value, dict):
-            waiting += [(f"{name}.{inner}", one) for inner, one in reversed(list(value.items()))]
+            waiting += [(f"{name}.{inner}", entry) for inner, entry in reversed(list(value.items()))]
             if not value:
                 problems.append(Problem(f"{path}.{name}", "an empty table", "give it keys"))
         elif name in flat:
             problems.append(Problem(f"{path}.{name}", "given twice", "give it once"))
         else:
             flat[name] = value
+    if GRID in flat:
+        flat[GRID] = _absolute(flat[GRID], beside)
     return flat
 
 
-def _make_absolute(row: Row, beside: Path) -> None:
-    """Make the path of a grid's file, or of each in a list, absolute: it is relative to the file that names it."""
-    named = row.get(GRID)
-    if isinstance(named, list):
-        row[GRID] = [_absolute(one, beside) for one in named]
-    elif named is not None:
-        row[GRID] = _absolute(named, beside)
-
-
 def _absolute(named: Any, beside: Path) -> Any:
+    if isinstance(named, list):
+        return [_absolute(file, beside) for file in named]
     return str(beside.absolute() / named) if isinstance(named, str) and named else named
 
 
 def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], list[Problem]]:
     """Return the rows of each axis, each paired table and the single variants, and all mistakes in their form."""
     problems: list[Problem] = []
-    axes = _flat(settings.axes, "sweep.axes", problems)
-    paired = [_flat(table, f"sweep.paired[{index}]", problems) for index, table in enumerate(settings.paired)]
-    single = [_flat(table, f"sweep.variants[{index}]", problems) for index, table in enumerate(settings.variants)]
-    for row in (axes, *paired, *single):
-        _make_absolute(row, beside)
+    axes = _flat(settings.axes, "sweep.axes", beside, problems)
+    paired = [_flat(table, f"sweep.paired[{i}]", beside, problems) for i, table in enumerate(settings.paired)]
+    single = [_flat(table, f"sweep.variants[{i}]", beside, problems) for i, table in enumerate(settings.variants)]
     columns = [("sweep.axes", {name: values}) for name, values in axes.items()]
     columns += [(f"sweep.paired[{index}]", table) for index, table in enumerate(paired)]
-    problems += [problem for path, table in columns for problem in _problems_of_lists(path, table)]
-    problems += _problems_of_labels(axes, paired, single) + _problems_of_places(columns, single)
+    for path, keys in columns:
+        problems += _problems_of_lists(path, keys)
+    problems += [*_problems_of_labels(axes, paired, single), *_problems_of_places(columns, single)]
     if problems:
         return [], problems
     lengths = [len(next(iter(table.values()))) for _, table in columns] + [len(single) or 1]
@@ -194,71 +185,57 @@ def _choices(settings: SweepSettings, beside: Path) -> tuple[list[list[Row]], li
     return choices, []
 
 
-def _problems_of_lists(path: str, table: Row) -> list[Problem]:
+def _problems_of_lists(path: str, table: Row) -> Iterator[Problem]:
     """Report values that are not lists, empty lists, and lists of different lengths."""
     lists = {name: values for name, values in table.items() if isinstance(values, list) and values}
-    problems = [
-        Problem(f"{path}.{name}", _shown(table[name]), "must be a list of at least one value")
-        for name in table
-        if name not in lists
-    ]
+    for name in table:
+        if name not in lists:
+            yield Problem(f"{path}.{name}", _shown(table[name]), "must be a list of at least one value")
     if not table:
-        problems.append(Problem(path, "no keys", "give it lists of values"))
+        yield Problem(path, "no keys", "give it lists of values")
     if len({len(values) for values in lists.values()}) > 1:
-        found = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
-        problems.append(Problem(path, f"lists of different lengths ({found})", "must be of one length"))
-    return problems
+        lengths = ", ".join(f"{name}: {len(values)}" for name, values in lists.items())
+        yield Problem(path, f"lists of different lengths ({lengths})", "must be of one length")
 
 
-def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row]) -> list[Problem]:
+def _problems_of_labels(axes: Row, paired: Sequence[Row], single: Sequence[Row]) -> Iterator[Problem]:
     """Report labels that are not one-line strings, that label nothing, or that are not allowed in that place."""
-    problems = []
     if LABEL in axes:
-        problems.append(Problem(f"sweep.axes.{LABEL}", "no scenario key", "put it into [[sweep.paired]]"))
+        yield Problem(f"sweep.axes.{LABEL}", "no scenario key", "put it into [[sweep.paired]]")
     given = [(f"sweep.variants[{index}].{LABEL}", row[LABEL]) for index, row in enumerate(single) if LABEL in row]
     for index, table in enumerate(paired):
         if list(table) == [LABEL]:
-            problems.append(Problem(f"sweep.paired[{index}]", "only a label", "give it a key with a list too"))
+            yield Problem(f"sweep.paired[{index}]", "only a label", "give it a key with a list too")
         if isinstance(labels := table.get(LABEL), list):
             given += [(f"sweep.paired[{index}].{LABEL}", label) for label in labels]
-    allowed = "must be a string of one line"
-    return problems + [
-        Problem(path, _shown(label), allowed)
-        for path, label in given
-        if not (isinstance(label, str) and label.strip() and label.isprintable())
-    ]
+    for path, label in given:
+        if not (isinstance(label, str) and label.strip() and label.isprintable()):
+            yield Problem(path, _shown(label), "must be a string of one line")
 
 
-def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> list[Problem]:
+def _problems_of_places(columns: Sequence[tuple[str, Row]], single: Sequence[Row]) -> Iterator[Problem]:
     """Report keys given in two places, keys that cannot vary, and a sweep in which nothing varies."""
     places = [(path, name) for path, table in columns for name in table if name != LABEL]
     places += [("sweep.variants", name) for name in {name: None for row in single for name in row if name != LABEL}]
     times = Counter(name for _, name in places)
-    problems: list[Problem] = []
     for path, name in places:
         if times[name] > 1:
-            problems.append(Problem(f"{path}.{name}", "also given elsewhere", "let it vary in only one place"))
+            yield Problem(f"{path}.{name}", "also given elsewhere", "let it vary in only one place")
         ends = [index for index, letter in enumerate(name[:500]) if letter == "."]  # no key is longer
         if part_of := next((name[:end] for end in ends if name[:end] in times), None):
-            problems.append(Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in only one place"))
-        if name in OWN:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "the sweep sets it for each run"))
-        if name in SAME:
-            problems.append(Problem(f"{path}.{name}", "cannot vary", "it has no effect on a run"))
+            yield Problem(f"{path}.{name}", f"{part_of} varies too", "let it vary in only one place")
+        if name in OWN + SAME:
+            reason = "the sweep sets it for each run" if name in OWN else "it has no effect on a run"
+            yield Problem(f"{path}.{name}", "cannot vary", reason)
     if not places:
         allowed = "must have [sweep.axes], [[sweep.paired]] or [[sweep.variants]]"
-        problems.append(Problem("sweep", "nothing varies", allowed))
-    return problems
+        yield Problem("sweep", "nothing varies", allowed)
 
 
-def _joined(rows: Iterable[Row]) -> Row:
+def _joined(rows: Sequence[Row]) -> Row:
     """Merge one row of each table into a single row, and join the labels."""
-    joined: Row = {}
-    labels = []
-    for row in rows:
-        labels.append(_label(row))
-        joined |= row
-    return {**joined, LABEL: ", ".join(labels)}
+    keys = {name: value for row in rows for name, value in row.items()}
+    return {**keys, LABEL: ", ".join(map(_label, rows))}
 
 
 def _label(row: Row) -> str:
@@ -284,27 +261,24 @@ def _shown(value: Any) -> str:
 def _variants(base: dict[str, Any], rows: Sequence[Row]) -> tuple[list[Variant], list[Problem]]:
     """Make a checked scenario for each row; report unknown keys, invalid values and duplicate labels."""
     swept = {name: None for row in rows for name in row if name != LABEL}
-    made: list[tuple[str, Scenario]] = []
+    variants = []
     problems: dict[Problem, None] = {}  # each once, in order
     for row in rows:
         try:
             table = copy.deepcopy(base)
         except RecursionError:  # no valid scenario is nested so deeply
             return [], scenarios.check_table(base)[1]
-        found = [problem for name in row if name != LABEL for problem in scenarios.put(table, name, row[name])]
-        scenario, more = scenarios.check_table(table)
-        problems |= dict.fromkeys(found + more)
+        for name in row:
+            problems |= dict.fromkeys(scenarios.put(table, name, row[name]) if name != LABEL else ())
+        scenario, wrong = scenarios.check_table(table)
+        problems |= dict.fromkeys(wrong)
         if scenario is not None:
-            made.append((row[LABEL], scenario))
+            effective = checked.plain(scenario)
+            variants.append(Variant(row[LABEL], {name: _at(effective, name) for name in swept}, scenario))
     for label, times in Counter(row[LABEL] for row in rows).items():
         if times > 1:
             problems[Problem("sweep", f"{times} variants called {label!r}", "must have different labels")] = None
-    if problems:
-        return [], list(problems)
-    tables = [(label, scenario, checked.plain(scenario)) for label, scenario in made]
-    return [
-        Variant(label, {name: _at(table, name) for name in swept}, scenario) for label, scenario, table in tables
-    ], []
+    return ([], list(problems)) if problems else (variants, [])
 
 
 def _at(table: dict[str, Any], dotted: str) -> Any:

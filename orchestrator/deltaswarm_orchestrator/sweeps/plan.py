@@ -45,11 +45,10 @@ class SweepFile:
     scenario: dict[str, Any] = key(dict, "scenario keys that all variants share")
     sweep: SweepSettings = key(SweepSettings, "what varies, and how often it is repeated")
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """Check the name, which becomes part of a folder's name."""
         if not NAME.fullmatch(self.name):
-            return [Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'")]
-        return []
+            yield Problem("name", repr(self.name[:64]), "must be 1 to 48 ASCII letters, digits, '-' or '_'")
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,10 @@ SPEED_OVER_S = 3600.0
 class SweepReporter:
     """Receives the progress of a sweep. This base class ignores it."""
 
-    def begin(self, total: int, there: int) -> None:
-        """Begin a sweep of `total` runs, `there` of which were finished before."""
+    def announce(self, total: int, finished: int) -> None:
+        """Announce a sweep of `total` runs, `finished` of which were finished before."""
 
-    def done(self, done: Done) -> None:
+    def count(self, done: Done) -> None:
         """Count a run that has ended."""
 
 
@@ -31,25 +31,25 @@ class SweepDisplay(Bar, SweepReporter):
         super().__init__(name, *columns, speed_estimate_period=SPEED_OVER_S)
         self._name = name
         self._began = time.monotonic()
-        self._total = self._there = self._ended = self._failed = 0
+        self._total = self._before = self._ended = self._failed = 0
 
-    def begin(self, total: int, there: int) -> None:
-        """Begin a sweep of `total` runs, `there` of which were finished before."""
-        self._total, self._there = total, there
-        if there:
-            print(f"{self._name}: {there} of {total} runs are done already", file=sys.stderr, flush=True)
+    def announce(self, total: int, finished: int) -> None:
+        """Announce a sweep of `total` runs, `finished` of which were finished before."""
+        self._total, self._before = total, finished
+        if finished:
+            print(f"{self._name}: {finished} of {total} runs are done already", file=sys.stderr, flush=True)
 
-    def done(self, done: Done) -> None:
+    def count(self, done: Done) -> None:
         """Count a run that has ended."""
         self._ended += 1
         self._failed += done.result is None
         failed = f", {self._failed} failed" if self._failed else ""
-        missing = self._total - self._there - self._ended
+        missing = self._total - self._before - self._ended
         left = timedelta(seconds=round((time.monotonic() - self._began) / self._ended * missing))
         self._show(
-            f"{self._name}: {self._there + self._ended} of {self._total} runs{failed}, {left} left",
+            f"{self._name}: {self._before + self._ended} of {self._total} runs{failed}, {left} left",
             is_last=not missing,
             brief=f"{self._name}{failed}",
-            total=self._total - self._there,
+            total=self._total - self._before,
             completed=self._ended,
         )

@@ -1,4 +1,4 @@
-"""A sweep from plan to tables: what is there is kept, what is missing is run, what failed is said."""
+"""Conduct a sweep: keep the finished runs, do the missing ones, and write tables of all."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -22,13 +22,13 @@ from deltaswarm_wire.files import write_whole
 
 @dataclass
 class SweepResult:
-    """What a sweep gives its caller, finished or not."""
+    """The result of a sweep, finished or not."""
 
     folder: Path
     runs: int
-    """That were asked for."""
+    """Runs that were asked for."""
     finished: int
-    """Of these."""
+    """Runs of these that are finished."""
     manifest: dict[str, Any]
     table: pd.DataFrame
     series: pd.DataFrame
@@ -36,9 +36,9 @@ class SweepResult:
     failed: list[str] = field(default_factory=list)
     """Runs without a result, with the reason."""
     differing: list[str] = field(default_factory=list)
-    """Runs whose digest is another one by real processes than in one process."""
+    """Runs whose digests by real processes and in one process differ."""
     damaged: list[str] = field(default_factory=list)
-    """Files of runs that were cut off or changed, and are not used."""
+    """Files of runs that were truncated or changed, and are not used."""
     interrupted: bool = False
 
     @property
@@ -56,10 +56,10 @@ def conduct(
     means: str = IN_PROCESS,
     with_series: bool = False,
 ) -> SweepResult:
-    """Do what is missing of a sweep, and write tables of all that is finished.
+    """Do the missing runs of a sweep, and write tables of all finished runs.
 
     Raises:
-        SweepFolderError: the folder is in use, holds something else, or runs of which none is this sweep's.
+        SweepFolderError: the folder is in use, holds something else, or only runs of other sweeps.
     """
     folder = SweepFolder(path)
     with folder.held(sweep.name):
@@ -68,19 +68,19 @@ def conduct(
         jobs = sweep.jobs()
         wanted = [(job, means) for job in jobs]
         wanted += [(job, PROCESSES) for job in sweep.sample(jobs) if means == IN_PROCESS]
-        # Variants may be the same under two labels: the run is done once, and stands in both rows.
+        # Two labels may stand for the same variant: its run is done once, and is in the rows of both.
         files = {folder.file(job, by): (job, by) for job, by in reversed(wanted)}
         wanted = list(files.values())[::-1]
         tasks = [Task(job, by, str(folder.scratch)) for job, by in wanted if not folder.has(job, by)]
-        there = {folder.file(job, by): (job, by) for job in jobs for by in (IN_PROCESS, PROCESSES)}
-        damaged = [str(file) for file, run in there.items() if folder.is_damaged(*run)]
+        kept = {folder.file(job, by): (job, by) for job in jobs for by in (IN_PROCESS, PROCESSES)}
+        damaged = [str(file) for file, run in kept.items() if folder.is_damaged(*run)]
         manifest = _manifest(sweep, means, before, does_runs=bool(tasks))
         _refuse_to_replace(sweep, folder, before, manifest)
         folder.write_manifest(manifest)
         write_whole(path / "sweep.toml", tomli_w.dumps(checked.plain(sweep.file)).encode())
         failed: list[str] = []
         interrupted = False
-        reporter.begin(len(wanted), len(wanted) - len(tasks))
+        reporter.announce(len(wanted), len(wanted) - len(tasks))
         try:
             if tasks:
                 for done in make_engine().run(tasks):
@@ -88,14 +88,14 @@ def conduct(
                         folder.save(done.task.job, done.task.means, done.result)
                     else:
                         failed.append(f"{done.task.job.name} ({done.task.means}): {done.reason}")
-                    reporter.done(done)
+                    reporter.count(done)
         except KeyboardInterrupt:
             interrupted = True
         except EngineLostError as error:
             failed.append(f"{error}; the same command goes on from there")
         runs = tables.finished_runs(sweep, folder)
         table = tables.table_of(runs, folder)
-        with_series |= (path / "series.csv").exists()  # or it would be of fewer runs than the table
+        with_series |= (path / "series.csv").exists()  # else it would have fewer runs than the table
         series = tables.series_of(runs) if with_series else pd.DataFrame()
         differing = tables.differing(table)
         manifest |= {
@@ -105,11 +105,9 @@ def conduct(
             "failed": failed,
             "proofs": _proofs(table, differing),
         }
-        tables.write_table(path / "table", table)
-        tables.write_table(path / "costs", tables.costs_of(runs))
-        tables.write_table(path / "senders", tables.senders_of(runs))
-        if with_series:
-            tables.write_table(path / "series", series)
+        written = {"table": table, "costs": tables.costs_of(runs), "senders": tables.senders_of(runs)}
+        for name, frame in (written | ({"series": series} if with_series else {})).items():
+            tables.write_table(path / name, frame)
         folder.write_manifest(manifest)
     finished = sum(folder.has(job, means) for job in jobs)
     return SweepResult(path, len(jobs), finished, manifest, table, series, failed, differing, damaged, interrupted)
@@ -119,7 +117,7 @@ def check_folder(sweep: Sweep, path: Path, means: str) -> None:
     """Check that a sweep may be written into a folder that exists.
 
     Raises:
-        SweepFolderError: the folder holds something else, or runs of which none is this sweep's.
+        SweepFolderError: the folder holds something else, or only runs of other sweeps.
     """
     folder = SweepFolder(path)
     before = folder.manifest() or {}
@@ -127,10 +125,10 @@ def check_folder(sweep: Sweep, path: Path, means: str) -> None:
 
 
 def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bool) -> dict[str, Any]:
-    """Where the sweep's numbers come from, before there are any."""
+    """Return the manifest with which a session begins: where the sweep's numbers come from."""
     code = [*before.get("code", []), *([provenance.code_digest()] if does_runs else [])]
     runs = len(sweep.jobs())
-    # Should this session end before its tables are written, those of the last one stand.
+    # If this session ends before it writes its tables, those of the last session remain.
     state = before if before.get("runs") == runs else {}
     return {
         "name": sweep.name,
@@ -157,10 +155,10 @@ def _manifest(sweep: Sweep, means: str, before: dict[str, Any], *, does_runs: bo
 
 
 def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any], manifest: dict[str, Any]) -> None:
-    """A sweep may be extended; one that shares no run with the folder's would put its table in place of theirs.
+    """Refuse a sweep that shares no run with the folder, since its tables would replace those of the other sweep.
 
     Raises:
-        SweepFolderError: there are runs, and none is one of this sweep; says what was otherwise.
+        SweepFolderError: the folder has only runs of other sweeps; the text says what differs.
     """
     ours = {folder.file(job, means) for job in sweep.jobs() for means in (IN_PROCESS, PROCESSES)}
     theirs = set(folder.runs.glob("*.json"))
@@ -176,9 +174,9 @@ def _refuse_to_replace(sweep: Sweep, folder: SweepFolder, before: dict[str, Any]
 
 
 def _plan(manifest: dict[str, Any]) -> dict[str, Any]:
-    """What of a manifest says which runs a sweep has, by dotted names as in its file."""
-    own = {name: manifest.get(name) for name in ("seed", "series_every_s", "axes", "paired", "variants")}
-    return dict(flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": own}))
+    """Return the entries of a manifest that determine a sweep's runs, by dotted names as in its file."""
+    settings = {name: manifest.get(name) for name in ("seed", "series_every_s", "axes", "paired", "variants")}
+    return dict(flattened({name: manifest.get(name) for name in ("base", "scenario")} | {"sweep": settings}))
 
 
 def _proofs(table: pd.DataFrame, differing: Sequence[str]) -> dict[str, int]:

@@ -18,7 +18,6 @@ Finished = list[tuple[Job, Result]]
 DIGESTS = {IN_PROCESS: "digest_in_process", PROCESSES: "digest_processes"}
 """Digest columns by means. The digests of one run by both means must be equal; the table has both."""
 
-
 ORIGIN = ("code", "commit")
 """The version of deltaswarm that did a run: a digest of its sources, and the git commit if there is one."""
 
@@ -30,15 +29,16 @@ def finished_runs(sweep: Sweep, folder: SweepFolder) -> Finished:
     """Return the finished runs by variant, then replicate; an in-process result is preferred."""
     order = {variant.label: index for index, variant in enumerate(sweep.variants)}
     jobs = sorted(sweep.jobs(), key=lambda job: (order[job.variant.label], job.replicate))
-    found = ((job, folder.result(job, IN_PROCESS) or folder.result(job, PROCESSES)) for job in jobs)
-    return [(job, result) for job, result in found if result is not None]
+    results = ((job, folder.result(job, IN_PROCESS) or folder.result(job, PROCESSES)) for job in jobs)
+    return [(job, result) for job, result in results if result is not None]
 
 
 def table_of(runs: Finished, folder: SweepFolder) -> pd.DataFrame:
     """Make a row per run: variant, swept keys, replicate, seed, origin, digests, metrics of its summary."""
     rows = []
     for job, result in runs:
-        digests = {column: _digest(folder.result(job, means)) for means, column in DIGESTS.items()}
+        results = {column: folder.result(job, means) for means, column in DIGESTS.items()}
+        digests = {column: str(kept["summary"]["digest"]) if kept else None for column, kept in results.items()}
         origin = {name: result.get(name) for name in ORIGIN}
         rows.append({**_head(job), **origin, **digests, **metrics_of(result)})
     return pd.DataFrame(rows)
@@ -60,7 +60,7 @@ def senders_of(runs: Finished) -> pd.DataFrame:
         {**_head(job), "sender": int(sender), "name": ".".join([prefix[:-1], *rest]), "value": value}
         for job, result in runs
         for name, value in flattened(result["summary"])
-        if (prefix := next((one for one in PER_SENDER if name.startswith(one)), None))
+        if (prefix := next(filter(name.startswith, PER_SENDER), None))
         for sender, *rest in [name.removeprefix(prefix).split(".")]
     ]
     return pd.DataFrame(rows)
@@ -70,10 +70,6 @@ def _head(job: Job) -> dict[str, Any]:
     """Return the columns that identify a run."""
     keys = {name: cell(value) for name, value in job.variant.keys.items()}
     return {"variant": job.variant.label, **keys, "replicate": job.replicate, "seed": job.scenario.seed}
-
-
-def _digest(result: Result | None) -> str | None:
-    return None if result is None else str(result["summary"]["digest"])
 
 
 def series_of(runs: Finished) -> pd.DataFrame:
@@ -94,10 +90,10 @@ def costs_of(runs: Finished) -> pd.DataFrame:
 
 def digest_of(runs: Finished) -> str:
     """Compute a sweep's digest from its runs' digests, in the table's order."""
-    found = hashlib.blake2b(digest_size=16)
+    digest = hashlib.blake2b(digest_size=16)
     for job, result in runs:
-        found.update(f"{job.variant.label}/{job.replicate}/{result['summary']['digest']}\n".encode())
-    return found.hexdigest()
+        digest.update(f"{job.variant.label}/{job.replicate}/{result['summary']['digest']}\n".encode())
+    return digest.hexdigest()
 
 
 def differing(table: pd.DataFrame) -> list[str]:
@@ -117,8 +113,8 @@ def read_table(file: Path, labels: Sequence[str] = ("variant",), needs: Sequence
         ValueError: the file holds no table, or one without a column that it needs.
     """
     columns = pd.read_csv(file, nrows=0).columns
-    if lacking := [name for name in needs if name not in columns]:
-        raise ValueError(f"{file} must have the columns {', '.join(needs)}; it lacks {', '.join(lacking)}")
+    if absent := [name for name in needs if name not in columns]:
+        raise ValueError(f"{file} must have the columns {', '.join(needs)}; it lacks {', '.join(absent)}")
     texts = {name: str for name in labels if name in columns}
     missing = {name: [""] for name in columns if name not in texts}
     return pd.read_csv(file, dtype=texts, keep_default_na=False, na_values=missing)
@@ -134,9 +130,9 @@ def read_series(file: Path) -> pd.DataFrame:
 
 def write_table(path: Path, table: pd.DataFrame) -> list[Path]:
     """Write a table as CSV, and as Parquet if pyarrow is installed, each atomically; return the files."""
-    written = [path.with_suffix(".csv")]
-    write_whole(written[0], table.to_csv(index=False).encode())
+    files = {path.with_suffix(".csv"): table.to_csv(index=False).encode()}
     if importlib.util.find_spec("pyarrow") is not None:
-        written.append(path.with_suffix(".parquet"))
-        write_whole(written[1], table.to_parquet(index=False))
-    return written
+        files[path.with_suffix(".parquet")] = table.to_parquet(index=False)
+    for file, data in files.items():
+        write_whole(file, data)
+    return list(files)

@@ -41,9 +41,9 @@ def test_a_sweep_counts_what_was_there_what_ended_and_what_is_left(monkeypatch: 
     told = []
     with SweepDisplay("mine") as display:
         monkeypatch.setattr(display, "_show", lambda line, **state: told.append((line, state)))
-        display.begin(5, 2)
+        display.announce(5, 2)
         for index, task in enumerate(tasks_of(made({"axes": {"radio.loss": [0.0, 0.1, 0.2]}, "repeats": 1}))):
-            display.done(Done(task, None if index == 1 else {}))
+            display.count(Done(task, None if index == 1 else {}))
     assert [(state["completed"], state["total"], state["is_last"]) for _, state in told] == [
         (1, 3, False),
         (2, 3, False),

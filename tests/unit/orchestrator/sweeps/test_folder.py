@@ -6,10 +6,9 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.sweeps.folder import SweepFolder
+from deltaswarm_orchestrator.sweeps.folder import SweepFolder, copy_runs
 from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
 from deltaswarm_orchestrator.sweeps.plan import Sweep
-from deltaswarm_orchestrator.sweeps.reuse import take_over
 from tests.support.sweeping import made
 
 OURS = provenance.code_digest()
@@ -37,7 +36,7 @@ def test_a_run_is_taken_over_as_it_is(tmp_path: Path) -> None:
     """Those of the sweep that another folder has, and no other ones of that folder."""
     other = kept(tmp_path / "other", planned(0.1, 0.2), code=OURS, host="there")
     sweep = planned(0.2, 0.3)
-    assert take_over(sweep, tmp_path / "own", [other]) == 1
+    assert copy_runs(sweep, tmp_path / "own", [other]) == 1
     assert results(tmp_path / "own", sweep) == [{"code": OURS, "host": "there"}, None]
     assert len(list((tmp_path / "own" / "runs").iterdir())) == 1
 
@@ -47,10 +46,10 @@ def test_a_run_of_other_code_is_not_taken_over(tmp_path: Path, origin: dict[str,
     """Its results may be others; a later folder that has one of this code is still found."""
     sweep = planned(0.2)
     stale = kept(tmp_path / "stale", sweep, **origin)
-    assert take_over(sweep, tmp_path / "own", [stale]) == 0
+    assert copy_runs(sweep, tmp_path / "own", [stale]) == 0
     assert results(tmp_path / "own", sweep) == [None]
     fresh = kept(tmp_path / "fresh", sweep, code=OURS)
-    assert take_over(sweep, tmp_path / "own", [stale, fresh]) == 1
+    assert copy_runs(sweep, tmp_path / "own", [stale, fresh]) == 1
     assert results(tmp_path / "own", sweep) == [{"code": OURS}]
 
 
@@ -60,7 +59,7 @@ def test_what_the_folder_has_is_not_replaced(tmp_path: Path) -> None:
     other = kept(tmp_path / "other", sweep, code=OURS, host="there")
     own = kept(tmp_path / "own", sweep, code=OURS, host="here")
     (own / ".lock").touch()
-    assert take_over(sweep, own, [other, own]) == 0
+    assert copy_runs(sweep, own, [other, own]) == 0
     assert results(own, sweep) == [{"code": OURS, "host": "here"}]
 
 
@@ -68,4 +67,4 @@ def test_runs_by_real_processes_are_no_runs_in_one_process(tmp_path: Path) -> No
     """They would prove nothing any more."""
     sweep = planned(0.2)
     other = kept(tmp_path / "other", sweep, PROCESSES, code=OURS)
-    assert take_over(sweep, tmp_path / "own", [other]) == 0
+    assert copy_runs(sweep, tmp_path / "own", [other]) == 0
