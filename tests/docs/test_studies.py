@@ -12,7 +12,7 @@ import pytest
 from deltaswarm_orchestrator.studies.evidence import Evidence
 from deltaswarm_orchestrator.studies.load import COLLECTIONS, load_study
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN
-from deltaswarm_orchestrator.studies.published import repeat
+from deltaswarm_orchestrator.studies.origin import repeat
 from deltaswarm_orchestrator.studies.settings import StudyFile
 from tests.support.pages import ROOT, commands, files, shell
 

@@ -23,8 +23,8 @@ def add_report(command: argparse.ArgumentParser) -> None:
 
 def report(arguments: argparse.Namespace) -> int:
     """Report a sweep without a study, as a study that compares everything."""
-    from deltaswarm_orchestrator.studies.default_study import bare_study
     from deltaswarm_orchestrator.studies.evidence import Evidence
+    from deltaswarm_orchestrator.studies.load import bare_study
     from deltaswarm_orchestrator.studies.metrics import ID
     from deltaswarm_orchestrator.studies.origin import provenance_of
     from deltaswarm_orchestrator.studies.page import write

@@ -154,7 +154,7 @@ def _repeated(study: "Study", folder: Path) -> dict[str, Any]:
     Raises:
         CommandError: there are no tables, or the run failed.
     """
-    from deltaswarm_orchestrator.studies.published import repeat
+    from deltaswarm_orchestrator.studies.origin import repeat
     from deltaswarm_orchestrator.sweeps.job import RunError
 
     try:

@@ -1,8 +1,8 @@
-"""Render a page from its parts: one template for self-contained HTML, one for Markdown."""
+"""Render a page from its parts: tables, pictures, and numbers with few digits, as self-contained HTML or Markdown."""
 
 import base64
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -11,11 +11,15 @@ import pandas as pd
 from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
-from deltaswarm_orchestrator.report import words
 from deltaswarm_orchestrator.report.plots import style
 
 MAX_SVG_BYTES = 400_000
 """A drawing whose SVG is larger than this goes into the page as PNG."""
+
+MISSING = "-"
+SIGNIFICANT = 3
+MAX_DECIMALS = 6
+GROUPED_FROM = 10_000
 
 MARKS = {"holds": "good", "refuted": "bad", "undecided": "unsure", "alike": "good"}
 """The colour of a row by its verdict; the row also shows the verdict as a word."""
@@ -62,7 +66,7 @@ class Table:
 def table(frame: pd.DataFrame, headings: Mapping[str, str], title: str = "") -> Table:
     """Make a table of the columns that have a heading, in the headings' order; a column `verdict` colours the rows."""
     columns = [_texts(frame[name].tolist()) for name in headings]
-    numeric = [all(_is_number(value) or _is_missing(value) for value in frame[name].tolist()) for name in headings]
+    numeric = [all(value is None or _is_number(value) for value in frame[name].tolist()) for name in headings]
     marks = [MARKS.get(str(verdict), "") for verdict in frame["verdict"]] if "verdict" in frame else [""] * len(frame)
     return Table(title, list(headings.values()), list(zip(*columns, strict=True)), numeric, marks)
 
@@ -85,26 +89,44 @@ def render(template: str, context: Mapping[str, Any]) -> str:
 
 def _texts(values: Sequence[Any]) -> list[str]:
     """Format a column; numbers get as many decimals as a typical one needs for three significant digits."""
-    numbers = [float(value) for value in values if _is_number(value) and not _is_missing(value)]
-    whole = all(isinstance(value, int) for value in values if _is_number(value))
-    decimals = 0 if whole else words.decimals_for(numbers)
-    return [_text(value, decimals) for value in values]
-
-
-def _text(value: Any, decimals: int) -> str:
-    if _is_missing(value):
-        return words.MISSING
-    if not _is_number(value):
-        return str(value)
-    return str(value) if math.isinf(value) else words.number(float(value), decimals)
+    numbers = [value for value in values if _is_number(value)]
+    decimals = 0 if all(isinstance(value, int) for value in numbers) else decimals_for(numbers)
+    return [number(value, decimals) if value is None or _is_number(value) else str(value) for value in values]
 
 
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _is_missing(value: Any) -> bool:
-    return value is None or (isinstance(value, float) and math.isnan(value))
+def decimals_for(values: Iterable[float | None]) -> int:
+    """Return how many decimals show a typical one of these values with three significant digits."""
+    sizes = sorted(abs(value) for value in values if value is not None and math.isfinite(value) and value)
+    if not sizes:
+        return 0
+    typical = sizes[len(sizes) // 2]
+    return min(max(SIGNIFICANT - 1 - math.floor(math.log10(typical)), 0), MAX_DECIMALS)
+
+
+def number(value: float | None, decimals: int) -> str:
+    """Format a number with this many decimals; None and NaN become `-`."""
+    if value is None or math.isnan(value):
+        return MISSING
+    if math.isinf(value):
+        return str(value)
+    text = f"{value:,.{decimals}f}" if abs(value) >= GROUPED_FROM else f"{value:.{decimals}f}"
+    return text.removeprefix("-") if not any(digit in text for digit in "123456789") else text
+
+
+def with_interval(value: float | None, low: float | None, high: float | None) -> str:
+    """Format a number with its interval in brackets, if it has one, all with the same number of decimals."""
+    decimals = decimals_for([value, low, high])
+    shown = number(value, decimals)
+    return shown if low is None or high is None else f"{shown} [{number(low, decimals)}, {number(high, decimals)}]"
+
+
+def p_value(p: float) -> str:
+    """Format a p-value with three decimals, or as below 0.001."""
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
 
 
 def _with_code(text: str) -> Markup:
@@ -112,5 +134,5 @@ def _with_code(text: str) -> Markup:
     pieces = text.split("`")
     if len(pieces) % 2 == 0:  # an unpaired backtick is an ordinary character
         return escape(text)
-    shown = (Markup("<code>{}</code>").format(one) if index % 2 else escape(one) for index, one in enumerate(pieces))
-    return Markup("").join(shown)
+    marked = (Markup("<code>{}</code>").format(text) if i % 2 else escape(text) for i, text in enumerate(pieces))
+    return Markup("").join(marked)

@@ -4,11 +4,12 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
+from typing import Any
 
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.run_tables import summary
 from deltaswarm_orchestrator.studies.metrics import BUILT_IN, COLUMN, PER_EVENT, WINDOW, Metric
-from deltaswarm_orchestrator.studies.settings import CLAIM, CONTRAST, FIT, ContrastSettings, listed
+from deltaswarm_orchestrator.studies.settings import listed
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.sweeps.plan import flattened
 from deltaswarm_scenario.scenario import Scenario
@@ -35,7 +36,7 @@ def problems_of(study: Study) -> Iterator[Problem]:
 def used_metrics(study: Study) -> list[str]:
     """List every metric that the study tabulates, tests or draws by run."""
     file = study.file
-    names = [*file.study.metrics, *(name for one in file.contrast for name in one.metrics)]
+    names = [*file.study.metrics, *(name for contrast in file.contrast for name in contrast.metrics)]
     names += [name for claim in file.claim for name in (claim.metric, *claim.predictors)]
     names += [target.metric for fit in file.fit for target in fit.targets]
     names += [grid.metric for grid in file.grid]
@@ -47,11 +48,13 @@ def used_metrics(study: Study) -> list[str]:
 
 def _unknown_names(study: Study) -> Iterator[Problem]:
     for where, names, known in _references(study):
-        for name in names:
-            if name not in known:
-                hint = did_you_mean(name, known).rstrip()
-                allowed = f"must be one of {', '.join(map(repr, known)) or 'none that is declared'}"
-                yield Problem(where, repr(name) + (hint and f"; {hint}"), allowed)
+        yield from (_unknown_name(where, name, known) for name in names if name not in known)
+
+
+def _unknown_name(where: str, name: Any, known: Collection[str]) -> Problem:
+    hint = did_you_mean(name, known).rstrip()
+    allowed = f"must be one of {', '.join(map(repr, known)) or 'none that is declared'}"
+    return Problem(where, repr(name) + (hint and f"; {hint}"), allowed)
 
 
 def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[str]]]:
@@ -96,8 +99,8 @@ def _references(study: Study) -> Iterator[tuple[str, Sequence[str], Collection[s
         boxes = [f"{level}, {hue}" for level in levels for hue in hues] if figure.hue else levels
         yield f"{where}.published", list(figure.published), boxes
         yield f"{where}.lines", [value for value in figure.lines.values() if isinstance(value, str)], variants
-    ids = {CLAIM: [claim.id for claim in file.claim], CONTRAST: [contrast.id for contrast in file.contrast]}
-    ids |= {FIT: [fit.text for fit in file.fit]}
+    ids = {"claim": [claim.id for claim in file.claim], "contrast": [contrast.id for contrast in file.contrast]}
+    ids |= {"fit": [fit.text for fit in file.fit]}
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
             kind = next(kind for kind in ids if kind in result)
@@ -124,32 +127,29 @@ def _repeated_names(study: Study) -> Iterator[Problem]:
 def _results(study: Study) -> Iterator[Problem]:
     """Report parts of contrasts and fits that findings name and that do not exist."""
     file = study.file
-    rows = {contrast.id: _rows_of(study, contrast) for contrast in file.contrast}
-    rows |= {fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit}
+    rows: dict[str, dict[str, list[str]]] = {
+        fit.text: {"within": [", ".join(cell.values()) for cell in study.cells([fit.factor])]} for fit in file.fit
+    }
+    for contrast in file.contrast:
+        comparisons = list(study.comparisons(contrast))
+        rows[contrast.id] = {"metric": list(study.metrics_of(contrast))}
+        rows[contrast.id] |= {
+            name: [getattr(row, name) for row in comparisons] for name in ("level", "reference", "within")
+        }
     for i, finding in enumerate(file.finding):
         for j, result in enumerate(finding.because):
-            named = listed(result.get(CONTRAST, result.get(FIT, [])))
-            for name, values in itertools.chain.from_iterable(rows[one].items() for one in named):
-                for value in listed(result.get(name, [])):
-                    if value not in values:
-                        hint = did_you_mean(value, values).rstrip()
-                        allowed = f"must be one of {', '.join(map(repr, dict.fromkeys(values)))}"
-                        where = f"finding[{i}].because[{j}].{name}"
-                        yield Problem(where, repr(value) + (hint and f"; {hint}"), allowed)
-
-
-def _rows_of(study: Study, contrast: ContrastSettings) -> dict[str, list[str]]:
-    """Return what a contrast's rows have in each of the columns that a finding may name."""
-    rows = list(study.comparisons(contrast))
-    named = {name: [getattr(row, name) for row in rows] for name in ("level", "reference", "within")}
-    return {"metric": list(study.metrics_of(contrast))} | named
+            for id in listed(result.get("contrast", result.get("fit", []))):
+                for name, values in rows[id].items():
+                    for value in listed(result.get(name, [])):
+                        if value not in values:
+                            yield _unknown_name(f"finding[{i}].because[{j}].{name}", value, dict.fromkeys(values))
 
 
 # Times
 
 
 def _times(study: Study) -> Iterator[Problem]:
-    file, own = study.file, study.file.study
+    file, settings = study.file, study.file.study
     every_s = study.sweep.file.sweep.series_every_s
     scenarios = [variant.scenario for variant in study.sweep.variants]
     end_s = min(scenario.run.duration_s for scenario in scenarios)
@@ -160,9 +160,11 @@ def _times(study: Study) -> Iterator[Problem]:
         yield Problem("sweep.series_every_s", "0", f"must be above 0 for {needy[0]}")
         return
     if windowed:
-        yield from _not_whole("study.window_s", own.window_s, every_s)
-    stretches = [("study", own.from_s, own.until_s)]
-    stretches += [(f"metric[{i}]", one.from_s, one.until_s) for i, one in enumerate(file.metric) if one.kind == WINDOW]
+        yield from _not_whole("study.window_s", settings.window_s, every_s)
+    stretches = [("study", settings.from_s, settings.until_s)]
+    stretches += [
+        (f"metric[{i}]", metric.from_s, metric.until_s) for i, metric in enumerate(file.metric) if metric.kind == WINDOW
+    ]
     for where, from_s, until_s in stretches:
         yield from _stretch(where, from_s, until_s, every_s, end_s)
     moments = [(f"recovery[{i}].after_s", recovery.after_s) for i, recovery in enumerate(file.recovery)]
@@ -170,26 +172,20 @@ def _times(study: Study) -> Iterator[Problem]:
         moments += [(f"figure[{i}].at_s", figure.at_s)] if figure.kind == "swarm" else []
         moments += [(f"figure[{i}].spans[{j}].from_s", span.from_s) for j, span in enumerate(figure.spans)]
     yield from (_past_the_end(where, time_s, end_s) for where, time_s in moments if time_s >= end_s)
-    if own.from_s or own.until_s is not None:
-        for name in used_metrics(study):
-            if study.metrics[name].kind == COLUMN:
-                yield Problem(
-                    "study.from_s", f"{own.from_s:.15g}", f"cannot be applied to {name!r}, which has no time series"
-                )
     horizon_s = max(scenario.metrics.horizon_s for scenario in scenarios)
     for name in used_metrics(study):
         metric = study.metrics[name]
-        of = metric.of or name
-        if of in PER_EVENT and metric.from_s + horizon_s >= end_s:
-            allowed = (
-                f"must be less than {end_s - metric.from_s:.15g} for {name!r}: no event could be followed for that long"
-            )
+        if metric.kind == COLUMN and (settings.from_s or settings.until_s is not None):
+            allowed = f"cannot be applied to {name!r}, which has no time series"
+            yield Problem("study.from_s", f"{settings.from_s:.15g}", allowed)
+        if (metric.of or name) in PER_EVENT and metric.from_s + horizon_s >= end_s:
+            longest = f"{end_s - metric.from_s:.15g} for {name!r}"
+            allowed = f"must be less than {longest}: no event could be followed for that long"
             yield Problem("metrics.horizon_s", f"{horizon_s:.15g}", allowed)
 
 
 def _stretch(where: str, from_s: float, until_s: float | None, every_s: float, end_s: float) -> Iterator[Problem]:
-    ends = {"from_s": from_s, "until_s": until_s}
-    for name, time_s in ends.items():
+    for name, time_s in (("from_s", from_s), ("until_s", until_s)):
         if time_s is not None and every_s:
             yield from _not_whole(f"{where}.{name}", time_s, every_s)
     if from_s >= end_s:
@@ -224,8 +220,7 @@ def _columns(study: Study) -> Iterator[Problem]:
 def _has_column(metric: Metric, scenario: Scenario, swept: Sequence[str]) -> bool:
     if metric.column.startswith("person."):
         return scenario.operator.person.is_on
-    found = {name for name, _ in flattened(summary(Outcome(), scenario))}
-    return metric.column in found or metric.column in swept
+    return metric.column in swept or metric.column in dict(flattened(summary(Outcome(), scenario)))
 
 
 def _incomparable(study: Study) -> Iterator[Problem]:

@@ -1,35 +1,17 @@
 """Claims about the runs with their verdicts, and the findings that rest on claims and contrasts."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from deltaswarm_orchestrator.stats import (
-    MEDIAN_ERROR,
-    RATIO,
-    Contrast,
-    Interval,
-    contrast,
-    holm,
-    median_interval,
-    scale_of,
-    smallest_alpha,
-    with_error,
-)
-from deltaswarm_orchestrator.studies.settings import (
-    HOLDS,
-    IS,
-    NO_DATA,
-    REFUTED,
-    UNDECIDED,
-    ClaimSettings,
-    listed,
-)
+from deltaswarm_orchestrator import stats
+from deltaswarm_orchestrator.stats import RATIO, Contrast, Interval
+from deltaswarm_orchestrator.studies.settings import ClaimSettings, ClaimVerdict, listed
 from deltaswarm_orchestrator.studies.study import Study
-from deltaswarm_orchestrator.studies.tables import Row, column, end, samples_of
+from deltaswarm_orchestrator.studies.tables import Row, Samples, column, end, samples_of
 
 
 def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
@@ -39,92 +21,93 @@ def claims_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     if the interval lies in the region, is refuted if it lies outside, and is undecided otherwise. The interval has the
     confidence at which Holm's procedure tests the claim; p is the two-sided p-value that agrees with it.
     """
-    claims = study.file.claim
-    found = [_Judged(claim, runs) for claim in claims]
+    claims = [_TestedClaim(settings, runs) for settings in study.file.claim]
     rows: dict[str, Row] = {}
-    for source in dict.fromkeys(claim.source for claim in claims):
-        family = [one for one in found if one.claim.source == source]
-        for one, (p_holm, alpha) in zip(family, holm([one.p for one in family]), strict=True):
-            rows[one.claim.id] = one.row(p_holm, alpha, len(family))
-    return pd.DataFrame([rows[claim.id] for claim in claims])
+    for source in dict.fromkeys(claim.settings.source for claim in claims):
+        family = [claim for claim in claims if claim.settings.source == source]
+        for claim, (p_holm, alpha) in zip(family, stats.holm([claim.p for claim in family]), strict=True):
+            rows[claim.settings.id] = claim.row(p_holm, alpha, len(family))
+    return pd.DataFrame([rows[settings.id] for settings in study.file.claim])
 
 
-class _Judged:
+class _TestedClaim:
     """A claim with the quantity that it is about: a value, or a contrast."""
 
-    def __init__(self, claim: ClaimSettings, runs: pd.DataFrame) -> None:
-        self.claim = claim
-        of = samples_of(runs, claim.metric) if claim.kind != "predicts" else _correlations(runs, claim.metric)
+    def __init__(self, settings: ClaimSettings, runs: pd.DataFrame) -> None:
+        self.settings = settings
+        predicts = settings.kind == "predicts"
+        samples = _correlations(runs, settings.metric) if predicts else samples_of(runs, settings.metric)
         self._contrast: Contrast | None = None
         self._values = np.zeros(0)
-        self._error = MEDIAN_ERROR * claim.iqr / math.sqrt(claim.n) if claim.n else 0.0
-        self._least = claim.at_least
-        if claim.kind == "value":
-            self._values = of(claim.of).dropna().to_numpy(float)
+        self._error = stats.MEDIAN_ERROR * settings.iqr / math.sqrt(settings.n) if settings.n else 0.0
+        self._least = settings.at_least
+        if settings.kind == "value":
+            self._values = samples(settings.of).dropna().to_numpy(float)
             self.n = len(self._values)
-            self.p = smallest_alpha(lambda alpha: self._verdict(alpha) != UNDECIDED) if self.n else 1.0
+            self.p = stats.smallest_alpha(lambda alpha: self._verdict(alpha) != "undecided") if self.n else 1.0
             return
-        a, b = (of(claim.a), of(claim.b)) if claim.kind == "alike" else (of(claim.more), of(claim.less))
-        scale = scale_of(a, b)
-        if scale != RATIO and claim.kind != "alike":  # a - r b above 0 says the same as a / b above r
-            b, self._least = claim.at_least * b, 0.0
-        self._contrast = found = contrast(a, b, scale)
-        self.n = found.n
-        if claim.kind != "alike":
-            self.p = found.p(self._least)
+        is_alike = settings.kind == "alike"
+        a, b = map(samples, (settings.a, settings.b) if is_alike else (settings.more, settings.less))
+        scale = stats.scale_of(a, b)
+        if scale != RATIO and not is_alike:  # a - r b above 0 says the same as a / b above r
+            b, self._least = settings.at_least * b, 0.0
+        self._contrast = contrast = stats.contrast(a, b, scale)
+        self.n = contrast.n
+        if not is_alike:
+            self.p = contrast.p(self._least)
         else:
-            self.p = min(found.p_within(claim.margin), found.p_beyond(claim.margin)) if scale == RATIO else 1.0
+            margin = settings.margin
+            self.p = min(contrast.p_within(margin), contrast.p_beyond(margin)) if scale == RATIO else 1.0
 
     def _interval(self, alpha: float) -> Interval:
         if self._contrast is not None:
             return self._contrast.interval(alpha)
-        interval = median_interval(self._values, alpha)
-        return with_error(float(np.median(self._values)), interval, self._error, alpha) if self._error else interval
+        interval = stats.median_interval(self._values, alpha)
+        if not self._error:
+            return interval
+        return stats.with_error(float(np.median(self._values)), interval, self._error, alpha)
 
-    def _verdict(self, alpha: float) -> str:
+    def _verdict(self, alpha: float) -> ClaimVerdict:
         if not self.n:
-            return NO_DATA
-        found = self._contrast
-        if found is None:
-            (low, high), (least, most) = self._interval(alpha), self.claim.region
+            return "no data"
+        contrast = self._contrast
+        if contrast is None:
+            (low, high), (least, most) = self._interval(alpha), self.settings.region
             if least <= low and high <= most:
-                return HOLDS
-            return REFUTED if high < least or low > most else UNDECIDED
+                return "holds"
+            return "refuted" if high < least or low > most else "undecided"
         if self.p > alpha:
-            return UNDECIDED
-        if self.claim.kind != "alike":
-            return HOLDS if found.p_above(self._least) < found.p_below(self._least) else REFUTED
-        return HOLDS if found.p_within(self.claim.margin) <= alpha else REFUTED
+            return "undecided"
+        if self.settings.kind == "alike":
+            return "holds" if contrast.p_within(self.settings.margin) <= alpha else "refuted"
+        return "holds" if contrast.p_above(self._least) < contrast.p_below(self._least) else "refuted"
 
     def row(self, p_holm: float, alpha: float, family: int) -> Row:
         """Return the claim's row, tested at `alpha` in a family of this many claims."""
-        claim, found = self.claim, self._contrast
+        settings, contrast = self.settings, self._contrast
         low, high = self._interval(alpha) if self.n else (math.nan, math.nan)
         median = float(np.median(self._values)) if len(self._values) else None
         return {
-            "claim": claim.id,
-            "text": claim.text,
-            "source": claim.source,
-            "says": claim.says,
-            "metric": claim.metric,
+            "claim": settings.id,
+            **{name: getattr(settings, name) for name in ("text", "source", "says", "metric")},
             "criterion": self._criterion(),
-            "scale": found.scale if found else "",
+            "scale": contrast.scale if contrast else "",
             "n": self.n,
-            "estimate": found.estimate if found else median,
+            "estimate": contrast.estimate if contrast else median,
             "low": end(low),
             "high": end(high),
             "confidence": 1 - alpha,
-            "effect": found.effect if found else None,
+            "effect": contrast.effect if contrast else None,
             "p": self.p if self.n else None,
             "p_holm": p_holm if self.n else None,
             "family": family,
             "verdict": self._verdict(alpha),
-            "expect": claim.expect,
-            "why": claim.why,
+            "expect": settings.expect,
+            "why": settings.why,
         }
 
     def _criterion(self) -> str:
-        claim, (low, high) = self.claim, self.claim.region
+        claim, (low, high) = self.settings, self.settings.region
         if claim.kind == "alike":
             return f"within {claim.margin:g} times"
         if claim.kind in ("order", "predicts"):
@@ -132,38 +115,35 @@ class _Judged:
         return f"above {low:g}" if math.isinf(high) else f"{low:g} to {high:g}"
 
 
-def _correlations(runs: pd.DataFrame, metric: str) -> Callable[[str], pd.Series]:
+def _correlations(runs: pd.DataFrame, metric: str) -> Samples:
     """Return a function from a predictor to its rank correlation with a metric over the variants, by replicate.
 
     Spearman's correlation, which asks only how well one order follows from the other.
     """
-    outcomes = runs.assign(value=column(runs, metric)).pivot_table("value", "variant", "replicate")
 
-    def of(predictor: str) -> pd.Series:
-        predicted = runs.assign(value=column(runs, predictor)).pivot_table("value", "variant", "replicate")
-        return outcomes.rank().corrwith(predicted.reindex_like(outcomes).rank())
+    def by_variant(name: str) -> pd.DataFrame:
+        return runs.assign(value=column(runs, name)).pivot_table("value", "variant", "replicate")
 
-    return of
+    outcomes = by_variant(metric)
+    return lambda predictor: outcomes.rank().corrwith(by_variant(predictor).reindex_like(outcomes).rank())
 
 
 def vacuous_claims(study: Study, runs: pd.DataFrame) -> list[str]:
     """List claims that no run of the study could contradict: their region is far wider than all runs differ."""
-    found = []
+    problems = []
     for claim in study.file.claim:
         values = column(runs, claim.metric).dropna().to_numpy(float)
         if not len(values) or claim.kind == "predicts":
             continue
         (least, most), low, high = claim.region, values.min(), values.max()
         if claim.kind == "value":
-            is_vacuous = (
-                least <= low and high <= most and most - least > 10 * (high - low) and math.isfinite(most - least)
-            )
+            is_vacuous = least <= low and high <= most and 10 * (high - low) < most - least < math.inf
         else:
             widest = high / low if low > 0 else math.inf
             is_vacuous = widest < (1 / least if claim.kind == "order" else most)
         if is_vacuous:
-            found.append(f"the claim {claim.id!r} is vacuous: no run of any variant could contradict it")
-    return found
+            problems.append(f"the claim {claim.id!r} is vacuous: no run of any variant could contradict it")
+    return problems
 
 
 def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
@@ -173,19 +153,19 @@ def findings_of(study: Study, results: Mapping[str, pd.DataFrame]) -> pd.DataFra
     """
     rows = []
     for finding in study.file.finding:
-        broken = [told for result in finding.because if (told := _broken(result, results))]
-        rows.append({"text": finding.text, "broken": "; ".join(broken)})
+        reasons = [reason for result in finding.because if (reason := _broken(result, results))]
+        rows.append({"text": finding.text, "broken": "; ".join(reasons)})
     return pd.DataFrame(rows, columns=["text", "broken"])
 
 
 def _broken(result: Mapping[str, Any], results: Mapping[str, pd.DataFrame]) -> str:
     """Say why a result does not support a finding; empty if it does."""
     rows = next(table for kind, table in results.items() if kind in result)
-    for name, value in result.items():
-        if name != IS:
-            rows = rows[rows[name].isin(listed(value))]
-    named = ", ".join(f"{name} {value!r}" for name, value in result.items() if name != IS)
+    named = {name: value for name, value in result.items() if name != "is"}
+    for name, value in named.items():
+        rows = rows[rows[name].isin(listed(value))]
+    what = ", ".join(f"{name} {value!r}" for name, value in named.items())
     if rows.empty:
-        return f"there is no result with {named}"
-    wrong = rows[~rows["verdict"].isin(listed(result[IS]))]
-    return f"{named} is {wrong['verdict'].iloc[0]}, not {result[IS]}" if len(wrong) else ""
+        return f"there is no result with {what}"
+    wrong = rows[~rows["verdict"].isin(listed(result["is"]))]
+    return f"{what} is {wrong['verdict'].iloc[0]}, not {result['is']}" if len(wrong) else ""

@@ -1,25 +1,22 @@
-"""Contrasts: levels of a factor, compared within each combination of the others."""
+"""Contrasts: levels of a factor, compared within each combination of the others, and what a plan of them can show."""
 
-from collections.abc import Callable, Iterator, Sequence
+import math
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from deltaswarm_orchestrator.significance import ALPHA
-from deltaswarm_orchestrator.stats import RATIO, Contrast, Scale, contrast, holm, scale_of
-from deltaswarm_orchestrator.studies.metrics import WAITING, WAITING_ALL
-from deltaswarm_orchestrator.studies.settings import (
-    ALIKE,
-    HIGHER,
-    LOWER,
-    NO_DATA,
-    SLIGHTLY_HIGHER,
-    SLIGHTLY_LOWER,
-    UNCLEAR,
-    ContrastSettings,
-)
+from deltaswarm_orchestrator.significance import ALPHA, pairs_needed
+from deltaswarm_orchestrator.stats import RATIO, Contrast, Scale, contrast, holm, scale_of, smallest_effect
+from deltaswarm_orchestrator.studies.metrics import ID, WAITING, WAITING_ALL
+from deltaswarm_orchestrator.studies.settings import ContrastSettings, ContrastVerdict
 from deltaswarm_orchestrator.studies.study import Comparison, Study
-from deltaswarm_orchestrator.studies.tables import Row, end, samples_of
+from deltaswarm_orchestrator.studies.tables import Row, Samples, end, samples_of
+from deltaswarm_orchestrator.sweeps.table import read_table
+
+MIN_PILOT = 3
+"""Fewest pairs of a pilot from which a spread is estimated."""
 
 
 def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
@@ -37,53 +34,57 @@ def contrasts_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _family(
-    settings: ContrastSettings, metric: str, comparisons: Sequence[Comparison], of: Callable[[str], pd.Series]
+    settings: ContrastSettings, metric: str, comparisons: Sequence[Comparison], samples: Samples
 ) -> Iterator[Row]:
-    scale = scale_of(*(of(variant) for row in comparisons for side in row.sides for variant in side))
-    found = [contrast(*_paired(row, of, scale), scale) for row in comparisons]
+    scale = _scale_of(comparisons, samples)
+    contrasts = [contrast(*_paired(row, samples, scale), scale) for row in comparisons]
     margin = settings.margin if scale == RATIO else 0.0
-    for row, one, (p_holm, alpha) in zip(comparisons, found, holm([one.p() for one in found]), strict=True):
-        low, high = one.interval(alpha)
+    tests = holm([tested.p() for tested in contrasts])
+    for row, tested, (p_holm, alpha) in zip(comparisons, contrasts, tests, strict=True):
+        low, high = tested.interval(alpha)
         yield {
             "contrast": settings.id,
             "metric": metric,
-            "level": row.level,
-            "reference": row.reference,
-            "within": row.within,
+            **{name: getattr(row, name) for name in ("level", "reference", "within")},
             "scale": scale,
-            "n": one.n,
-            "missing": one.missing,
-            "estimate": one.estimate,
+            "n": tested.n,
+            "missing": tested.missing,
+            "estimate": tested.estimate,
             "low": end(low),
             "high": end(high),
             "confidence": 1 - alpha,
-            "effect": one.effect,
-            "p": one.p(),
+            "effect": tested.effect,
+            "p": tested.p(),
             "p_holm": p_holm,
-            "family": len(found),
+            "family": len(contrasts),
             "margin": margin,
-            "verdict": _verdict(one, alpha, margin),
+            "verdict": _verdict(tested, alpha, margin),
         }
 
 
-def _paired(row: Comparison, of: Callable[[str], pd.Series], scale: Scale) -> tuple[pd.Series, pd.Series]:
+def _scale_of(comparisons: Sequence[Comparison], samples: Samples) -> Scale:
+    """Return the scale that all comparisons of a family share."""
+    return scale_of(*(samples(variant) for row in comparisons for side in row.sides for variant in side))
+
+
+def _paired(row: Comparison, samples: Samples, scale: Scale) -> tuple[pd.Series, pd.Series]:
     """Return the paired samples of a comparison; for an interaction, samples of changes on the same scale."""
-    if len(row.sides) == 1:
-        ((a, b),) = row.sides
-        return of(a), of(b)
-    one, other = ((of(a) / of(b) if scale == RATIO else of(a) - of(b)) for a, b in row.sides)
-    return one, other
+    sides = [(samples(a), samples(b)) for a, b in row.sides]
+    if len(sides) == 1:
+        return sides[0]
+    change, reference = (a / b if scale == RATIO else a - b for a, b in sides)
+    return change, reference
 
 
-def _verdict(found: Contrast, alpha: float, margin: float) -> str:
-    is_small = margin > 0 and found.p_within(margin) <= alpha
-    if not found.n:
-        return NO_DATA
-    if found.p() > alpha:
-        return ALIKE if is_small else UNCLEAR
-    if found.p_above() < found.p_below():
-        return SLIGHTLY_HIGHER if is_small else HIGHER
-    return SLIGHTLY_LOWER if is_small else LOWER
+def _verdict(tested: Contrast, alpha: float, margin: float) -> ContrastVerdict:
+    is_small = margin > 0 and tested.p_within(margin) <= alpha
+    if not tested.n:
+        return "no data"
+    if tested.p() > alpha:
+        return "alike" if is_small else "unclear"
+    if tested.p_above() < tested.p_below():
+        return "slightly higher" if is_small else "higher"
+    return "slightly lower" if is_small else "lower"
 
 
 def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
@@ -91,19 +92,48 @@ def disagreements(study: Study, runs: pd.DataFrame) -> list[str]:
 
     A swarm that never finds the difficult events would look fast by the events that it did find.
     """
-    found: list[str] = []
     if not {WAITING, WAITING_ALL} <= set(runs):
-        return found
+        return []
+    by_sensed, by_all = samples_of(runs, WAITING), samples_of(runs, WAITING_ALL)
+    problems = []
     for settings in study.file.contrast:
         if settings.across or not {WAITING, WAITING_ALL} & set(study.metrics_of(settings)):
             continue
         for row in study.comparisons(settings):
             ((a, b),) = row.sides
-            by = [contrast(of(a), of(b)) for of in (samples_of(runs, name) for name in (WAITING, WAITING_ALL))]
-            signs = {0 if one.estimate is None else int(np.sign(one.estimate - one.none)) for one in by}
-            if signs == {-1, 1} and min(one.p() for one in by) < ALPHA:
-                found.append(
+            contrasts = [contrast(samples(a), samples(b)) for samples in (by_sensed, by_all)]
+            signs = {
+                0 if tested.estimate is None else int(np.sign(tested.estimate - tested.none)) for tested in contrasts
+            }
+            if signs == {-1, 1} and min(tested.p() for tested in contrasts) < ALPHA:
+                problems.append(
                     f"{row.level} against {row.reference} ({row.within}): waiting by sensed events and by all events "
                     "rank them in opposite order"
                 )
-    return found
+    return problems
+
+
+def smallest_effects(study: Study, file: Path) -> dict[tuple[int, str], str | None]:
+    """Describe the smallest effect of each contrast (by its place) and metric, from a pilot's `runs.csv`."""
+    runs = read_table(file, ["variant"], needs=ID)
+    return {
+        (number, metric): _smallest_effect(study, settings, metric, runs)
+        for number, settings in enumerate(study.file.contrast)
+        for metric in study.metrics_of(settings)
+    }
+
+
+def _smallest_effect(study: Study, settings: ContrastSettings, metric: str, runs: pd.DataFrame) -> str | None:
+    """Say which effect the replicates would show with a probability of 80 %, for the median spread of the family."""
+    comparisons = list(study.comparisons(settings))
+    if runs.empty or metric not in runs or study.repeats < pairs_needed(len(comparisons)):
+        return None
+    samples = samples_of(runs, metric)
+    scale = _scale_of(comparisons, samples)
+    pairs = [_paired(row, samples, scale) for row in comparisons]
+    changes = [(np.log(a) - np.log(b) if scale == RATIO else a - b).dropna() for a, b in pairs]
+    spreads = [float(change.std()) for change in changes if len(change) >= MIN_PILOT]
+    if not spreads:
+        return None
+    shift = smallest_effect(float(np.median(spreads)), study.repeats, len(comparisons))
+    return f"{math.exp(shift):.2f} times" if scale == RATIO else f"{shift:.3g} {study.metrics[metric].unit}".rstrip()

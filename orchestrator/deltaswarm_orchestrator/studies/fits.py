@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pandas as pd
 
 from deltaswarm_orchestrator.stats import describe
-from deltaswarm_orchestrator.studies.settings import CLOSEST, FARTHER, FitSettings, GridSettings
+from deltaswarm_orchestrator.studies.settings import FitSettings, FitVerdict
 from deltaswarm_orchestrator.studies.study import Study
 from deltaswarm_orchestrator.studies.tables import Row, column, samples_of
 
@@ -32,8 +32,8 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
         winners = np.bincount(sums[:, 1:].argmin(axis=0), minlength=len(cells)) / RESAMPLES
         for rank, place in enumerate(sums[:, 0].argsort(kind="stable")):
             head = {"fit": fit.text, "within": ", ".join(cells[place].values())}
-            found = {"sum": float(sums[place, 0]), "closest": float(winners[place])}
-            tail = {**found, "verdict": FARTHER if rank else CLOSEST}
+            verdict: FitVerdict = "farther" if rank else "closest"
+            tail = {"sum": float(sums[place, 0]), "closest": float(winners[place]), "verdict": verdict}
             rows += [
                 {**head, "level": target.level, "metric": target.metric, "distance": float(distance), **tail}
                 for target, distance in zip(fit.targets, distances[place, :, 0], strict=True)
@@ -44,37 +44,33 @@ def fits_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
 def _distances(study: Study, runs: pd.DataFrame, fit: FitSettings, cell: dict[str, str]) -> Floats:
     """Return the distance to each target (rows), of all replicates and of each bootstrap sample (columns)."""
     picks = np.random.default_rng(0).integers(study.repeats, size=(RESAMPLES, study.repeats))
-    found = []
+    distances = []
     for target in fit.targets:
         levels = {**cell, fit.factor: target.level}
-        variant = next(name for name, own in study.levels.items() if own == levels)
+        variant = next(name for name, own_levels in study.levels.items() if own_levels == levels)
         values = samples_of(runs, target.metric)(variant).reindex(range(study.repeats)).to_numpy(float)
         if np.isnan(values).all():
-            found.append(np.full(RESAMPLES + 1, math.inf))
+            distances.append(np.full(RESAMPLES + 1, math.inf))
             continue
         medians = np.append(np.nanmedian(values), np.nanmedian(values[picks], axis=1))
-        found.append((medians - target.says) / target.iqr)
-    return np.stack(found)
+        distances.append((medians - target.says) / target.iqr)
+    return np.stack(distances)
 
 
 def grids_of(study: Study, runs: pd.DataFrame) -> pd.DataFrame:
     """Make a row per grid, row and column: the lowest median of the column's levels, its interval, and the level."""
     rows: list[Row] = []
     for grid in study.file.grid:
-        own = runs.assign(value=column(runs, grid.metric))
+        values = runs.assign(value=column(runs, grid.metric))
         for row in study.factors[grid.rows]:
             for heading, levels in grid.columns.items():
-                cells = own[(own[grid.rows] == row) & own[grid.factor].isin(levels)].groupby(grid.factor)["value"]
-                described = {str(level): describe(values) for level, values in cells}
-                known = {level: found for level, found in described.items() if found.median is not None}
+                cells = values[(values[grid.rows] == row) & values[grid.factor].isin(levels)].groupby(grid.factor)[
+                    "value"
+                ]
+                medians = {str(level): describe(cell) for level, cell in cells}
+                known = {level: cell.median for level, cell in medians.items() if cell.median is not None}
                 if known:
-                    best = min(known, key=lambda level: known[level].median or 0.0)
+                    best = min(known, key=known.__getitem__)
                     head = {"grid": grid.text, "metric": grid.metric, "row": row, "column": heading, "level": best}
-                    found = known[best]
-                    rows.append({**head, "n": found.n, "median": found.median, "low": found.low, "high": found.high})
+                    rows.append(head | {name: getattr(medians[best], name) for name in ("n", "median", "low", "high")})
     return pd.DataFrame(rows)
-
-
-def grid_named(study: Study, text: str) -> GridSettings:
-    """Return the settings of a grid."""
-    return next(grid for grid in study.file.grid if grid.text == text)

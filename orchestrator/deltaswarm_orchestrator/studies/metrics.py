@@ -1,9 +1,8 @@
 """Metrics: one number per run, from a sweep's table or from its time series."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 from deltaswarm_wire.checked import Problem, key
@@ -61,19 +60,18 @@ class MetricSettings:
     share: float = key(0.9, "time_to_converge: reached at this share of the mean of the last third", above=0)
     smooth_s: float = key(600.0, "time_to_converge: length of the running mean [s]", above=0)
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """List what the metric's kind needs and does not have."""
         if not self.name:
-            return [Problem("name", "missing", "a metric needs a name")]
-        if self.kind == COLUMN and not self.column:
-            return [Problem("column", "missing", "a metric of kind 'column' needs it")]
-        if self.kind != COLUMN and not (self.of in BUILT_IN and BUILT_IN[self.of].series):
+            yield Problem("name", "missing", "a metric needs a name")
+        elif self.kind == COLUMN and not self.column:
+            yield Problem("column", "missing", "a metric of kind 'column' needs it")
+        elif self.kind != COLUMN and not (self.of in BUILT_IN and BUILT_IN[self.of].series):
             over_time = ", ".join(name for name, metric in BUILT_IN.items() if metric.series)
-            return [Problem("of", repr(self.of), f"must be one of {over_time}")]
-        return []
+            yield Problem("of", repr(self.of), f"must be one of {over_time}")
 
-    def made(self) -> Metric:
-        """Make the metric."""
+    def metric(self) -> Metric:
+        """Return the metric that the table describes."""
         source = BUILT_IN.get(self.of)
         unit = self.unit or (source.unit if source and self.kind == WINDOW else "s" if source else "")
         title = self.title or (source.title if source else self.column)
@@ -90,38 +88,36 @@ WAITING = "waiting"
 WAITING_ALL, COMPLETION = "waiting_all", "completion_s"
 """Means over all events that could be followed for the horizon, which bounds each of them."""
 
-BUILT_IN: Mapping[str, Metric] = MappingProxyType(
-    {
-        WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
-        WAITING_ALL: Metric("Mean waiting time of all events", "s", "waiting_time_s.restricted_mean", "waiting_time_s"),
-        COMPLETION: Metric("Mean time to complete an event", "s", "completion_s.mean", "completion_time_s"),
-        "completed": Metric("Events completed", "", "completed", "completed"),
-        "open_events": Metric("Open events", "", "open_events.mean", "events_open"),
-        "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed", "never_sensed"),
-        "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
-        "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
-        "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
-        "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
-        "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
-        "trees": Metric("Trees", "", "trees.mean", "trees"),
-        "root_distance": Metric(
-            "Distance of roots from the densest place", "m", "roots_from_densest_m.mean", "roots_from_densest_m"
-        ),
-        "delta": Metric("Delta that agents use", "", "delta.mean", "delta"),
-        "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
-        "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
-        "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
-        "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
-        "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
-        "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
-        "person_unread": Metric("Unread items", "", "person.unread.mean"),
-        "person_missed": Metric("Items missed", "", "person.missed"),
-        "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
-        "person_commands": Metric("Commands", "", "person.commands"),
-        "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
-        "person_agents_in_turn": Metric("Agents whose items could be read in turn", "", "person.agents_in_turn"),
-    }
-)
+BUILT_IN: Mapping[str, Metric] = {
+    WAITING: Metric("Mean waiting time of sensed events", "s", "waiting_time_s.mean"),
+    WAITING_ALL: Metric("Mean waiting time of all events", "s", "waiting_time_s.restricted_mean", "waiting_time_s"),
+    COMPLETION: Metric("Mean time to complete an event", "s", "completion_s.mean", "completion_time_s"),
+    "completed": Metric("Events completed", "", "completed", "completed"),
+    "open_events": Metric("Open events", "", "open_events.mean", "events_open"),
+    "never_sensed": Metric("Events never sensed", "", "waiting_time_s.never_sensed", "never_sensed"),
+    "messages": Metric("Messages to the operator", "1/s", "operator_messages_per_s.mean", "operator_messages"),
+    "senders": Metric("Agents that report in a step", "", "operator_senders.mean"),
+    "frames_sent": Metric("Radio frames sent", "1/s", "frames_sent_per_s.mean", "frames_sent"),
+    "frames_received": Metric("Radio frames received", "1/s", "frames_received_per_s.mean", "frames_received"),
+    "agents_in_trees": Metric("Agents in trees", "", "agents_in_trees.mean", "agents_in_trees"),
+    "trees": Metric("Trees", "", "trees.mean", "trees"),
+    "root_distance": Metric(
+        "Distance of roots from the densest place", "m", "roots_from_densest_m.mean", "roots_from_densest_m"
+    ),
+    "delta": Metric("Delta that agents use", "", "delta.mean", "delta"),
+    "area": Metric("Area covered", "m²", "covered_area_m2.mean", "covered_area_m2"),
+    "tree_area": Metric("Area covered while there are trees", "m²", "covered_area_m2.mean_while_trees"),
+    "above_threshold": Metric("Time with too many messages", "s", "operator_time_above_threshold_s"),
+    "person_utilisation": Metric("Operator busy, share of the time", "", "person.utilisation"),
+    "person_load": Metric("Mean load of the operator, from 0 to 1", "", "person.load"),
+    "person_high_load": Metric("Time at a load above 0.7", "s", "person.load_above_0_7_s"),
+    "person_unread": Metric("Unread items", "", "person.unread.mean"),
+    "person_missed": Metric("Items missed", "", "person.missed"),
+    "person_acknowledge": Metric("Time until an item is read", "s", "person.acknowledge_s"),
+    "person_commands": Metric("Commands", "", "person.commands"),
+    "person_isa": Metric("Mean ISA answer, from 1 to 5", "", "person.isa"),
+    "person_agents_in_turn": Metric("Agents whose items could be read in turn", "", "person.agents_in_turn"),
+}
 PER_STEP = ("messages", "frames_sent", "frames_received")
 """Metrics per second whose time series has numbers per step."""
 
@@ -130,9 +126,6 @@ PER_EVENT = (WAITING_ALL, COMPLETION)
 
 COUNTS = ("completed", "never_sensed")
 """Metrics that are numbers of events: sums over time, where others are means."""
-
-FOLLOWED = "events_followed"
-"""Column of the time series: the number of these events."""
 
 
 @dataclass(frozen=True)
@@ -161,8 +154,3 @@ class Timing:
     def is_within(self, ends_s: "pd.Series", variants: "pd.Series") -> "pd.Series":
         """Return whether each of these moments lies within its run, or at its end."""
         return ends_s <= variants.map(self.end_s) + 1e-9 * self.every_s
-
-
-def is_over_time(metrics: Sequence[Metric]) -> bool:
-    """Return whether any of the metrics needs the time series."""
-    return any(metric.kind != COLUMN for metric in metrics)

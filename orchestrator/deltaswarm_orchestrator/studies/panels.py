@@ -29,7 +29,7 @@ def panels(
     x_label: str,
 ) -> Figure:
     """Draw a panel per level of the facet, with shared axes, and a legend below all panels."""
-    facets = there(rows, settings.facet, study) if settings.facet else [""]
+    facets = levels_in(rows, settings.facet, study) if settings.facet else [""]
     columns = min(len(facets), COLUMNS)
     lines = math.ceil(len(facets) / columns)
     legend_rows = math.ceil(len(handles) / 3)
@@ -75,7 +75,7 @@ def chosen(settings: FigureSettings, rows: pd.DataFrame, variants: Sequence[str]
     return rows
 
 
-def there(rows: pd.DataFrame, factor: str, study: Study) -> list[str]:
+def levels_in(rows: pd.DataFrame, factor: str, study: Study) -> list[str]:
     """Return the levels of a factor that have rows, in the rows' order; all levels if the rows lack the factor."""
     return [str(level) for level in rows[factor].unique()] if factor in rows else list(study.factors[factor])
 
@@ -90,19 +90,17 @@ def hues(settings: FigureSettings, study: Study, shown: pd.DataFrame) -> dict[st
     if not settings.hue:
         return {"": style.OTHERS[0]}
     of = looks(study, settings.hue)
-    return {hue: of[hue] for hue in there(shown, settings.hue, study)}
+    return {hue: of[hue] for hue in levels_in(shown, settings.hue, study)}
 
 
-def handles(hues: Mapping[str, Look], *, marker: bool = True) -> list[Line2D]:
+def handles(hues: Mapping[str, Look], *, marker: bool = True, line: bool = True) -> list[Line2D]:
     """Make the legend's handles for the hues that have a name."""
-    return [handle(look, hue, marker=marker) for hue, look in hues.items() if hue]
+    return [_handle(look, hue, marker, line) for hue, look in hues.items() if hue]
 
 
-def handle(look: Look, name: str, *, marker: bool = True, line: bool = True) -> Line2D:
-    """Make a legend's handle."""
+def _handle(look: Look, name: str, marker: bool, line: bool) -> Line2D:
     return Line2D(
-        [],
-        [],
+        *([], []),
         color=look.colour,
         linestyle=look.line if line else "none",
         marker=look.marker if marker else "",
@@ -111,8 +109,3 @@ def handle(look: Look, name: str, *, marker: bool = True, line: bool = True) -> 
         markeredgewidth=0.35,
         label=style.shown(name),
     )
-
-
-def or_nan(value: float | None) -> float:
-    """Return the number; NaN for None."""
-    return math.nan if value is None else value

@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Iterator
 from datetime import timedelta
 from pathlib import Path
 from typing import Any
@@ -80,12 +79,12 @@ def _effects(study: Study, file: Path) -> tuple[dict[tuple[int, str], str | None
     if not file.is_file():
         return {}, f"no {file}: with a pilot (--pilot FOLDER) the smallest effects that could be shown are told too"
     try:
-        from deltaswarm_orchestrator.studies.power import effects
+        from deltaswarm_orchestrator.studies.contrasts import smallest_effects  # needs pandas and SciPy
     except ModuleNotFoundError as error:
         if not is_of_studies(error):
             raise
         return {}, f"the smallest effects that could be shown need {error.name}: {INSTALL_STUDY}"
-    return effects(study, file), None
+    return smallest_effects(study, file), None
 
 
 def wall_s(study: Study) -> float:
@@ -98,14 +97,9 @@ def wall_s(study: Study) -> float:
 def _run_s(scenario: Scenario) -> float:
     swarm = InProcess(scenario)
     began = time.monotonic()
-    for step in _steps(scenario, began):
+    for step in range(scenario.run.steps - 1 or 1):
         record = swarm.step(step, False)
         swarm.close_step(Clock(step, record.time_s, False))
-    return (time.monotonic() - began) / (step + 1) * scenario.run.steps
-
-
-def _steps(scenario: Scenario, began: float) -> Iterator[int]:
-    for step in range(scenario.run.steps - 1 or 1):
-        yield step
         if time.monotonic() - began > MEASURED_S:
-            return
+            break
+    return (time.monotonic() - began) / (step + 1) * scenario.run.steps

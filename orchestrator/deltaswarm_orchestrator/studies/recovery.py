@@ -43,55 +43,50 @@ def recovery_of(study: Study, windows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _cell(settings: RecoverySettings, cell: dict[str, str], windows: pd.DataFrame, window_s: float) -> dict[str, Any]:
-    after = windows[windows["time_s"] >= settings.after_s - 1e-9 * window_s]
+    rows = windows[windows["time_s"] >= settings.after_s - 1e-9 * window_s]
     for factor, level in cell.items():
-        after = after[after[factor] == level]
-    own, reference = (after[after[settings.factor] == one] for one in (settings.level, settings.reference))
-    totals, weights = _by_replicate(own, settings.metric)
-    base_totals, base_weights = _by_replicate(reference, settings.metric)
-    shared = totals.index.intersection(base_totals.index)
-    columns = totals.columns.intersection(base_totals.columns)
-    frames = tuple(frame.loc[shared, columns].to_numpy(float) for frame in (totals, weights, base_totals, base_weights))
-    count = len(shared)
-    if not count or len(columns) < settings.windows:
+        rows = rows[rows[factor] == level]
+    # Means over events are weighted by events, other metrics by 1.
+    values, weights = rows[settings.metric], rows["events"] if settings.metric in PER_EVENT else 1.0
+    rows = rows.assign(total=(values * weights).fillna(0.0), weight=values.notna() * weights)
+    tables = [
+        rows[rows[settings.factor] == level]
+        .pivot_table(index="replicate", columns="time_s", values=name, dropna=False)
+        .fillna(0.0)
+        for level in (settings.level, settings.reference)
+        for name in ("total", "weight")
+    ]
+    replicates = tables[0].index.intersection(tables[2].index)
+    times_s = tables[0].columns.intersection(tables[2].columns)
+    sums = np.stack([table.loc[replicates, times_s].to_numpy(float) for table in tables])
+    count = len(replicates)
+    if not count or len(times_s) < settings.windows:
         return {"n": count, "back_s": math.nan, "low_s": math.nan, "high_s": math.nan}
+    ends_s = times_s.to_numpy(float) + window_s
     low_s, high_s = math.nan, math.nan
-    ends_s = columns.to_numpy(float) + window_s
     if count > 1:
         generator = np.random.default_rng(0)
         drawn = (generator.integers(count, size=count) for _ in range(RESAMPLES))
-        found = np.sort([_back_s(settings, tuple(frame[chosen] for frame in frames), ends_s) for chosen in drawn])
+        resampled_s = np.sort([_back_s(settings, sums[:, chosen], ends_s) for chosen in drawn])
         # By rank, not by interpolation: there is no value between 300 s and never.
-        ends = math.floor(TAIL * (RESAMPLES - 1)), math.ceil((1 - TAIL) * (RESAMPLES - 1))
-        low_s, high_s = (float(found[end]) for end in ends)
-    return {"n": count, "back_s": _back_s(settings, frames, ends_s), "low_s": low_s, "high_s": high_s}
+        ranks = math.floor(TAIL * (RESAMPLES - 1)), math.ceil((1 - TAIL) * (RESAMPLES - 1))
+        low_s, high_s = (float(resampled_s[rank]) for rank in ranks)
+    return {"n": count, "back_s": _back_s(settings, sums, ends_s), "low_s": low_s, "high_s": high_s}
 
 
-def _by_replicate(rows: pd.DataFrame, metric: str) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Return sums and weights (replicates, windows): means over events are weighted by events, other metrics by 1."""
-    weights = rows["events"] if metric in PER_EVENT else pd.Series(1.0, index=rows.index)
-    known = rows.assign(weight=weights.where(rows[metric].notna(), 0.0), total=(rows[metric] * weights).fillna(0.0))
-    total, weight = (
-        known.pivot_table(index="replicate", columns="time_s", values=column, dropna=False).fillna(0.0)
-        for column in ("total", "weight")
-    )
-    return total, weight
-
-
-def _back_s(settings: RecoverySettings, frames: tuple[Floats, ...], ends_s: Floats) -> float:
+def _back_s(settings: RecoverySettings, sums: Floats, ends_s: Floats) -> float:
     """Compute when the swarm is back, counted from `after_s` [s].
 
     Args:
         settings: what counts as being back.
-        frames: sums and weights (replicates, windows) with the fault, then without it.
+        sums: (4, replicates, windows) sums and weights with the fault, then without it.
         ends_s: (windows,) the end of each window [s].
     """
+    totals = sums.sum(axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        own, base = (frames[i].sum(axis=0) / frames[i + 1].sum(axis=0) for i in (0, 2))
-        ratios = np.where((own == 0) & (base == 0), 1.0, own / base)
+        fault, reference = totals[::2] / totals[1::2]
+        ratios = np.where((fault == 0) & (reference == 0), 1.0, fault / reference)
     least = 0.0 if settings.metric in FEWER_IS_BETTER else 1 / settings.tolerance
-    well = (ratios <= settings.tolerance) & (ratios >= least)
-    for first in range(len(well) - settings.windows + 1):
-        if well[first : first + settings.windows].all():
-            return float(ends_s[first]) - settings.after_s
-    return math.inf
+    is_well = (ratios <= settings.tolerance) & (ratios >= least)
+    is_back = np.lib.stride_tricks.sliding_window_view(is_well, settings.windows).all(axis=1)
+    return float(ends_s[is_back.argmax()]) - settings.after_s if is_back.any() else math.inf

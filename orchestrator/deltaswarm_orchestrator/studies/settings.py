@@ -1,31 +1,29 @@
 """The tables of a study file besides its sweep, each with what its own keys must hold."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 from deltaswarm_orchestrator.studies.metrics import MetricSettings
 from deltaswarm_wire.checked import Problem, key
 
-HOLDS, REFUTED, UNDECIDED, NO_DATA = "holds", "refuted", "undecided", "no data"
-CLAIM_VERDICTS = (HOLDS, REFUTED, UNDECIDED, NO_DATA)
-HIGHER, LOWER, ALIKE, UNCLEAR = "higher", "lower", "alike", "unclear"
-SLIGHTLY_HIGHER, SLIGHTLY_LOWER = "slightly higher", "slightly lower"
-"""Higher or lower, and within the margin: there is a difference, and it is small."""
-CONTRAST_VERDICTS = (HIGHER, LOWER, ALIKE, UNCLEAR, SLIGHTLY_HIGHER, SLIGHTLY_LOWER, NO_DATA)
+ClaimVerdict = Literal["holds", "refuted", "undecided", "no data"]
+ContrastVerdict = Literal["higher", "lower", "alike", "unclear", "slightly higher", "slightly lower", "no data"]
+"""Slightly higher or lower: there is a difference, and it is within the margin."""
+FitVerdict = Literal["closest", "farther"]
 
-CLOSEST, FARTHER = "closest", "farther"
-FIT_VERDICTS = (CLOSEST, FARTHER)
-
-CLAIM, CONTRAST, FIT, IS = "claim", "contrast", "fit", "is"
 RESULT_KEYS = {
-    CLAIM: (CLAIM, IS),
-    CONTRAST: (CONTRAST, IS, "metric", "level", "reference", "within"),
-    FIT: (FIT, IS, "within"),
+    "claim": ("claim", "is"),
+    "contrast": ("contrast", "is", "metric", "level", "reference", "within"),
+    "fit": ("fit", "is", "within"),
 }
 """The keys of a result that supports a finding, by its kind. A value may be a list: then every row must agree."""
-VERDICTS = {CLAIM: CLAIM_VERDICTS, CONTRAST: CONTRAST_VERDICTS, FIT: FIT_VERDICTS}
+VERDICTS: dict[str, tuple[str, ...]] = {
+    "claim": get_args(ClaimVerdict),
+    "contrast": get_args(ContrastVerdict),
+    "fit": get_args(FitVerdict),
+}
 
 Pairs = tuple[tuple[str, ...], ...]
 
@@ -57,19 +55,22 @@ class ContrastSettings:
     metrics: tuple[str, ...] = key((), "names of metrics (default: all of the study)")
     margin: float = key(0.0, "differences below this count as none: a ratio above 1, such as 1.1; 0: not tested", low=0)
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """List what is missing or impossible."""
-        problems = [*_problem_of_id(self.id), *_problems_of_pairs("pairs", self.pairs)]
-        problems += _problems_of_pairs("across_pairs", self.across_pairs)
+        if not self.id:
+            yield Problem("id", "missing", "findings refer to it by its id")
+        for name, pairs in (("pairs", self.pairs), ("across_pairs", self.across_pairs)):
+            for i, pair in enumerate(pairs):
+                if len(pair) != 2 or pair[0] == pair[1]:
+                    yield Problem(f"{name}[{i}]", repr(list(pair))[:60], "must be two different levels")
         if self.margin != 0 and not self.margin > 1:
-            problems.append(Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0"))
+            yield Problem("margin", f"{self.margin:.15g}", "must be a ratio above 1, or 0")
         if bool(self.reference) == bool(self.pairs):
-            problems.append(Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs"))
+            yield Problem("reference", "both" if self.pairs else "neither", "must be given, or else pairs")
         if self.across and not self.across_pairs:
-            problems.append(Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`"))
+            yield Problem("across_pairs", "missing", "an interaction must name pairs of levels of `across`")
         if self.across_pairs and not self.across:
-            problems.append(Problem("across", "missing", "must name the factor of across_pairs"))
-        return problems
+            yield Problem("across", "missing", "must name the factor of across_pairs")
 
 
 @dataclass(frozen=True)
@@ -93,10 +94,10 @@ class ClaimSettings:
     a: str = key("", "of alike: a variant")
     b: str = key("", "of alike: the other variant")
     margin: float = key(0.0, "of alike: they differ by less than this ratio (above 1)", low=0)
-    expect: str = key(HOLDS, "the verdict that is no surprise", choices=(HOLDS, REFUTED, UNDECIDED))
+    expect: str = key("holds", "the verdict that is no surprise", choices=("holds", "refuted", "undecided"))
     why: str = key("", "why it is expected not to hold, as far as is known")
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """List what the claim's kind needs and does not have."""
         has_tolerance = len(self.within) == 2 and self.within[0] < self.within[1]
         needed: dict[str, dict[str, Any]] = {
@@ -105,17 +106,14 @@ class ClaimSettings:
             "alike": {"a": self.a, "b": self.b, "margin": self.margin > 1},
             "predicts": {"less": self.less, "more": self.more},
         }
-        problems = [
-            Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
-            for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items()
-            if not value
-        ]
+        for name, value in {"id": self.id, "text": self.text, **needed[self.kind]}.items():
+            if not value:
+                yield Problem(name, "missing or impossible", f"a claim of kind {self.kind!r} needs it")
         if bool(self.iqr) != bool(self.n):
-            problems.append(Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n"))
-        named = self.variants or self.predictors
-        if len(set(named)) < len(named):
-            problems.append(Problem("b" if self.kind == "alike" else "more", named[0], "must be another one"))
-        return problems
+            yield Problem("iqr", f"iqr {self.iqr:.15g}, n {self.n}", "must be given together with n")
+        names = self.variants or self.predictors
+        if len(set(names)) < len(names):
+            yield Problem("b" if self.kind == "alike" else "more", names[0], "must be another one")
 
     @property
     def variants(self) -> list[str]:
@@ -170,9 +168,10 @@ class FitSettings:
     factor: str = key("", "the factor whose levels the targets name")
     targets: tuple[TargetSettings, ...] = key((), "published numbers")
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """There must be something to come close to."""
-        return [] if self.targets else [Problem("targets", "none", "a fit needs at least one")]
+        if not self.targets:
+            yield Problem("targets", "none", "a fit needs at least one")
 
 
 @dataclass(frozen=True)
@@ -185,14 +184,13 @@ class GridSettings:
     factor: str = key("", "the factor whose levels the columns name; the sweep may vary no third one")
     columns: dict[str, Any] = key(dict, "by heading, a list of levels, of which each row shows the lowest median")
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """Each column must list levels."""
-        none = [] if self.columns else [Problem("columns", "none", "a grid needs at least one")]
-        return none + [
-            Problem(f"columns.{name}", repr(value)[:60], "must be a list of levels")
-            for name, value in self.columns.items()
-            if not _is_list_of_names(value)
-        ]
+        if not self.columns:
+            yield Problem("columns", "none", "a grid needs at least one")
+        for name, value in self.columns.items():
+            if not _is_list_of_names(value):
+                yield Problem(f"columns.{name}", repr(value)[:60], "must be a list of levels")
 
 
 @dataclass(frozen=True)
@@ -224,27 +222,21 @@ class FigureSettings:
     at_s: float = key(600.0, "swarm: the moment to draw [s]", low=0)
     seed: int = key(1, "swarm: the run's seed", low=0)
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """List tables with values of the wrong form."""
-        problems = [Problem("name", "missing", "a figure needs a name")] if not self.name else []
-        problems += [
-            Problem(f"published.{name}", repr(value)[:60], "must be a list of a median and an interquartile range")
-            for name, value in self.published.items()
-            if not (isinstance(value, list) and len(value) == 2 and all(map(_is_number, value)))
-        ]
-        problems += [
-            Problem(f"lines.{name}", repr(value)[:60], "must be a number, or a variant")
-            for name, value in self.lines.items()
-            if not _is_number(value) and not isinstance(value, str)
-        ]
-        problems += [
-            Problem(f"paths.{name}", repr(value)[:60], "must be a list of variants")
-            for name, value in self.paths.items()
-            if not _is_list_of_names(value)
-        ]
+        if not self.name:
+            yield Problem("name", "missing", "a figure needs a name")
+        forms: tuple[tuple[str, Callable[[Any], bool], str], ...] = (
+            ("published", _is_pair_of_numbers, "must be a list of a median and an interquartile range"),
+            ("lines", lambda value: _is_number(value) or isinstance(value, str), "must be a number, or a variant"),
+            ("paths", _is_list_of_names, "must be a list of variants"),
+        )
+        for table, is_well_formed, allowed in forms:
+            for name, value in getattr(self, table).items():
+                if not is_well_formed(value):
+                    yield Problem(f"{table}.{name}", repr(value)[:60], allowed)
         if self.kind == "frontier" and not self.paths:
-            problems.append(Problem("paths", "missing", "a figure of kind 'frontier' needs it"))
-        return problems
+            yield Problem("paths", "missing", "a figure of kind 'frontier' needs it")
 
 
 def listed(value: Any) -> list[Any]:
@@ -261,28 +253,26 @@ class FindingSettings:
         (), "results: {claim, is} or {contrast, metric, level, within, is}; values or lists"
     )
 
-    def problems(self) -> list[Problem]:
+    def problems(self) -> Iterator[Problem]:
         """List results that name no claim or contrast, no verdict, or something else."""
-        problems = [] if self.text else [Problem("text", "missing", "a finding needs a sentence")]
+        if not self.text:
+            yield Problem("text", "missing", "a finding needs a sentence")
         if not self.because:
-            problems.append(Problem("because", "missing", "a finding must name the results that support it"))
+            yield Problem("because", "missing", "a finding must name the results that support it")
         for i, result in enumerate(self.because):
             where = f"because[{i}]"
             kinds = [kind for kind in RESULT_KEYS if kind in result]
             if len(kinds) != 1:
-                problems.append(Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit"))
+                yield Problem(where, ", ".join(result) or "nothing", "must name one claim, contrast or fit")
                 continue
-            (kind,) = kinds
-            problems += [
-                Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(RESULT_KEYS[kind])}")
-                for name in result
-                if name not in RESULT_KEYS[kind]
-            ]
-            verdicts = listed(result.get(IS, []))
-            if not verdicts or not set(verdicts) <= set(VERDICTS[kind]):
-                allowed = f"must be one of {', '.join(VERDICTS[kind])}, or a list of them"
-                problems.append(Problem(f"{where}.is", repr(result[IS]) if IS in result else "nothing", allowed))
-        return problems
+            keys, verdicts = RESULT_KEYS[kinds[0]], VERDICTS[kinds[0]]
+            for name in result:
+                if name not in keys:
+                    yield Problem(f"{where}.{name}", "unknown key", f"known are {', '.join(keys)}")
+            named = listed(result.get("is", []))
+            if not named or not set(named) <= set(verdicts):
+                allowed = f"must be one of {', '.join(verdicts)}, or a list of them"
+                yield Problem(f"{where}.is", repr(result["is"]) if "is" in result else "nothing", allowed)
 
 
 @dataclass(frozen=True)
@@ -300,20 +290,12 @@ class StudyFile:
     finding: tuple[FindingSettings, ...] = key((), "what follows, in words")
 
 
-def _problem_of_id(name: str) -> Sequence[Problem]:
-    return [] if name else [Problem("id", "missing", "findings refer to it by its id")]
-
-
-def _problems_of_pairs(name: str, pairs: Pairs) -> Sequence[Problem]:
-    return [
-        Problem(f"{name}[{i}]", repr(list(pair))[:60], "must be two different levels")
-        for i, pair in enumerate(pairs)
-        if len(pair) != 2 or pair[0] == pair[1]
-    ]
-
-
 def _is_list_of_names(value: Any) -> bool:
-    return isinstance(value, list) and bool(value) and all(isinstance(one, str) for one in value)
+    return isinstance(value, list) and bool(value) and all(isinstance(name, str) for name in value)
+
+
+def _is_pair_of_numbers(value: Any) -> bool:
+    return isinstance(value, list) and len(value) == 2 and all(map(_is_number, value))
 
 
 def _is_number(value: Any) -> bool:

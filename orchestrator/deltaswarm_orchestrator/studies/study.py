@@ -89,10 +89,10 @@ class Study:
 
     def comparisons(self, contrast: ContrastSettings) -> Iterator[Comparison]:
         """Yield the rows of a contrast."""
-        of = {tuple(levels.values()): label for label, levels in self.levels.items()}
+        labels = {tuple(levels.values()): label for label, levels in self.levels.items()}
 
         def variant(cell: Mapping[str, str]) -> str:
-            return of[tuple(cell[factor] for factor in self.factors)]
+            return labels[tuple(cell[factor] for factor in self.factors)]
 
         factor, across = contrast.factor, contrast.across
         levels = self.factors[factor]
@@ -102,7 +102,7 @@ class Study:
                 for ends in contrast.across_pairs if across else [()]:
                     wholes = [{**cell, across: end} for end in ends] if across else [cell]
                     sides = tuple(
-                        (variant({**one, factor: level}), variant({**one, factor: reference})) for one in wholes
+                        (variant({**whole, factor: level}), variant({**whole, factor: reference})) for whole in wholes
                     )
                     within = ", ".join([*cell.values(), *([INTERACTION.join(ends)] if across else [])])
                     yield Comparison(level, reference, within, sides)
@@ -115,9 +115,9 @@ class Study:
 def default_factors(sweep: Sweep) -> list[str]:
     """Name each of a sweep's factors by the last part of the first key that it varies."""
     settings = sweep.file.sweep
-    keys = [[name] for name, _ in flattened(settings.axes)]
-    keys += [[name for name, _ in flattened(table) if name != LABEL] for table in settings.paired]
-    names = [found[0].rpartition(".")[2] for found in keys]
+    keys = [name for name, _ in flattened(settings.axes)]
+    keys += [next(name for name, _ in flattened(table) if name != LABEL) for table in settings.paired]
+    names = [key.rpartition(".")[2] for key in keys]
     names += ["variant"] if len(names) < len(sweep.factors) else []
     return [name if names.count(name) == 1 else f"{name} {index + 1}" for index, name in enumerate(names)]
 

@@ -32,17 +32,17 @@ def phi(scenario: Scenario, cells: int = CELLS) -> Floats:
     arena, density = scenario.arena, scenario.events.density
     shares = (np.arange(cells) + 0.5) / cells
     if density.kind == "uniform":
-        found = [np.ones((cells, cells))]
+        fields = [np.ones((cells, cells))]
     elif density.kind == "grid":
         weights = _weights(density.file)
         rows, columns = ((shares * side).astype(int) for side in weights.shape)
-        found = [weights[np.ix_(rows, columns)]]
+        fields = [weights[np.ix_(rows, columns)]]
     else:
         places_m = np.stack(np.meshgrid(shares * arena.width_m, shares * arena.height_m), axis=-1)
         moments = MOMENTS if density.moves else 1
         times_s = (np.arange(moments) + 0.5) / moments * scenario.run.duration_s
-        found = [_mixture(density.normals_at(float(time_s)), places_m) for time_s in times_s]
-    mean: Floats = np.mean([field / field.sum() for field in found], axis=0)
+        fields = [_mixture(density.normals_at(float(time_s)), places_m) for time_s in times_s]
+    mean: Floats = np.mean([field / field.sum() for field in fields], axis=0)
     return mean * cells**2 / (arena.width_m * arena.height_m)
 
 

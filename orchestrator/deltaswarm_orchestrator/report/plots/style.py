@@ -70,8 +70,8 @@ _HYBRID = re.compile(r"hybrid\s+(\d+)$")
 
 def delta_of(variant: str) -> int | None:
     """Return the delta of a variant named "hybrid <delta>"; None for any other."""
-    found = _HYBRID.match(variant)
-    return int(found[1]) if found else None
+    match = _HYBRID.match(variant)
+    return int(match[1]) if match else None
 
 
 def looks(variants: Iterable[str], *, repeat: bool = False) -> dict[str, Look]:
@@ -84,16 +84,15 @@ def looks(variants: Iterable[str], *, repeat: bool = False) -> dict[str, Look]:
     Raises:
         ValueError: there are more variants besides the modes than distinguishable looks.
     """
-    found: dict[str, Look] = {}
+    chosen: dict[str, Look] = {}
     others = itertools.cycle(OTHERS) if repeat else iter(OTHERS)
     for variant in variants:
         delta = delta_of(variant)
-        look = MODES.get(variant) if delta is None else _of_delta(delta)
-        look = look or next(others, None)
+        look = (MODES.get(variant) if delta is None else _of_delta(delta)) or next(others, None)
         if look is None:
             raise ValueError(f"no look is left for {variant!r}: {len(OTHERS)} variants besides the modes at most")
-        found[variant] = look
-    return found
+        chosen[variant] = look
+    return chosen
 
 
 def _of_delta(delta: int) -> Look:
@@ -114,9 +113,9 @@ def shown(variant: str) -> str:
     return variant.replace("$", r"\$") if delta is None else rf"hybrid $\delta = {delta}$"
 
 
-def mix(one: str, other: str, share: float) -> str:
+def mix(colour: str, other: str, share: float) -> str:
     """Mix two colours; `share` is the part of `other`, from 0 to 1."""
-    red, green, blue = (a + (b - a) * share for a, b in zip(to_rgb(one), to_rgb(other), strict=True))
+    red, green, blue = (a + (b - a) * share for a, b in zip(to_rgb(colour), to_rgb(other), strict=True))
     return to_hex((red, green, blue))
 
 

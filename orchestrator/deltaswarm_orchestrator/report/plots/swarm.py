@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import matplotlib
 import numpy as np
@@ -40,27 +40,19 @@ class Snapshot:
     phi: Floats
 
 
-@dataclass(frozen=True)
-class _Kind:
+class _Kind(NamedTuple):
     """How agents of one kind are drawn, and what the legend calls them."""
 
-    name: str
+    label: str
     marker: str
-    face: str
-    size_pt: float
+    markerfacecolor: str
+    markersize: float
 
     @property
     def look(self) -> dict[str, Any]:
         """The look as arguments of matplotlib's artists, for panels and the legend."""
-        return {
-            "linestyle": "none",
-            "marker": self.marker,
-            "markersize": self.size_pt,
-            "markerfacecolor": self.face,
-            "markeredgecolor": style.BLACK,
-            "markeredgewidth": 0.5,
-            "label": self.name,
-        }
+        edge = {"linestyle": "none", "markeredgecolor": style.BLACK, "markeredgewidth": 0.5}
+        return self._asdict() | edge
 
 
 _LAST = len(style.LEVELS) - 1

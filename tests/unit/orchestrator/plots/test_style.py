@@ -13,10 +13,10 @@ import pytest
 from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
-from deltaswarm_orchestrator.report.plots import scale, style, swarm
+from deltaswarm_orchestrator.report.plots import benchmarks, style, swarm
 from deltaswarm_orchestrator.report.plots.swarm import KINDS
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_orchestrator.studies import snapshot
+from deltaswarm_orchestrator.studies.charts import snapshot
 from deltaswarm_orchestrator.studies.page import CHARTS
 from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import OWN, made, series, table
@@ -202,8 +202,8 @@ def draw_all(folder: Path) -> None:
     courses = courses_of(study, windows_with_levels(study, series(lambda *_: 20.0)))
     figures = [
         *(CHARTS[one.kind](one, study, courses if one.kind == "time" else runs) for one in study.file.figure),
-        scale.scale([{"agents": n, "steps_per_s": 1000 / n, "peak_memory_mb": n} for n in (10, 100)]),
-        swarm.swarm({"hybrid 3": snapshot.snapshot(load_scenario("smoke"), 50)}),
+        benchmarks.scale([{"agents": n, "steps_per_s": 1000 / n, "peak_memory_mb": n} for n in (10, 100)]),
+        swarm.swarm({"hybrid 3": snapshot(load_scenario("smoke"), 50)}),
     ]
     for place, figure in enumerate(figures):
         style.save(figure, folder / str(place))

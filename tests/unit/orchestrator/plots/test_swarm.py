@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.report.plots.density import phi
 from deltaswarm_orchestrator.report.plots.swarm import edges, kind_of, swarm
 from deltaswarm_orchestrator.run.in_process import InProcess
 from deltaswarm_orchestrator.scenarios.load import load_scenario
-from deltaswarm_orchestrator.studies.snapshot import Snapshot, snapshot
+from deltaswarm_orchestrator.studies.charts import Snapshot, snapshot
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, EventState
 from deltaswarm_wire.messages import NOBODY
@@ -64,7 +64,7 @@ def test_roots_are_blue_and_levels_have_their_colours() -> None:
     (root,) = [line for line in axes.lines if line.get_label() == "root"]
     assert to_hex(root.get_markerfacecolor()) == style.LEVELS[0]
     assert places(axes, "root").tolist() == [[50, 50]]
-    faces = {body.agent: kind_of(body).face for body in BODIES}
+    faces = {body.agent: kind_of(body).markerfacecolor for body in BODIES}
     assert (faces[1], faces[2], faces[3]) == style.LEVELS[1:4]
     assert faces[7] == style.LEVELS[-1]
     assert places(axes, "level 5 or deeper").tolist() == [[78, 50]]

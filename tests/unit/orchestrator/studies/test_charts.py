@@ -11,8 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle, StepPatch
 
 from deltaswarm_orchestrator.report.plots import style
+from deltaswarm_orchestrator.studies.charts import ellipse
 from deltaswarm_orchestrator.studies.page import CHARTS
-from deltaswarm_orchestrator.studies.planes import ellipse
 from deltaswarm_orchestrator.studies.tables import courses_of, runs_of, windows_with_levels
 from tests.support.studying import LEVELS, MODES, OWN, made, series, table
 

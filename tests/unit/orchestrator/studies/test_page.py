@@ -90,7 +90,7 @@ def test_a_finding_stands_on_the_page_only_while_it_is_carried(evidence: Evidenc
     """Else it is named to whoever made the page."""
     assert "Nothing follows." in pages(made(ASKED), evidence, PROVENANCE)[1]
     study = made(ASKED.replace('is = "undecided"', 'is = "holds"'))
-    broken = Evidence.of(study, evidence.runs, evidence.courses, evidence.recovery)
+    broken = Evidence(study, evidence.runs, evidence.courses, evidence.recovery)
     assert "Nothing follows." not in pages(study, broken, PROVENANCE)[1]
     assert "Nothing follows." in broken.unsupported[0]
 
@@ -108,7 +108,7 @@ def test_too_few_replicates_are_told(evidence: Evidence) -> None:
     """With how many are needed."""
     few = evidence.runs[evidence.runs["replicate"] < 3]
     study = made(ASKED, SWEEP.replace("repeats = 10", "repeats = 3"))
-    found = Evidence.of(study, few, evidence.courses, evidence.recovery)
+    found = Evidence(study, few, evidence.courses, evidence.recovery)
     assert len(found.doubts) == 1
     assert "at least 8" in found.doubts[0]
     assert found.doubts[0] in pages(study, found, PROVENANCE)[1]
@@ -117,7 +117,7 @@ def test_too_few_replicates_are_told(evidence: Evidence) -> None:
 def test_what_is_missing_stands_at_the_top(evidence: Evidence) -> None:
     """Runs by variant and replicate, and metrics that the tables do not have; the rest of the page is there."""
     part = evidence.runs[evidence.runs["replicate"] < 7].drop(columns="messages")
-    found = Evidence.of(made(ASKED), part, evidence.courses, evidence.recovery)
+    found = Evidence(made(ASKED), part, evidence.courses, evidence.recovery)
     _, markdown, _ = pages(made(ASKED), found, PROVENANCE)
     top, _, rest = markdown.partition("## ")
     assert "18 of 60 runs are missing" in top
@@ -146,7 +146,7 @@ def test_a_number_of_fewer_replicates_says_so(evidence: Evidence) -> None:
     """Beside the estimate that it is about."""
     holed = evidence.runs.copy()
     holed.loc[(holed["variant"] == holed["variant"].iloc[0]) & (holed["replicate"] > 5), "messages"] = float("nan")
-    found = Evidence.of(made(ASKED), holed, evidence.courses, evidence.recovery)
+    found = Evidence(made(ASKED), holed, evidence.courses, evidence.recovery)
     assert pages(made(ASKED), found, PROVENANCE)[1].count("(n = 6)") == 1
 
 
@@ -177,7 +177,7 @@ def test_nothing_is_left_out_silently_in_a_template() -> None:
 def test_a_figure_that_cannot_be_drawn_costs_no_page(evidence: Evidence) -> None:
     """The page says which, and why."""
     nothing = evidence.runs.assign(waiting=float("nan"))
-    found = Evidence.of(made(DRAWN), nothing, evidence.courses, evidence.recovery)
+    found = Evidence(made(DRAWN), nothing, evidence.courses, evidence.recovery)
     _, markdown, pictures = pages(made(DRAWN), found, PROVENANCE)
     assert "boxes" not in [picture.name for picture in pictures]
     assert "'boxes' is missing" in markdown
