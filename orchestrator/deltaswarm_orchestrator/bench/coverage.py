@@ -73,7 +73,7 @@ def brief(result: dict[str, Any]) -> dict[str, Any]:
 
 def draw(result: dict[str, Any]) -> "Figure":
     """Draw the share of agents that know the command against time."""
-    from deltaswarm_orchestrator.report.plots.coverage import coverage
+    from deltaswarm_orchestrator.report.plots.benchmarks import coverage
 
     return coverage(result)
 

@@ -92,7 +92,7 @@ def measure(sizes: Sequence[int], steps: int, rounds: int) -> dict[str, Any]:
 
 def draw(result: dict[str, Any]) -> "Figure":
     """Draw speed and memory against the number of agents."""
-    from deltaswarm_orchestrator.report.plots.scale import scale
+    from deltaswarm_orchestrator.report.plots.benchmarks import scale
 
     return scale(result["sizes"])
 

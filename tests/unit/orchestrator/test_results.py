@@ -13,8 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.results.metrics import metrics
-from deltaswarm_orchestrator.results.metrics import Outcome
+from deltaswarm_orchestrator.results.metrics import Outcome, metrics
 from deltaswarm_orchestrator.results.run_tables import OPERATOR_COLUMNS, read_outcome, summary, write_json, write_tables
 from deltaswarm_orchestrator.run.lifecycle import run
 from deltaswarm_orchestrator.run.options import RunOptions
