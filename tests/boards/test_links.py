@@ -59,7 +59,7 @@ class Field:
                 far_m = math.dist(self.bodies[sender].true_m, self.bodies[hearer].true_m)
                 if radio is not None and not {sender, hearer} & off and far_m <= self.settings.range_m:
                     sent = encode_sent(Sent(self.now + 1000.0 * sender, 0.0, 0.0))  # by a clock of its own
-                    self.inboxes[hearer].take(sender, radio, sent, float(self.now))
+                    self.inboxes[hearer].accept(sender, radio, sent, float(self.now))
 
     def until(self, condition: Callable[[], bool], what: str, off: set[int], steps: int = 6000) -> None:
         """Steps until something is so."""

@@ -40,7 +40,7 @@ def recorded() -> tuple[Any, list[RecordedStep]]:
     for step in range(STEPS):
         record = played.step(step, step == STEPS - 1)
         clock = Clock(step, record.time_s, step == STEPS - 1)
-        workload = played.close(clock)
+        workload = played.close_step(clock)
         steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
     assert sum(len(step.reports) for step in steps) > 100
     return played.console._briefing, steps

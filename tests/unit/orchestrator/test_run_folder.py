@@ -17,6 +17,7 @@ from deltaswarm_orchestrator.results import folder as run_folder
 from deltaswarm_orchestrator.results import run_tables
 from deltaswarm_orchestrator.results.folder import FolderError, FolderTakenError, RunFolder
 from deltaswarm_orchestrator.results.folder_lock import LOCK, is_held
+from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.run_tables import new_manifest
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 
@@ -149,7 +150,7 @@ def test_the_command_keeps_a_run_whose_name_was_taken(
     """One line and exit code 1; `info` shows the whole run."""
     written = run_tables.write_tables
 
-    def then_it_appears(folder: Path, outcome: run_tables.Outcome, *, keep_unmerged: bool) -> None:
+    def then_it_appears(folder: Path, outcome: Outcome, *, keep_unmerged: bool) -> None:
         written(folder, outcome, keep_unmerged=keep_unmerged)
         work(tmp_path / "run")
 
