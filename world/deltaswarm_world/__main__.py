@@ -2,7 +2,6 @@
 
 import argparse
 import logging
-import os
 import secrets
 import sys
 import tomllib
@@ -28,6 +27,7 @@ from deltaswarm_wire.endpoints import protocol_of
 from deltaswarm_wire.exits import FAILED, exit_code_of
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER
 from deltaswarm_wire.logs import log_to_standard_error
+from deltaswarm_wire.ready import say_ready
 from deltaswarm_wire.session import CERTIFIED, RouterLink
 from deltaswarm_world.io.config import WorldConfig
 from deltaswarm_world.io.run import run_world
@@ -126,7 +126,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(f"deltaswarm world: {error}", file=sys.stderr)
         return 2
     try:
-        return run_world(config, _announce, saved)
+        return run_world(config, say_ready, saved)
     except ConnectionError as error:
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error)
         return 1
@@ -134,12 +134,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         code = exit_code_of(error)
         logging.getLogger("deltaswarm.world").error("the world fails: %s", error, exc_info=code == FAILED)
         return code
-
-
-def _announce(endpoints: str) -> None:
-    """Print where the router listens. Later output, such as Zenoh's log, goes to standard error."""
-    print(endpoints, flush=True)
-    os.dup2(2, 1)  # an orchestrator reads that one line and closes the pipe
 
 
 def write_agent_settings(folder: Path, scenario: Scenario) -> None:

@@ -9,6 +9,8 @@ import time
 from types import TracebackType
 from typing import Self
 
+from deltaswarm_wire.ready import READY_VARIABLE
+
 READY_WITHIN_S = 60.0
 ENDS_WITHIN_S = 3.0
 
@@ -24,19 +26,25 @@ class Page:
         self.end, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         """The operator's end of the channel."""
         command = [sys.executable, "-P", "-m", "deltaswarm_operator.station", "--listen", listen]
+        reader, writer = os.pipe()
         with theirs:
             self._process = subprocess.Popen(
-                [*command, "--channel-fd", str(theirs.fileno())], pass_fds=[theirs.fileno()], stdout=subprocess.PIPE
+                [*command, "--channel-fd", str(theirs.fileno())],
+                pass_fds=[theirs.fileno(), writer],
+                env={**os.environ, READY_VARIABLE: str(writer)},
             )
+        os.close(writer)
         try:
-            self.url = self._first_line()
+            self.url = self._first_line(reader)
         except BaseException:
             self.close()
             raise
+        finally:
+            os.close(reader)
 
-    def _first_line(self) -> str:
-        assert self._process.stdout is not None
-        said, line, deadline = self._process.stdout.fileno(), b"", time.monotonic() + READY_WITHIN_S
+    @staticmethod
+    def _first_line(said: int) -> str:
+        line, deadline = b"", time.monotonic() + READY_WITHIN_S
         while not line.endswith(b"\n"):
             left_s = deadline - time.monotonic()
             more = os.read(said, 4096) if left_s > 0 and select.select([said], [], [], left_s)[0] else b""
@@ -54,8 +62,6 @@ class Page:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
 
     def __enter__(self) -> Self:
         return self

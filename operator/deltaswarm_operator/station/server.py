@@ -19,6 +19,7 @@ from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFact
 from websockets.http11 import Request, Response
 
 from deltaswarm_operator.station import rules
+from deltaswarm_wire.ready import say_ready
 
 log = logging.getLogger("deltaswarm.station")
 
@@ -103,7 +104,7 @@ class Station:
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
 
     async def run(self, host: str, port: int) -> None:
-        """Serve until the feed has closed or `stop` is called; print the URL once browsers can connect.
+        """Serve until the feed has closed or `stop` is called; say the URL once browsers can connect.
 
         Raises:
             OSError: the station cannot listen on this address.
@@ -126,7 +127,7 @@ class Station:
             logger=_quiet_logger(),
         ) as server:
             loop.add_reader(self._feed.fileno(), self._hear_feed)
-            print(self._url(server), flush=True)
+            say_ready(self._url(server))
             await self._stop.wait()
             loop.remove_reader(self._feed.fileno())
 

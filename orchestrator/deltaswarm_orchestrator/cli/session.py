@@ -7,14 +7,17 @@ from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import OK, complain, notice
+from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, free_folder, show, whole
 from deltaswarm_orchestrator.processes.station import Station
+from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.run.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
+from deltaswarm_orchestrator.scenarios.load import keys_of, load_scenario
+from deltaswarm_scenario.scenario import Scenario
 
 RECORD = "session.json"
 
@@ -51,6 +54,7 @@ def session(arguments: argparse.Namespace) -> int:
         show(arguments, [run.label for run in planned], "\n".join(f"{n} {run.label}" for n, run in enumerate(planned)))
         return OK
     folder.mkdir(parents=True, exist_ok=True)
+    _check_design(folder, planned)
     write_json(folder / RECORD, _record(folder, participant, planned))
     for place, run in enumerate(planned):
         if any(summary["complete"] for summary in _summaries(folder, run).values()):
@@ -67,6 +71,31 @@ def session(arguments: argparse.Namespace) -> int:
             return code
     show(arguments, {"folder": str(folder), **_record(folder, participant, planned)}, str(folder))
     return OK
+
+
+def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
+    """Refuse to go on with a session whose file has changed: runs of two designs would pass for those of one.
+
+    Raises:
+        CommandError: the order of the conditions, or the scenario of a complete run, is another one.
+    """
+    hint = "undo the change of the session's file, or choose another folder by --out"
+    if (folder / RECORD).exists():
+        before = [run["condition"] for run in json.loads((folder / RECORD).read_text())["runs"]]
+        if before != (now := [run.label for run in planned]):
+            raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
+    for run in planned:
+        for name, summary in _summaries(folder, run).items():
+            file = folder / name / SCENARIO
+            if summary["complete"] and (changed := _changed_keys(run.scenario, load_scenario(str(file)))):
+                raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
+
+
+def _changed_keys(planned: Scenario, done: Scenario) -> list[str]:
+    plans, values = (
+        {path: value for path, _, _, value in keys_of(scenario, "") if "[]" not in path} for scenario in (planned, done)
+    )
+    return [path for path, value in plans.items() if values[path] != value]
 
 
 def _summaries(folder: Path, run: PlannedRun) -> dict[str, dict[str, Any]]:

@@ -18,6 +18,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
 from deltaswarm_wire.exits import exit_code_of
+from deltaswarm_wire.ready import READY_VARIABLE
 
 GC_THRESHOLD = 100_000
 """The hot path makes no reference cycles; rare collections keep the memory of many processes out of the caches."""
@@ -35,15 +36,15 @@ def main(
     environment: Mapping[str, str],
     log_file: Path,
     lifeline: Connection,
-    stdout: Connection | None,
+    ready: Connection | None,
     in_background: bool,
     channel: socket.socket | None = None,
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
-    ends, even by kill -9. `stdout`, if given, receives standard output. `channel` is the part's end of the socket pair
-    between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process that a
+    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channel` is the part's end of the socket
+    pair between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process that a
     message wakes from preempting another: the world hands out all frames of a step before the agents take the cores,
     which saves a third of the context switches.
     """
@@ -54,11 +55,14 @@ def main(
     _wake_at_the_end()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the fork server's own session has no terminal
     try:
-        _redirect(log_file, stdout)
+        _redirect(log_file)
     except OSError as error:  # the run has just ended, or the disk is full
         sys.exit(exit_code_of(error))
     logging.raiseExceptions = False  # logging fails on a full disk, which the exit code reports
     os.environ.update(environment)
+    if ready is not None:
+        os.environ[READY_VARIABLE] = str(os.dup(ready.fileno()))
+        ready.close()
     threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
     sys.exit(importlib.import_module(module).main(argv))
@@ -75,13 +79,11 @@ def _wake_at_the_end() -> None:
     signal_at_parents_death(signal.SIGCONT, os.getppid())
 
 
-def _redirect(log_file: Path, stdout: Connection | None) -> None:
+def _redirect(log_file: Path) -> None:
     log = os.open(log_file, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
-    os.dup2(log, 2)
-    os.dup2(stdout.fileno() if stdout is not None else log, 1)
+    for stream in (1, 2):
+        os.dup2(log, stream)
     os.close(log)
-    if stdout is not None:
-        stdout.close()
 
 
 def _follow(lifeline: Connection) -> None:

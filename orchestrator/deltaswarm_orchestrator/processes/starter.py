@@ -74,12 +74,12 @@ class Starter:
         options: Options,
         *,
         password: str = "",
-        stdout: Connection | None = None,
+        ready: Connection | None = None,
         channel: socket.socket | None = None,
     ) -> Part:
         """Start a part with its password, if it has one, and its end of the channel between operator and station.
 
-        Standard output goes to `stdout`, or else to the log.
+        Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited.
 
         Raises:
             LaunchError: the fork server was killed.
@@ -88,7 +88,7 @@ class Starter:
         environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
         process = self._context.Process(
             target=child.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, stdout, role != WORLD, channel),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channel),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
@@ -104,14 +104,14 @@ class Starter:
     def start_and_read(
         self, role: str, number: int, options: Options, *, password: str = "", channel: socket.socket | None = None
     ) -> str:
-        """Start a part that prints where it listens; return that first line.
+        """Start a part that says where it listens once it is ready; return that line.
 
         Raises:
             LaunchError: the part ended (the text has its last log lines) or was not ready in time.
             StoppedError: the user asked to stop.
         """
         reader, writer = multiprocessing.Pipe(duplex=False)
-        part = self.start(role, number, options, password=password, stdout=writer, channel=channel)
+        part = self.start(role, number, options, password=password, ready=writer, channel=channel)
         writer.close()
         text = b""
         deadline = time.monotonic() + self._timeout_s + PYTHON_S

@@ -14,10 +14,12 @@ from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
+from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_orchestrator.studies.load import load_study
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.checked import SettingsError
+from tests.support.complaints import Printed
 
 FILE = """
 schema = 1
@@ -132,6 +134,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
         assert options.station.speed == 5.0
         done.append(folder.name)
         folder.mkdir()
+        (folder / "scenario.toml").write_text(to_toml(scenario))
         print("the table of a run")
         is_whole = len(done) != 2
         (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
@@ -155,3 +158,45 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]
     assert main(command) == 0
     assert len(done) == 5
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("run.duration_s=20", "run.duration_s=40", "run.duration_s"),
+        ("seed = 1", "seed = 2", "seed"),
+        ("Do you agree?", "Do you agree to everything?", "operator.probes.consent"),
+        ('label = "C"', 'label = "D"', "must be of the runs"),
+    ],
+)
+def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
+    old: str, new: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """A changed scenario, seed, consent or order: nothing is done, and all stays as it is."""
+    done: list[str] = []
+
+    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
+        done.append(options.out.name)
+        options.out.mkdir()
+        (options.out / "scenario.toml").write_text(to_toml(scenario))
+        (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
+        return 0
+
+    monkeypatch.setattr(cli_run, "conduct", pretend)
+    file = tmp_path / "design.toml"
+    conditions = "".join(
+        f'[[session.condition]]\nlabel = "{label}"\nscenario = "smoke"\nset = ["run.duration_s=20"]\n'
+        for label in "ABC"
+    )
+    (tmp_path / "consent.txt").write_text("Do you agree?")
+    file.write_text(f'schema = 1\n[session]\nseed = 1\nconsent = "consent.txt"\n{conditions}')
+    command = ["session", str(file), "--participant", "1", "--out", str(tmp_path / "out")]
+    assert main(command) == 0
+    record = (tmp_path / "out" / "participant-001" / "session.json").read_text()
+    for changed in (file, tmp_path / "consent.txt"):
+        changed.write_text(changed.read_text().replace(old, new))
+    capsys.readouterr()
+    assert main(command) == 2
+    assert said in capsys.readouterr().err
+    assert len(done) == 4
+    assert (tmp_path / "out" / "participant-001" / "session.json").read_text() == record
