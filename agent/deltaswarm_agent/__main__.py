@@ -63,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             run=arguments.run,
             agent=arguments.id,
             link=link_of(arguments, AGENT, arguments.id, arguments.low_latency),
-            settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text())),
+            settings=checked.load(AgentSettings, tomllib.loads(arguments.settings.read_text(encoding="utf-8"))),
             restart=arguments.restart,
             world_lost_s=arguments.world_lost_s,
             checkpoints=arguments.checkpoints,

@@ -119,7 +119,7 @@ def link_of(arguments: argparse.Namespace, role: str, number: int = 0, low_laten
     file: Path | None = arguments.password_file
     if file and (problem := secret_problem(file)):
         raise ValueError(f"--password-file {file} {problem}")
-    password = file.read_text().strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
+    password = file.read_text(encoding="utf-8").strip() if file else os.environ.get(PASSWORD_VARIABLE, "")
     user = user_name(role, number) if password else ""
     tls = tls_of([arguments.connect], arguments.ca, arguments.certificate, arguments.key)
     return RouterLink(arguments.connect, user, password, low_latency, tuple(arguments.zenoh), tls)
@@ -144,7 +144,7 @@ def password_in(file: Path, user: str) -> str:
     """
     if problem := secret_problem(file):
         raise ValueError(problem)
-    for line in file.read_text().splitlines():
+    for line in file.read_text(encoding="utf-8").splitlines():
         name, sign, password = line.strip().partition(":")
         if sign and name == user:
             return password
@@ -167,7 +167,7 @@ def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, ke
         raise ValueError(f"{over_tls[0]} needs ca, certificate and key (missing: {', '.join(missing)})")
     for name, file in files.items():
         try:
-            with open(file or ""):
+            with open(file or "", encoding="utf-8"):
                 problem = secret_problem(Path(file or "")) if name == "key" else ""
         except OSError as error:
             raise ValueError(f"{name}: {error}") from None

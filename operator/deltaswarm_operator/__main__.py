@@ -140,7 +140,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _config(arguments: argparse.Namespace) -> OperatorConfig:
-    briefing = arguments.briefing and checked.load(Briefing, tomllib.loads(arguments.briefing.read_text()))
+    briefing = arguments.briefing and checked.load(
+        Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8"))
+    )
     return OperatorConfig(
         briefing=briefing,
         station=None if arguments.channel_fd is None else socket.socket(fileno=arguments.channel_fd),

@@ -106,3 +106,20 @@ def test_real_time_is_never_faster_than_its_factor(tmp_path: Path, factor: int, 
     overruns = summary["realtime_overruns"]
     assert overruns > 0 or can_be_held, "a step in 0.1 ms"
     assert (f"{overruns} steps" in errors) == (overruns > 0)
+
+
+@pytest.mark.parametrize(
+    "environment",
+    [{"RUST_LOG": "trace"}, {"PYTHONIOENCODING": "ascii"}, {"PYTHONUTF8": "0", "LC_ALL": "C"}],
+    ids=lambda environment: " ".join(environment),
+)
+def test_the_users_environment_changes_nothing(
+    environment: dict[str, str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A log that Zenoh's users switch on, and terminals that cannot show every character."""
+    inside = run(tmp_path / "inside", "--in-process", "--set", "run.duration_s=20")
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    outside = run(tmp_path / "outside", "--set", "run.duration_s=20", "--record", "off")
+    assert outside["valid"]
+    assert outside["digest"] == inside["digest"]

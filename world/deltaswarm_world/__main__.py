@@ -94,7 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     log_to_standard_error()
     try:
-        scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text()))
+        scenario = checked.load(Scenario, tomllib.loads(arguments.scenario.read_text(encoding="utf-8")))
         if RECORDER not in (arguments.expect or ()) and any(fault.kind in TO_PROCESSES for fault in scenario.fault):
             raise ValueError(f"fault: {', '.join(TO_PROCESSES)} need `deltaswarm run`, which controls the processes")
         if arguments.boards and arguments.boards[-1] >= scenario.agents.count:
@@ -140,14 +140,14 @@ def write_agent_settings(folder: Path, scenario: Scenario) -> None:
     """Write one settings file per agent, each with the agent's own seed."""
     folder.mkdir(exist_ok=True)
     for agent in range(scenario.agents.count):
-        (folder / f"{agent}.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))))
+        (folder / f"{agent}.toml").write_text(tomli_w.dumps(checked.plain(scenario.for_agent(agent))), encoding="utf-8")
 
 
 def write_credentials(file: Path, agents: int) -> None:
     """Write a random password per process, readable only by this user."""
     users = [user_name(AGENT, agent) for agent in range(agents)] + [OPERATOR, RECORDER]
     file.touch(mode=0o600)
-    file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users))
+    file.write_text("".join(f"{user}:{secrets.token_urlsafe(24)}\n" for user in users), encoding="utf-8")
 
 
 def admit_certified(listen: Sequence[str], credentials: Path) -> None:
@@ -161,9 +161,9 @@ def admit_certified(listen: Sequence[str], credentials: Path) -> None:
         if protocol_of(endpoint) != TLS and not address.startswith(LOOPBACK):
             raise ValueError(f"--listen must be {TLS}/ or on loopback if one endpoint is {TLS}/ (got {endpoint})")
     line = f"{CERTIFIED}:{CERTIFIED}"
-    lines = credentials.read_text().splitlines()
+    lines = credentials.read_text(encoding="utf-8").splitlines()
     if line not in lines:
-        credentials.write_text("\n".join([*lines, line, ""]))
+        credentials.write_text("\n".join([*lines, line, ""]), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -102,7 +102,7 @@ def warn_of_certificate(settings: BoardSettings) -> None:
         finally:
             os._exit(0)
     os.close(writing)
-    with open(reading) as pipe:
+    with open(reading, encoding="utf-8") as pipe:
         text = pipe.read()
     os.waitpid(child, 0)
     if text:

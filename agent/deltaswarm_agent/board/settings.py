@@ -267,7 +267,7 @@ def read_settings(file: Path) -> BoardSettings:
     if len(data) > MAX_FILE_BYTES:
         raise ValueError(f"must be at most {MAX_FILE_BYTES} bytes")
     try:
-        return _checked(file, tomllib.loads(data.decode()))
+        return _checked(file, tomllib.loads(data.decode("utf-8-sig")))
     except RecursionError:
         raise ValueError("must not be nested so deeply") from None
 

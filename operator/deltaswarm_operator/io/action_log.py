@@ -20,7 +20,9 @@ class ActionLog:
     def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None) -> None:
         for name, size in (sizes or {}).items():
             os.truncate(folder / name, size)
-        self._streams = [(folder / name).open("a" if sizes else "w", newline="") for name in (ACTIONS, PROBES)]
+        self._streams = [
+            (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8") for name in (ACTIONS, PROBES)
+        ]
         self._actions, self._probes = (csv.writer(stream) for stream in self._streams)
         if not sizes:
             self._actions.writerow(OperatorAction._fields)

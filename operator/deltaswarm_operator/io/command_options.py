@@ -98,7 +98,7 @@ def command_options_of(
 
 def _task(file: Path | None, mode: str | None) -> AgentSettings:
     """Read the boards' task; a given mode replaces its controller."""
-    table: Any = tomllib.loads(file.read_text()) if file else {}
+    table: Any = tomllib.loads(file.read_text(encoding="utf-8")) if file else {}
     table = table.get("agent", {})
     if mode:
         control = {"mode": mode} | ({} if not file else _options_of(table, mode))
@@ -118,7 +118,7 @@ def _script(file: Path | None, forms: tuple[CommandForm, ...]) -> tuple[CommandS
     """Read a file's commands and check them against what the controller accepts."""
     if file is None:
         return ()
-    commands = checked.load(_Script, tomllib.loads(file.read_text())).command
+    commands = checked.load(_Script, tomllib.loads(file.read_text(encoding="utf-8"))).command
     for number, given in enumerate(commands):
         form = named(forms, given.name)
         if form is None:

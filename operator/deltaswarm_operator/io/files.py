@@ -34,13 +34,13 @@ class Output:
         self.rows_before: list[list[str]] = []
         """Rows of the table confirmed by the previous operator."""
         if go_on and (folder / STATE).exists():
-            saved = json.loads((folder / STATE).read_text())
+            saved = json.loads((folder / STATE).read_text(encoding="utf-8"))
             self.state, self.console = saved["meter"], saved["console"]
             os.truncate(folder / TABLE, saved["table_bytes"])
-            with (folder / TABLE).open(newline="") as table:
+            with (folder / TABLE).open(newline="", encoding="utf-8") as table:
                 self.rows_before = list(csv.reader(table))[1:]
         mode = "a" if self.state is not None else "w" if go_on else "x"
-        self._stream = (folder / TABLE).open(mode, newline="")
+        self._stream = (folder / TABLE).open(mode, newline="", encoding="utf-8")
         self._table = csv.writer(self._stream)
         if self.state is None:
             self._table.writerow(columns)
@@ -72,7 +72,7 @@ class Output:
     def checkpoint(self, step: int, other_tables: Mapping[str, int]) -> None:
         """Copy the state just saved for this step into a checkpoint; seal all tables, the others up to these sizes."""
         os.fsync(self._stream.fileno())
-        state = json.loads((self._folder / STATE).read_text())
+        state = json.loads((self._folder / STATE).read_text(encoding="utf-8"))
         state["tables"] = checkpoint.table_seals(self._folder, {TABLE: self._stream.tell(), **other_tables})
         file = self._folder / checkpoint.FOLDER / str(step) / checkpoint.OPERATOR_FILE
         checkpoint.write(file, json.dumps(state).encode())
@@ -89,5 +89,5 @@ class Output:
 
     def _write(self, name: str, value: Mapping[str, Any]) -> None:
         part = self._folder / f"{name}.part"
-        part.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n")
+        part.write_text(json.dumps(value, indent=2, allow_nan=False) + "\n", encoding="utf-8")
         part.replace(self._folder / name)

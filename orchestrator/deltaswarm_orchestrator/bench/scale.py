@@ -152,5 +152,5 @@ def _block(swarm: InProcess, steps: range) -> dict[str, Any]:
 
 def memory_mb(file: str, name: str) -> float:
     """Return a line of a process's files in /proc, which are in KiB, in MB."""
-    lines = Path(file).read_text().splitlines()
+    lines = Path(file).read_text(encoding="utf-8").splitlines()
     return sum(int(line.split()[1]) for line in lines if line.startswith(f"{name}:")) / 1024

@@ -71,7 +71,7 @@ def _swarm(scenario: Scenario) -> dict[str, float]:
     """Measure steps per second, start-up time [s] and the largest agent's memory [MB] of one run with processes."""
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         folder = Path(name)
-        (folder / "scenario.toml").write_text(to_toml(scenario))
+        (folder / "scenario.toml").write_text(to_toml(scenario), encoding="utf-8")
         run = f"bench-{secrets.token_hex(4)}"
         began = time.monotonic()
         startup_s = pss_mb = 0.0

@@ -35,7 +35,7 @@ def measure(agents: int, steps: int, rounds: int) -> dict[str, Any]:
     speeds: defaultdict[str, list[float]] = defaultdict(list)
     with tempfile.TemporaryDirectory(prefix="deltaswarm-bench-") as name:
         scenario = Path(name) / "bench.toml"
-        scenario.write_text(to_toml(bench_scenario(agents, steps)))
+        scenario.write_text(to_toml(bench_scenario(agents, steps)), encoding="utf-8")
         for index in range(rounds):
             for arm, pages in ARMS.items():
                 speeds[arm].append(_steps_per_s(scenario, Path(name) / f"{arm}-{index}", pages))

@@ -78,7 +78,9 @@ def bundle(out: Path, platform: str, pythons: Sequence[str] = PYTHONS, operator_
             for python in pythons:  # the others have one wheel for all Pythons
                 _fetch(CFFI, platform, python, wheels)
             example = folder / EXAMPLE
-            example.write_text(example.read_text().replace(NO_OPERATOR, f'operator_key = "{operator_key}"'))
+            example.write_text(
+                example.read_text(encoding="utf-8").replace(NO_OPERATOR, f'operator_key = "{operator_key}"')
+            )
         shutil.copy(source / "README.md", folder)
         _write_sums(folder)
         return sorted(wheel.name for wheel in wheels.iterdir())
@@ -163,7 +165,7 @@ def _origin(package: str) -> str:
 def _write_sums(folder: Path) -> None:
     files = sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
     lines = [f"{hashlib.sha256((folder / file).read_bytes()).hexdigest()}  {file}\n" for file in files]
-    (folder / "SHA256SUMS").write_text("".join(lines))
+    (folder / "SHA256SUMS").write_text("".join(lines), encoding="utf-8")
 
 
 @contextmanager

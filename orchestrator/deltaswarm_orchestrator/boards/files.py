@@ -86,7 +86,7 @@ class Boards:
         for name in ("ca.pem", *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
             shutil.copyfile(authority / name, self.folder / name)
         for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
-            _write_secret(self.folder / name, (authority / name).read_text())
+            _write_secret(self.folder / name, (authority / name).read_text(encoding="utf-8"))
 
     @property
     def tls(self) -> Tls | None:
@@ -117,7 +117,7 @@ class Boards:
             settings = checked.plain(scenario.for_agent(agent))
             table = {"id": agent, "run": run, "air": air, "body": {"kind": "world"}, "agent": settings}
             files.append(self.folder / f"{agent}.toml")
-            files[-1].write_text(tomli_w.dumps(table))
+            files[-1].write_text(tomli_w.dumps(table), encoding="utf-8")
         return files
 
 

@@ -92,7 +92,7 @@ def known() -> dict[str, dict[str, str]]:
     from deltaswarm_wire.plugins import BODIES, BODY_GROUP, CONTROLLER_GROUP, CONTROLLERS, find_controller
 
     def about(*folders: str) -> dict[str, str]:
-        texts = {name: file.read_text() for name, file in files_in(*folders).items()}
+        texts = {name: file.read_text(encoding="utf-8") for name, file in files_in(*folders).items()}
         return {name: text.partition("\n")[0].removeprefix("# ") for name, text in texts.items()}
 
     def plugins(shipped: dict[str, str], group: str) -> dict[str, str]:

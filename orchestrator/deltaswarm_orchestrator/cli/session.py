@@ -81,7 +81,7 @@ def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
     """
     hint = "undo the change of the session's file, or choose another folder by --out"
     if (folder / RECORD).exists():
-        before = [run["condition"] for run in json.loads((folder / RECORD).read_text())["runs"]]
+        before = [run["condition"] for run in json.loads((folder / RECORD).read_text(encoding="utf-8"))["runs"]]
         if before != (now := [run.label for run in planned]):
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
     for run in planned:
@@ -106,7 +106,7 @@ def _summaries(folder: Path, run: PlannedRun) -> dict[str, dict[str, Any]]:
         name for name in names if name == run.folder or (name.startswith(first) and name[len(first) :].isdecimal())
     ]
     files = {name: folder / name / "summary.json" for name in sorted(attempts)}
-    return {name: json.loads(file.read_text()) for name, file in files.items() if file.exists()}
+    return {name: json.loads(file.read_text(encoding="utf-8")) for name, file in files.items() if file.exists()}
 
 
 def _record(folder: Path, participant: int, planned: list[PlannedRun]) -> dict[str, Any]:

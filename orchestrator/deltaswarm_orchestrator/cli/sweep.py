@@ -129,7 +129,7 @@ def exit_code_of(result: "SweepResult") -> int:
 
 def _is_outdated(report: Path, digest: str | None) -> bool:
     """Return whether there is a report that is not of the sweep with this digest (None: the sweep is incomplete)."""
-    return report.exists() and (digest is None or digest not in report.read_text())
+    return report.exists() and (digest is None or digest not in report.read_text(encoding="utf-8"))
 
 
 def engine_maker(arguments: argparse.Namespace, means: str) -> "Callable[[], Engine]":

@@ -84,7 +84,7 @@ def read_run(folder: Path) -> tuple[Scenario, Outcome]:
 
 def _read(file: Path, parse: Callable[[str], T]) -> T:
     try:
-        return parse(file.read_text())
+        return parse(file.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise NotARunError(f"{file} cannot be read: {reason}") from None

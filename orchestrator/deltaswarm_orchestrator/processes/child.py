@@ -43,10 +43,10 @@ def main(
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
-    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channel` is the part's end of the socket
-    pair between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process that a
-    message wakes from preempting another: the world hands out all frames of a step before the agents take the cores,
-    which saves a third of the context switches.
+    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channel` is the part's end of the
+    socket pair between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process
+    that a message wakes from preempting another: the world hands out all frames of a step before the agents take the
+    cores, which saves a third of the context switches.
     """
     if in_background and hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))

@@ -108,7 +108,7 @@ class Swarm:
         }
         self.endpoints = self._starter.start_and_read(WORLD, 0, options).split()
         self.endpoint = self.endpoints[0]
-        pairs = (line.partition(":") for line in credentials.read_text().splitlines())
+        pairs = (line.partition(":") for line in credentials.read_text(encoding="utf-8").splitlines())
         self._passwords = {user: password for user, _, password in pairs}
         self._remove_secrets()  # at once: an orchestrator that is killed could not do so later
 

@@ -51,7 +51,7 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
     forms = forms_of(find_controller(scenario.control.mode))
     briefing = scenario.for_operator(forms, station.speed if station else 0.0)
     file = folder / BRIEFING
-    file.write_text(tomli_w.dumps(checked.plain(briefing)))
+    file.write_text(tomli_w.dumps(checked.plain(briefing)), encoding="utf-8")
     return file
 
 
@@ -59,7 +59,7 @@ def announce(folder: Path, url: str) -> None:
     """Write the page's address into the run folder, readable by this user alone, and open the page in a browser."""
     file = folder / ADDRESS
     file.touch(mode=0o600)
-    file.write_text(json.dumps({"url": url}) + "\n")
+    file.write_text(json.dumps({"url": url}) + "\n", encoding="utf-8")
     open_browser(url)
 
 
@@ -72,4 +72,4 @@ def open_browser(url: str) -> None:
 def address(folder: Path) -> str | None:
     """Return the URL of a run's station page; None if the run has none."""
     file = folder / ADDRESS
-    return str(json.loads(file.read_text())["url"]) if file.exists() else None
+    return str(json.loads(file.read_text(encoding="utf-8"))["url"]) if file.exists() else None

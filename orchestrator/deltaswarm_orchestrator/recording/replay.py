@@ -46,10 +46,13 @@ def write_steps(run: Path, file: Path) -> None:
 def _commands(run: Path, step_s: float) -> dict[str, Any]:
     """Return a run's table `command`: the commands that left the base or, if it was killed, those given before."""
     if (run / COMMANDS).exists():
-        return tomllib.loads((run / COMMANDS).read_text())
+        return tomllib.loads((run / COMMANDS).read_text(encoding="utf-8"))
     given = []
     if (run / ACTIONS).exists():
-        with (run / ACTIONS).open(newline="") as stream, contextlib.suppress(ValueError):  # the last row may be cut off
+        with (
+            (run / ACTIONS).open(newline="", encoding="utf-8") as stream,
+            contextlib.suppress(ValueError),
+        ):  # the last row may be cut off
             for row in csv.DictReader(stream):
                 if row["kind"] == "command":
                     _, name, (kind, *numbers), arguments, life_s = json.loads(row["detail"] or "")

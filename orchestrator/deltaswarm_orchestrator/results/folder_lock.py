@@ -104,7 +104,7 @@ class FolderLock:
             file = os.open(name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644, dir_fd=self._directory)
         except FileExistsError:
             return False
-        with open(file, "w") as stream:
+        with open(file, "w", encoding="utf-8") as stream:
             json.dump(Owner(*_here(), os.getpid(), _state_and_start(os.getpid())[1]), stream)
         return True
 
@@ -145,7 +145,7 @@ def _described(owner: Owner | None, file: Path) -> str:
 
 def _read(file: Path) -> str | None:
     try:
-        return file.read_text(errors="replace")
+        return file.read_text(encoding="utf-8", errors="replace")
     except FileNotFoundError:
         return None
 
@@ -161,12 +161,12 @@ def _parsed(text: str) -> Owner | None:
 
 def _here() -> tuple[str, str]:
     """Return the name of this host, and its boot and process namespace."""
-    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="utf-8").strip()
     return platform.node(), f"{boot} {os.readlink('/proc/self/ns/pid')}"
 
 
 def _state_and_start(pid: int) -> tuple[str, str]:
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
     return fields[0], fields[19]
 
 

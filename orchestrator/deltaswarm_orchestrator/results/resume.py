@@ -57,7 +57,7 @@ def newest(folder: Path) -> Resumed:
             if checkpoint.digest(file.read_bytes()) != digests[file.name]:
                 raise ValueError("it has been changed or damaged")
         file = saved / checkpoint.OPERATOR_FILE
-        tables = content["tables"] | json.loads(file.read_text())["tables"]
+        tables = content["tables"] | json.loads(file.read_text(encoding="utf-8"))["tables"]
         for name in tables:
             file = folder / name
             checkpoint.check_tables(folder, {name: tables[name]})
@@ -75,7 +75,7 @@ def check_inputs(folder: Path, scenario: Scenario) -> None:
     """
     file = folder / "manifest.json"
     try:
-        manifest = json.loads(file.read_text())
+        manifest = json.loads(file.read_text(encoding="utf-8"))
         begun_by = manifest.get("code"), manifest.get("controller", {}).get("source")
     except (OSError, ValueError, AttributeError) as error:
         raise FolderError(f"{file} cannot be read: {error}") from None

@@ -83,14 +83,14 @@ def read_outcome(folder: Path) -> Outcome:
 
 
 def _json(file: Path) -> dict[str, Any]:
-    return dict(json.loads(file.read_text())) if file.exists() else {}
+    return dict(json.loads(file.read_text(encoding="utf-8"))) if file.exists() else {}
 
 
 def _table(file: Path) -> list[dict[str, str]]:
     """Return the rows of a CSV file without a last line that was cut off; empty if there is no file."""
     if not file.exists():
         return []
-    text = file.read_text()
+    text = file.read_text(encoding="utf-8")
     lines = text[: text.rfind("\n") + 1].splitlines()
     return list(csv.DictReader(lines))
 
@@ -138,7 +138,7 @@ def person_tables(folder: Path) -> list[tuple[str, bytes]]:
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:
     """Write a CSV file atomically."""
     part = file.with_name(f"{file.name}.part")
-    with part.open("w", newline="") as stream:
+    with part.open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         table.writerow(header)
         table.writerows(rows)

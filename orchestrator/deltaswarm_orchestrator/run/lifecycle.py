@@ -106,7 +106,7 @@ class _Run:
     def __post_init__(self) -> None:
         self.onlookers: list[Onlooker] = [self.viewer] if self.viewer else []
         if self.resumed:
-            self.manifest = json.loads((self.folder.path / "manifest.json").read_text())
+            self.manifest = json.loads((self.folder.path / "manifest.json").read_text(encoding="utf-8"))
             self.manifest |= {"exit_reason": run_tables.RUNNING}
             self.manifest["resumed"] = [*self.manifest["resumed"], {"at": provenance.now(), "step": self.resumed.step}]
         else:

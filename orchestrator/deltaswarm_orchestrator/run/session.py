@@ -112,7 +112,7 @@ def _text(name: str, beside: Path) -> str:
     if not name:
         return ""
     try:
-        return (beside / name).read_text()
+        return (beside / name).read_text(encoding="utf-8-sig")
     except (OSError, ValueError) as error:
         raise SettingsError([Problem("session.consent", repr(name), f"must be a text file: {error}")]) from None
 

@@ -71,7 +71,7 @@ def check_table(table: dict[str, Any]) -> tuple[Scenario | None, list[Problem]]:
 
 def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
     try:
-        table["command"] = tomllib.loads(file.read_text())["command"]
+        table["command"] = tomllib.loads(file.read_text(encoding="utf-8"))["command"]
     except (OSError, ValueError, KeyError) as error:
         reason = _instead_of_file(file) or ("it has none" if isinstance(error, KeyError) else str(error))
         return [Problem("--commands", f"{str(file)!r}; {reason}", "must be a TOML file with [[command]] tables")]
@@ -158,14 +158,14 @@ def read_toml(
         SettingsError: there is no such file, it is not TOML, or it has no schema.
     """
     if name in built_in:
-        return tomllib.loads(built_in[name].read_text()), None
+        return tomllib.loads(built_in[name].read_text(encoding="utf-8")), None
     path = beside / name
     if obstacle := _instead_of_file(path):
         names = list(dict.fromkeys([*also, *built_in]))
         allowed = f"must be a TOML file{' or one of ' if names else ''}{', '.join(names)}"
         raise SettingsError([Problem(key, f"{name!r}; {did_you_mean(name, names)}{obstacle}", allowed)])
     try:
-        table = tomllib.loads(path.read_text())
+        table = tomllib.loads(path.read_text(encoding="utf-8-sig"))  # some editors begin a file with a byte order mark
     except (ValueError, RecursionError, OSError) as error:  # also integers of thousands of digits, endless nesting
         raise SettingsError([Problem(str(path), str(error), "must be TOML")]) from None
     if "schema" not in table:

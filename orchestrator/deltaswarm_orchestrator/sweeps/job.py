@@ -102,7 +102,7 @@ def _by_processes(task: Task) -> tuple[Outcome, dict[str, Any]]:
     folder = Path(tempfile.mkdtemp(prefix="run-", dir=task.scratch))
     try:
         file = folder / "scenario.toml"
-        file.write_text(to_toml(task.job.scenario))
+        file.write_text(to_toml(task.job.scenario), encoding="utf-8")
         command = [sys.executable, "-m", "deltaswarm_orchestrator.sweeps.dies_with_parent", str(os.getpid())]
         command += ["run", str(file), "--record", "off", "--out", str(folder / "run"), "--json"]
         code, printed, errors = _run_awake(command)

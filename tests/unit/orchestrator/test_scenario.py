@@ -284,3 +284,11 @@ def test_numbers_in_messages_are_not_rounded(override: str, exact: str) -> None:
         load_scenario("smoke", [override, *([path] if "path_s" in override else [])])
     words = str(caught.value).replace("(", " ").replace(")", " ").replace(",", " ").split()
     assert exact in words
+
+
+def test_a_byte_order_mark_is_no_part_of_a_file(tmp_path: Path) -> None:
+    """Some editors begin each file with one."""
+    for encoding in ("utf-8", "utf-8-sig"):
+        file = tmp_path / f"{encoding}.toml"
+        file.write_text('schema = 1\nname = "mine"\n', encoding=encoding)
+        assert load_scenario(str(file)).name == "mine"

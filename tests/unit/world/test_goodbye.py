@@ -36,7 +36,7 @@ class Fabric:
         self.has_left = False
         self._batches = iter(batches)
 
-    def take(self, taker: Any) -> bool:
+    def receive(self, taker: Any) -> bool:
         """A wake-up, with the next batch of message."""
         for message in next(self._batches):
             self.control.put(message)

@@ -35,7 +35,9 @@ class WorldOutput:
         """The folder by its handle, even if it is moved: by name, a leftover world might write into another run."""
         for name, size in zip(TABLES, table_bytes, strict=False):
             os.truncate(folder / name, size)
-        self._files = [(folder / name).open("a" if table_bytes else "w", newline="") for name in TABLES]
+        self._files = [
+            (folder / name).open("a" if table_bytes else "w", newline="", encoding="utf-8") for name in TABLES
+        ]
         self._rows, self._events = (csv.writer(file) for file in self._files)
         if not table_bytes:
             self._rows.writerow(StepRecord._fields)
@@ -87,7 +89,7 @@ class WorldOutput:
         """Write events and totals; `world.json` last and atomically. A run that `may_resume` keeps all its tables."""
         self._flush()
         wall_s = self.wall_s
-        with (self._folder / "events.csv").open("w", newline="") as file:
+        with (self._folder / "events.csv").open("w", newline="", encoding="utf-8") as file:
             rows = csv.writer(file)
             rows.writerow(EventState._fields)
             rows.writerows(core.environment.states())
@@ -95,5 +97,5 @@ class WorldOutput:
             (self._folder / EVENTS_SO_FAR).unlink()
         totals = core.totals(complete) | {"wall_s": wall_s, "realtime_overruns": overruns}
         part = self._folder / "world.json.part"
-        part.write_text(json.dumps(totals, indent=2) + "\n")
+        part.write_text(json.dumps(totals, indent=2) + "\n", encoding="utf-8")
         part.rename(self._folder / "world.json")

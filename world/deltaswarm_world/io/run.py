@@ -29,7 +29,7 @@ def run_world(config: WorldConfig, announce: Callable[[str], None], saved: Saved
             signal.signal(number, lambda number, _: early.append(number))
     saved = saved or SavedWorld.new(config)
     keys, agents = Keys(config.run), range(config.scenario.agents.count)
-    trusted = trusted_sessions(config.credentials.read_text())
+    trusted = trusted_sessions(config.credentials.read_text(encoding="utf-8"))
     asked = config.listen or (config.link.endpoint,)
     with WorldOutput(config.out, saved.table_bytes, saved.wall_s) as output:
         session, endpoints = open_router(config.link, str(config.credentials), keys, agents, asked)
