@@ -26,9 +26,9 @@ def test_a_command_by_mouse(page: Page) -> None:
     assert (target["x_m"], target["y_m"]) == (pytest.approx(30, abs=0.4), pytest.approx(70, abs=0.4))
     page.until(lambda: page.text("command-answer") == "Sent as order 1.")
     page.until(lambda: "heard by nobody yet" in page.text("fates"))
-    page.player.swarm.commands[0][5:10] = [4, 3, 1, 160.0, "done"]
+    page.player.swarm.commands[0][5:] = [4, 3, 1, 160.0, "done", 2]
     page.player.show(102.0)
-    page.until(lambda: "heard by 4, refused by 1;" in page.text("fates"))
+    page.until(lambda: "heard by 4, refused by 1, replaced at 2;" in page.text("fates"))
     assert page.text("fates").endswith("done by 3")
 
 
@@ -36,7 +36,7 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
     """Where it went, with its number."""
 
     def show(expires_s: float) -> None:
-        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent"]
+        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0]
         page.player.show(100.0, commands=[order])
 
     show(200.0)

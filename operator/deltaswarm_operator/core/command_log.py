@@ -137,7 +137,8 @@ class CommandLog:
             expires_s = sent.sent_s + command.life_s
             target = [command.target.kind, *command.target.numbers]
             told = [index, command.name, target, command.arguments, sent.sent_s]
-            rows.append([*told, *sent.counts.values(), expires_s, sent.state(now_s)])
+            heard, done, refused, superseded = sent.counts.values()
+            rows.append([*told, heard, done, refused, expires_s, sent.state(now_s), superseded])
         return rows
 
     def fates(self, now_s: float) -> list[dict[str, Any]]:

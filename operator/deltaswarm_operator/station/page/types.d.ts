@@ -6,7 +6,7 @@ export type AgentRow = [number, number, number, string, number, number, number, 
 export type EventRow = [number, number, number, number, number, number];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
 export type InboxRow = [number, number, number, string, number, number[], boolean | number];
-/** number, name, target, arguments, sent [s], heard by, done by, refused by, replaced at, expires [s], state. */
+/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at. */
 export type CommandRow = [
   number,
   string,
@@ -17,8 +17,8 @@ export type CommandRow = [
   number,
   number,
   number,
-  number,
   string,
+  number,
 ];
 /** time [s], rate over 1 s [Hz], rate over 60 s [Hz]. */
 export type HistoryRow = [number, number, number];

@@ -166,7 +166,7 @@ export function order([, name, , values]) {
  * @param {CommandRow} command
  * @param {number} now_s
  */
-export function fate([, , , , , heard, done, refused, superseded, expires_s, state], now_s) {
+export function fate([, , , , , heard, done, refused, expires_s, state, superseded], now_s) {
   const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
   if (done && state !== "done") parts.push(`done by ${done}`);
   if (refused) parts.push(`refused by ${refused}`);

@@ -131,46 +131,6 @@ def test_x_is_east_and_y_is_north_and_no_faster_than_allowed() -> None:
         assert flight.at[0] == pytest.approx(body.sense(0.0).x_m - 5.0, abs=0.5)
 
 
-def test_datagrams_of_strangers_take_nothing_away() -> None:
-    """Single bytes, which look like the beginning of a message, and rubbish: the vehicle gets its set-points."""
-    with a_body() as (body, flight), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger:
-        port = int(body._options.device.rpartition(":")[2])
-
-        def is_there() -> bool:
-            for data in (b"\xfd", b"\xfd\xff", b"x" * 300):
-                stranger.sendto(data, ("127.0.0.1", port))
-            assert not body.sense(0.0).fault
-            return flight.at[0] > 3.0
-
-        began = time.monotonic()
-        go(body, 2.0, 0.0, is_there, "three metres to the east")
-        assert time.monotonic() - began < 30.0, "1.5 s of flight, on a busy machine"
-        stranger.settimeout(0.0)
-        with pytest.raises(BlockingIOError):
-            stranger.recv(100)
-
-
-def test_a_second_vehicle_with_its_number_makes_it_stand() -> None:
-    """Which of the two would obey?"""
-    with a_body() as (body, flight), flying(int(body._options.device.rpartition(":")[2])):
-        wait_until(lambda: "two vehicles" in body.sense(0.0).fault, "a fault")
-        go(body, 2.0, 0.0, lambda: flight.speed_mps == 0.0, "standing")
-    assert not body._others
-
-
-def test_the_vehicle_that_is_named_is_flown(caplog: pytest.LogCaptureFixture) -> None:
-    """Others are told of, and their messages do not count."""
-    port = free_port()
-    options = load(MavlinkSettings, {"device": f"udpin:127.0.0.1:{port}", "vehicle": 77})
-    body = MavlinkBody(options, BodyContext(1, load(AgentSettings, TASK), Random(1)))
-    try:
-        with flying(port):
-            wait_until(lambda: "autopilot 1 is heard, too; the vehicle is 77" in caplog.text, "a warning")
-            assert body.sense(0.0).fault == "no heartbeat from the vehicle"
-    finally:
-        body.close()
-
-
 def test_a_turned_arena_turns_both_ways() -> None:
     """With +y to the east, +x points south."""
     with a_body(heading_deg=90.0, origin_north_m=8.0, origin_east_m=-8.0) as (body, flight):
