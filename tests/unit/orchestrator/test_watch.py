@@ -74,7 +74,7 @@ def an_observer(**more: Any) -> SimpleNamespace:
 
 def a_swarm(**more: Any) -> SimpleNamespace:
     """One without a station."""
-    return SimpleNamespace(**{"has_station": False, "write_pids": lambda: None, "stop_world": lambda: None, **more})
+    return SimpleNamespace(**{"station": None, "write_pids": lambda: None, "stop_world": lambda: None, **more})
 
 
 @pytest.mark.parametrize("told_after", range(6))

@@ -158,8 +158,8 @@ def test_looks_repeat_where_names_stand_beside() -> None:
 def test_agents_of_different_kinds_differ_without_colour() -> None:
     """By marker, or, for the levels, which share one, by lightness."""
     for one, other in itertools.combinations(KINDS, 2):
-        apart = abs(lightness(one.face) - lightness(other.face))
-        assert one.marker != other.marker or apart >= MIN_LEVEL_LIGHTNESS_STEP, (one.name, other.name)
+        apart = abs(lightness(one.markerfacecolor) - lightness(other.markerfacecolor))
+        assert one.marker != other.marker or apart >= MIN_LEVEL_LIGHTNESS_STEP, (one.label, other.label)
 
 
 def test_names_are_written_out() -> None:
