@@ -157,6 +157,7 @@ def test_a_command_that_is_played_again_is_old(keys: Keys) -> None:
     start = 1_700_000_000
     first, newer = keys.relayed(start), keys.relayed(start + 1000)
     assert len(relay.hear([first], 0)) == 1
+    relay.note([start], [])
     assert relay.hear([first], 1) == []
     assert len(relay.hear([newer], 900)) == 1
     assert relay.hear([first, keys.relayed(start + 1)], 1000) == []
