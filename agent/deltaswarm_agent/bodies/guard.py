@@ -11,7 +11,7 @@ Velocity = tuple[float, float]
 STAND: Velocity = (0.0, 0.0)
 
 DOUBT_S = 5.0
-"""A vehicle whose position or obedience is doubtful stands for so long."""
+"""Time for which a vehicle stands after its position or obedience became doubtful [s]."""
 
 LEAST_SHARE = 0.2
 """A vehicle that obeys covers at least this share of the way that it is told, in the direction of it."""
