@@ -3,6 +3,7 @@
 import logging
 
 from deltaswarm_wire.session import without_sources
+from deltaswarm_wire.streams import open_standard_streams
 
 
 class LogFormatter(logging.Formatter):
@@ -17,7 +18,8 @@ class LogFormatter(logging.Formatter):
 
 
 def log_to_standard_error() -> None:
-    """Log to standard error, from level INFO."""
+    """Log to standard error, from level INFO; all standard streams are open afterwards."""
+    open_standard_streams()
     handler = logging.StreamHandler()
     handler.setFormatter(LogFormatter())
     logging.basicConfig(level=logging.INFO, handlers=[handler])

@@ -5,7 +5,7 @@ import os
 import signal
 import threading
 from collections.abc import Container, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 from deltaswarm_orchestrator.base.exits import INTERRUPTED
@@ -26,7 +26,8 @@ class _EndAtOnce:
 
     def __call__(self, number: int, frame: FrameType | None) -> None:
         if self.code is None:
-            os.write(2, f"deltaswarm: stopped by {signal.Signals(number).name}\n".encode())
+            with suppress(OSError):
+                os.write(2, f"deltaswarm: stopped by {signal.Signals(number).name}\n".encode())
             os._exit(INTERRUPTED)
         if self.late is not None:
             os._exit(self.code)

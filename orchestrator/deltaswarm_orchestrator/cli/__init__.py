@@ -2,9 +2,6 @@
 
 import argparse
 import importlib
-import io
-import os
-import select
 import sys
 from collections.abc import Sequence
 
@@ -17,6 +14,7 @@ from deltaswarm_orchestrator.base.exits import (
     complain,
     show_notices,
 )
+from deltaswarm_orchestrator.base.output import Output, OutputError, standard_output
 from deltaswarm_orchestrator.base.signals import raise_on_signals
 from deltaswarm_wire import __version__
 from deltaswarm_wire.checked import SettingsError
@@ -49,6 +47,9 @@ MODULES = {
     **dict.fromkeys(("bundle", "certificates"), "boards"),
 }
 
+MAKE_FILES = {"run", "sweep", "study", "session", "report", "export", "bundle", "certificates"}
+"""Commands whose results are on disk: a standard output that cannot be written changes neither them nor the exit code."""
+
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""
 
@@ -75,10 +76,21 @@ def parser(*complete: str) -> argparse.ArgumentParser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command; return its exit code."""
-    argv = list(sys.argv[1:] if argv is None else argv)
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # a terminal may lack the characters of units
+    output = standard_output()
+    try:
+        try:
+            code = _run(list(sys.argv[1:] if argv is None else argv), output)
+        finally:
+            sys.stdout.flush()
+    except OutputError:
+        code = FAILED
+    if output and output.error and not output.error.is_unread:
+        complain(str(output.error))
+    return code
+
+
+def _run(argv: list[str], output: Output | None) -> int:
+    """Run one command, which may have an output of its own; return its exit code."""
     command = argv[0] if argv else ""
     if command in PARTS:
         raise_on_signals()
@@ -87,10 +99,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     if command not in ("run", "session"):  # these two handle signals themselves
         raise_on_signals()
     show_notices(not getattr(arguments, "quiet", False))
+    if output and command in MAKE_FILES and not getattr(arguments, "dry_run", False):
+        output.is_needed = False
     try:
-        code = int(arguments.func(arguments))
-        sys.stdout.flush()
-        return code
+        return int(arguments.func(arguments))
     except SettingsError as error:
         for problem in error.problems:
             complain(str(problem))
@@ -105,20 +117,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         complain(f"deltaswarm {command} needs {error.name}: {INSTALL_STUDY}")
         return USAGE
-    except BrokenPipeError:
-        if not _reader_is_gone():
-            raise
-        return FAILED
     except KeyboardInterrupt:
         complain("interrupted")
         return INTERRUPTED
-
-
-def _reader_is_gone() -> bool:
-    """Return whether the reader of standard output is gone, as after `head`; if so, discard further output."""
-    output = select.poll()
-    output.register(sys.stdout.fileno(), 0)
-    if not output.poll(0):
-        return False
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return True

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import tomllib
@@ -55,15 +56,66 @@ def test_a_reader_that_has_seen_enough_is_no_error() -> None:
     assert (done.returncode, done.stderr) == (1, "")
 
 
-def test_a_broken_pipe_of_our_own_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Standard output is still read, so it was something else."""
+def on_streams(redirection: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """A command whose standard streams are redirected by a shell."""
+    line = f"exec {shlex.join([*COMMAND, *arguments])} {redirection}"
+    return subprocess.run(["sh", "-c", line], capture_output=True, text=True, check=False)
 
-    def broken(arguments: object) -> int:
-        raise BrokenPipeError
 
-    monkeypatch.setattr("deltaswarm_orchestrator.cli.run.run", broken)
-    with pytest.raises(BrokenPipeError):
-        main(["run", "paper-25"])
+@pytest.mark.parametrize("arguments", [["list"], ["list", "--json"], ["--help"], ["run", "smoke", "--dry-run"]])
+def test_a_result_that_nothing_can_hold_is_a_failure(arguments: list[str]) -> None:
+    """On a full disk, for example: one line, exit code 1."""
+    done = on_streams(">/dev/full", *arguments)
+    assert done.returncode == 1
+    assert done.stderr.count("\n") == 1
+    assert "standard output" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "redirection", [">&-", "2>&-", "<&- >&- 2>&-", "2>/dev/full", ">/dev/full", ">/dev/full 2>/dev/full"]
+)
+def test_what_becomes_of_the_output_changes_no_result(
+    redirection: str, finished: tuple[Path, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Closed or full: the exit code, the digest and the files are those of any other run."""
+    out = tmp_path / "out"
+    done = on_streams(redirection, "run", "smoke", *SHORT, "--seed", "3", "--out", str(out))
+    assert done.returncode == 0
+    assert done.stderr.count("Error") == 0
+    assert done.stderr.count("standard output") == (redirection == ">/dev/full")
+    assert json.loads((out / "summary.json").read_text())["digest"] == finished[1]["digest"]
+    assert {path.name for path in out.iterdir()} == {path.name for path in finished[0].iterdir()}
+
+
+def test_a_sweep_without_streams_is_done(tmp_path: Path) -> None:
+    """Its workers inherit none either."""
+    shorter = ["--repeats", "1", "--prove", "1", "--set", "run.duration_s=20", "--out", str(tmp_path / "out")]
+    assert on_streams("<&- >&- 2>&-", "sweep", "smoke", *shorter).returncode == 0
+    assert (tmp_path / "out" / "table.csv").stat().st_size > 0
+
+
+def test_a_reader_that_leaves_a_run_changes_no_result(finished: tuple[Path, dict[str, Any]], tmp_path: Path) -> None:
+    """As `head`, of a command whose result is on disk."""
+    reading, writing = os.pipe()
+    os.close(reading)
+    with os.fdopen(writing) as output:
+        command = [*COMMAND, "run", "smoke", *SHORT, "--seed", "3", "--json", "--out", str(tmp_path / "out")]
+        done = subprocess.run(command, stdout=output, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["digest"] == finished[1]["digest"]
+
+
+def test_a_pipe_that_does_not_block_gets_everything(tmp_path: Path) -> None:
+    """Programs that share a terminal or a pipe may make it so; each writer then has to wait."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    with os.fdopen(writing) as output, os.fdopen(reading, "rb") as received:
+        code = "import sys; print('x' * 1_000_000)"
+        start = f"from deltaswarm_orchestrator.base.output import open_outputs; open_outputs(); {code}"
+        process = subprocess.Popen([*COMMAND[:1], "-c", start], stdout=output)
+        output.close()
+        assert len(received.read()) == 1_000_001
+        assert process.wait() == 0
 
 
 def test_an_interrupted_command_says_so(monkeypatch: pytest.MonkeyPatch, capsys: Printed) -> None:
