@@ -10,6 +10,9 @@ NO_ROOM = 74
 WORLD_LOST = 69
 """An operator's world, or the link to it, went before the last step (`EX_UNAVAILABLE` of sysexits.h)."""
 
+LIMIT_REACHED = 71
+"""The system allows no more processes, threads, open files or memory (`EX_OSERR` of sysexits.h)."""
+
 _DISK = {errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EFBIG, errno.EROFS}
 
 

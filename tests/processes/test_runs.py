@@ -1,6 +1,7 @@
 """Whole runs with real processes: the same digest as in one process, true figures, nothing left behind."""
 
 import json
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -122,4 +123,23 @@ def test_the_users_environment_changes_nothing(
         monkeypatch.setenv(name, value)
     outside = run(tmp_path / "outside", "--set", "run.duration_s=20", "--record", "off")
     assert outside["valid"]
+    assert outside["digest"] == inside["digest"]
+
+
+BLOCK = "import os, signal; signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())"
+
+
+@pytest.mark.parametrize("before", ["exec >&- 2>&- <&-", "ulimit -Sn 64", "umask 077", "trap '' CHLD", "blocked"])
+def test_what_a_shell_passes_on_changes_nothing(before: str, tmp_path: Path) -> None:
+    """Closed streams, a low soft limit, files that others cannot read, signals that are ignored or blocked."""
+    shorter = ["smoke", "--set", "run.duration_s=20", "--record", "off"]
+    inside = run(tmp_path / "inside", "--in-process", *shorter[1:])
+    command = [*COMMAND, "run", *shorter, "--out", str(tmp_path / "outside")]
+    if before == "blocked":
+        command = [sys.executable, "-c", f"{BLOCK}; os.execv({COMMAND[0]!r}, {command})"]
+    else:
+        command = ["bash", "-c", f"{before}; {shlex.join(command)}"]
+    assert subprocess.run(command, capture_output=True, timeout=60).returncode == 0
+    outside = json.loads((tmp_path / "outside" / "summary.json").read_text())
+    assert (outside["valid"], outside["why"], outside["operator_restarts"]) == (True, [], 0)
     assert outside["digest"] == inside["digest"]

@@ -80,7 +80,12 @@ def stoppable() -> Iterator[Stop]:
 
 
 def end_at_once_on_signals() -> None:
-    """Let stop signals end the process with one line and exit code 130, while there is nothing to shut down."""
+    """Let stop signals end the process with one line and exit code 130, while there is nothing to shut down.
+
+    Signals that the launcher has blocked are delivered again, and ended children can be waited for again.
+    """
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, ())
     for number in _heeded():
         signal.signal(number, _end_at_once)
     atexit.register(_ignore_signals)

@@ -4,18 +4,17 @@ import multiprocessing
 import os
 import platform
 import re
-import resource
 import socket
 import sys
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, requires, version
 
+from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
 
 REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)>=(?P<least>[\d.]+)(; extra == '(?P<extra>\w+)')?")
 """A requirement as this package's own metadata states it."""
 
-DESCRIPTORS_WANTED = 1024
 CONNECT_WITHIN_S = 5.0
 INSTALL_STUDY = "pip install 'deltaswarm[study]'"
 
@@ -41,13 +40,12 @@ class Finding:
     advice: str = ""
 
 
-def examine() -> list[Finding]:
-    """Check this machine."""
+def examine(agents: int) -> list[Finding]:
+    """Check this machine, for runs with so many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
     studies = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
     cores = len(os.sched_getaffinity(0))
-    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     problem = loopback_problem()
     loopback = f"127.0.0.1: {problem}" if problem else "127.0.0.1 listens and connects"
     has_fork_server = "forkserver" in multiprocessing.get_all_start_methods()
@@ -57,11 +55,14 @@ def examine() -> list[Finding]:
         *packages,
         Finding("sweeps and studies", studies, True),
         Finding("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
-        Finding(
-            "file descriptors",
-            str(soft),
-            soft >= DESCRIPTORS_WANTED,
-            f"ulimit -n {DESCRIPTORS_WANTED} (the hard limit is {hard})",
+        *(
+            Finding(
+                limit.name,
+                f"{limit.allowed:g} allowed, {limit.needed} needed for {agents} agents",
+                limit.is_enough,
+                limit.advice,
+            )
+            for limit in limits.limits(agents)
         ),
         Finding("loopback", loopback, problem is None, "ip link set lo up (as root)"),
         Finding("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
@@ -90,12 +91,13 @@ def loopback_problem() -> str | None:
         return error.strerror or str(error)
 
 
-def check_parts_can_start() -> None:
-    """Check that the parts of a run can reach each other.
+def check_parts_can_start(agents: int) -> None:
+    """Check that the parts of a run with so many agents here can be started, and can reach each other.
 
     Raises:
         CommandError: they cannot.
     """
+    limits.make_room(agents)
     if problem := loopback_problem():
         raise CommandError(
             f"the parts of a run meet at 127.0.0.1, which does not work here ({problem}); run `deltaswarm doctor`",

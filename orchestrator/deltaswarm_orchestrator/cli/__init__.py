@@ -48,7 +48,7 @@ MODULES = {
 }
 
 MAKE_FILES = {"run", "sweep", "study", "session", "report", "export", "bundle", "certificates"}
-"""Commands whose results are on disk: a standard output that cannot be written changes neither them nor the exit code."""
+"""Commands whose results are on disk: a failed standard output changes neither them nor the exit code."""
 
 PARTS = ("agent", "world", "operator")
 """Commands that start one part by hand; the part's own module reads their arguments."""

@@ -83,7 +83,7 @@ def bench(arguments: argparse.Namespace) -> int:
     if measurement.needs_processes:
         from deltaswarm_orchestrator.bench.doctor import check_parts_can_start
 
-        check_parts_can_start()
+        check_parts_can_start(arguments.agents)
     module = importlib.import_module(f"deltaswarm_orchestrator.bench.{measurement.module}")
     try:
         result = module.measure(*(getattr(arguments, option) for option in measurement.options if option != "plot"))

@@ -8,6 +8,7 @@ from pathlib import Path
 from deltaswarm_orchestrator.base.exits import FAILED, OK
 from deltaswarm_orchestrator.base.text import aligned
 from deltaswarm_orchestrator.cli.arguments import add_json, show
+from deltaswarm_orchestrator.scenarios.load import DEFAULT_SCENARIO, load_scenario
 
 SHELLS = ("bash", "zsh", "tcsh")
 
@@ -50,15 +51,23 @@ def _complete_files(parser: argparse.ArgumentParser, files: object) -> None:
 
 def add_doctor(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm doctor`."""
+    command.add_argument(
+        "scenario",
+        nargs="?",
+        default=DEFAULT_SCENARIO,
+        metavar="SCENARIO",
+        help=f"the run that this machine should be able to do (default: {DEFAULT_SCENARIO})",
+    )
+    command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
     add_json(command, "the findings")
     command.set_defaults(func=doctor)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
-    """Examine this machine; fail if anything that runs need is missing."""
+    """Examine this machine; fail if anything that a run needs is missing."""
     from deltaswarm_orchestrator.bench import doctor
 
-    findings = doctor.examine()
+    findings = doctor.examine(load_scenario(arguments.scenario, arguments.set).agents.count)
     rows = [
         ("ok", finding.name, finding.found)
         if finding.is_well

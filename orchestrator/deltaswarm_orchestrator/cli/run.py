@@ -20,15 +20,13 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
     whole,
 )
-from deltaswarm_orchestrator.scenarios.load import BUILT_IN, commented_toml, load_scenario
+from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.arguments import agent_numbers, listens_on, override
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.options import RunOptions
-
-DEFAULT_SCENARIO = "paper-25"
 
 LIVE_PORT = 8765
 """Foxglove's default port."""
@@ -166,7 +164,7 @@ def check_run(scenario: Scenario, options: "RunOptions") -> None:
     from deltaswarm_orchestrator.run.options import check
 
     if not options.in_process:
-        check_parts_can_start()
+        check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
     check(scenario, options)
 
 

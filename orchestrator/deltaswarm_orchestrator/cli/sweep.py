@@ -79,7 +79,7 @@ def check_sweep(arguments: argparse.Namespace, loaded: "Sweep", folder: Path) ->
     means = PROCESSES if arguments.processes else IN_PROCESS
     engine_maker(arguments, means)
     if arguments.processes:
-        check_parts_can_start()
+        check_parts_can_start(max(variant.scenario.agents.count for variant in loaded.variants))
     if os.path.exists(folder):  # unlike `Path.exists`, False for an impossible name
         from deltaswarm_orchestrator.sweeps.runner import check_folder  # needs pandas
 

@@ -17,7 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
-from deltaswarm_wire.exits import exit_code_of
+from deltaswarm_orchestrator.base.limits import reached
+from deltaswarm_wire.exits import LIMIT_REACHED, exit_code_of
 from deltaswarm_wire.ready import READY_VARIABLE
 
 GC_THRESHOLD = 100_000
@@ -50,6 +51,7 @@ def main(
     """
     if in_background and hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
+    sys.excepthook = sys.__excepthook__  # not the fork server's
     gc.freeze()
     gc.set_threshold(GC_THRESHOLD)
     _wake_at_the_end()
@@ -63,9 +65,16 @@ def main(
     if ready is not None:
         os.environ[READY_VARIABLE] = str(os.dup(ready.fileno()))
         ready.close()
-    threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
     argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
-    sys.exit(importlib.import_module(module).main(argv))
+    try:
+        threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
+        code = importlib.import_module(module).main(argv)
+    except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
+        if (limit := reached(error)) is None:
+            raise
+        print(limit, file=sys.stderr)
+        code = LIMIT_REACHED
+    sys.exit(code)
 
 
 def _wake_at_the_end() -> None:

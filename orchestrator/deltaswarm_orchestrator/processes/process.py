@@ -11,14 +11,18 @@ from pathlib import Path
 from shutil import disk_usage
 
 from deltaswarm_orchestrator.processes.fork_server import wake_fork_server
-from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
+from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import AGENT, WORLD
 
 LOG_TAIL_LINES = 12
 UNKNOWN = 255
 """Exit code of a process whose fork server cannot tell how it ended."""
 
-HOW = {UNKNOWN: "ended for an unknown reason", WORLD_LOST: "lost its world"}
+HOW = {
+    UNKNOWN: "ended for an unknown reason",
+    WORLD_LOST: "lost its world",
+    LIMIT_REACHED: "ended because this machine or user may have no more processes, threads, open files or memory",
+}
 """Meaning of some exit codes, to follow the part's name in a sentence."""
 
 ERROR = " ERROR "

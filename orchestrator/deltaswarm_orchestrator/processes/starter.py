@@ -10,6 +10,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
+from deltaswarm_orchestrator.base import limits
 from deltaswarm_orchestrator.processes import child
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.processes.process import Part, wait_for
@@ -97,7 +98,8 @@ class Starter:
             try:
                 process.start()
             except (OSError, EOFError, ValueError) as error:
-                raise LaunchError(f"{role} {number} cannot be started: the fork server ended ({error!r})") from None
+                why = limits.reached(error) or f"the fork server ended ({error!r})"
+                raise LaunchError(f"{role} {number} cannot be started: {why}") from None
         self.parts.append(part := Part(role, number, process, log_file))
         return part
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base import disk, provenance
+from deltaswarm_orchestrator.base import disk, limits, provenance
 from deltaswarm_orchestrator.base.disk import RoomError
 from deltaswarm_orchestrator.base.exits import INTERRUPTED, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
@@ -216,6 +216,10 @@ class _Run:
                 self.why.append(str(error))
             except StoppedError:
                 pass
+            except BaseException as error:  # Zenoh's threads fail by a panic, which is no Exception
+                if (limit := limits.reached(error)) is None:
+                    raise
+                self.why.append(f"the run cannot go on: {limit}")
 
     def _run_in_process(self, sink: Sink | None) -> None:
         from deltaswarm_orchestrator.run.in_process import run_in_process  # imports numpy, which is slow

@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
 from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
-from deltaswarm_wire.exits import NO_ROOM, WORLD_LOST
+from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
 from deltaswarm_wire.keys import OPERATOR, WORLD
 
 POLL_S = 0.1
@@ -207,12 +207,11 @@ class Watch:
 
     def _note_ends(self, failed: list[Part]) -> None:
         for part in failed:
-            if part.exit_code != NO_ROOM:
-                self.logs[part.name] = part.log_tail()
-            elif self.disk_is_full:
+            if part.exit_code == NO_ROOM and self.disk_is_full:
                 continue
-            else:
-                self.disk_is_full = True
+            self.disk_is_full |= part.exit_code == NO_ROOM
+            if part.exit_code not in (NO_ROOM, LIMIT_REACHED):  # whose cause the line tells
+                self.logs[part.name] = part.log_tail()
             self.why.append(part.how_it_ended(self._step if self._has_begun else None))
 
     @property

@@ -32,6 +32,7 @@ def files_in(*folders: str) -> dict[str, Traversable]:
 
 
 BUILT_IN = files_in("scenarios")
+DEFAULT_SCENARIO = "paper-25"
 
 
 def load_scenario(

@@ -19,9 +19,7 @@ def test_doctor_tells_what_this_machine_has(capsys: Printed) -> None:
     code = main(["doctor", "--json"])
     found = json.loads(capsys.readouterr().out)
     assert all(finding.keys() == {"name", "found", "is_well", "advice"} for finding in found)
-    assert {"Python", "cores", "loopback", "file descriptors", *doctor.needed()} <= {
-        finding["name"] for finding in found
-    }
+    assert {"Python", "cores", "loopback", "open files", *doctor.needed()} <= {finding["name"] for finding in found}
     assert code == (0 if all(finding["is_well"] for finding in found) else 1)
     packages = {finding["name"]: finding["is_well"] for finding in found}
     assert all(packages[name] for name in doctor.needed()), "these tests could not run without them"
