@@ -9,11 +9,12 @@ from typing import Any
 import pytest
 
 from deltaswarm_orchestrator.cli import main
-from tests.support.swarms import running, wait_until
+from tests.support.swarms import is_running, running, wait_until
 
 pytestmark = pytest.mark.processes
 
 MODULE = '''
+import os
 import sys
 import time
 from dataclasses import dataclass
@@ -71,6 +72,21 @@ class Sleeps(Well):
 class Quits(Well):
     def fail(self):
         raise SystemExit(0)
+
+
+class Vanishes(Well):
+    def fail(self):
+        os._exit(0)
+
+
+class Forks(Well):
+    def fail(self):
+        child = os.fork()
+        if child == 0:
+            os.fork()
+            Path(__file__).with_name(f"pid-{os.getpid()}").touch()
+            time.sleep(3600)
+        return Decision()
 
 
 class SleepsAmongSleepers(Well):
@@ -154,6 +170,22 @@ def test_an_agent_whose_controller_fails_is_counted_as_lost(module: Path, name: 
     assert main(["run", "smoke", *sets(name), "--in-process", "--out", str(module / "one")]) == 0
     alone = json.loads((module / "one" / "summary.json").read_text())
     assert (alone["agents_lost"], alone["digest"]) == ([3], found["digest"])
+
+
+def test_an_agent_that_ends_early_is_named_though_its_exit_code_is_0(module: Path) -> None:
+    """With the step, which the world knows; the run goes on without it."""
+    code, found, _ = finished(module, "Vanishes")
+    assert (code, found["complete"], found["agents_lost"]) == (0, True, [3])
+    assert found["why"] == ["agent 3 ended with exit code 0 in step 100"]
+
+
+def test_processes_of_a_controller_end_with_the_run(module: Path) -> None:
+    """Those that these have started, too."""
+    code, found, _ = finished(module, "Forks")
+    assert (code, found["valid"], found["why"]) == (0, True, [])
+    started = [int(file.name.removeprefix("pid-")) for file in module.glob("pid-*")]
+    assert len(started) == 2
+    assert not any(map(is_running, started))
 
 
 def test_a_controller_that_takes_too_long_stalls_nobody(module: Path) -> None:

@@ -346,6 +346,18 @@ def test_a_full_disk_ends_it_with_a_line(size: str, small: Path) -> None:
     assert is_full(told)
 
 
+@pytest.mark.parametrize("size", ["4k", "12k", "36k"])
+def test_a_full_disk_ends_a_sweep_with_a_line(size: str, small: Path) -> None:
+    """While its file, a run's result or its tables are written: the path, the cause, exit code 1."""
+    shorter = ["--repeats", "1", "--prove", "0", "-j", "1", "--set", "run.duration_s=5", "--quiet"]
+    command = [*COMMAND, "sweep", "smoke", *shorter, "--out", str(small / "sweep")]
+    done = subprocess.run([*in_little_room(size, small), *command], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
+    assert str(small / "sweep") in done.stderr
+    assert is_full(done.stderr)
+
+
 @pytest.mark.parametrize("size", ["4k", "1m,nr_inodes=1"])
 def test_a_disk_without_room_for_a_manifest_ends_it_with_a_line(size: str, small: Path) -> None:
     """What is left pretends to be nothing, and a run with more room may replace it."""

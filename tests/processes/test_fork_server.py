@@ -47,5 +47,5 @@ def test_without_its_fork_server_a_run_goes_on_and_knows_how_its_parts_end(
         swarm.signal("agent 3", signal.SIGKILL)
         swarm.end_well()
     [why] = swarm.manifest()["why"]
-    assert why.startswith("agent 3 was killed by SIGKILL at step ")
+    assert why.startswith("agent 3 was killed by SIGKILL in step ")
     assert swarm.summary()["agents_lost"] == [3]

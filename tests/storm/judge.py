@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.recording.reader import read_recording
 from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, play, resume
 
 KILL = signal.SIGKILL
-KILLED = re.compile(r"(.+) was killed by (SIG[A-Z]+)(?: at step \d+)?")
+KILLED = re.compile(r"(.+) was killed by (SIG[A-Z]+)(?: (?:in|after) step \d+)?")
 
 
 def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:

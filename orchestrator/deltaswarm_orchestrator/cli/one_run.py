@@ -11,7 +11,7 @@ from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complai
 from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, must_exist, part_of, show
 from deltaswarm_wire.keys import OPERATOR
 
-FORMATS = ("csv", "rosbag2", "rrd", "mp4")
+FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
 """The formats of `export.formats`, which is slow to import."""
 
 INSTALL_TOP = "pip install 'deltaswarm[top]'"
@@ -21,7 +21,7 @@ def add_export(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm export`."""
     command.description = "Exports the recording of a run, also of one that was cut off. See docs/RECORDING.md."
     command.add_argument("run", type=Path, metavar="RUN", help="a run's folder, or an MCAP recording")
-    command.add_argument("--format", choices=FORMATS, required=True, help="tables, ROS 2 bag, Rerun, or video")
+    command.add_argument("--format", choices=FORMATS, required=True, help="tables, MCAP, ROS 2 bag, Rerun, or video")
     command.add_argument("--out", type=Path, help="file or folder to write (default: beside the run)")
     command.add_argument("--force", action="store_true", help="replace an earlier export")
     add_quiet(command)
@@ -57,6 +57,11 @@ def info(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.inspect import info
 
     must_exist(arguments.folder, "RUN", A_RUN)
+    if any(arguments.folder.glob("*.mcap.part")):
+        from deltaswarm_orchestrator.recording.whole import finish_recordings  # imports protobuf, which is slow
+
+        for file in finish_recordings(arguments.folder):
+            notice(f"{file} was cut off; it has its end now, and every MCAP reader opens it")
     description = info.describe(arguments.folder)
     show(arguments, description, info.text(description))
     return OK

@@ -7,6 +7,7 @@ from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from deltaswarm_orchestrator.base.disk import room_in
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK, CommandError, complain
 from deltaswarm_orchestrator.base.signals import STOP_SIGNALS, raise_on_signals
 from deltaswarm_orchestrator.cli.arguments import add_dry_run, add_json, add_quiet, show, whole
@@ -100,10 +101,13 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     make_engine = engine_maker(arguments, means)
     raise_on_signals(STOP_SIGNALS)  # so that tables are written and the sweep can be resumed
     try:
-        with nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display:
+        with (
+            room_in(folder),
+            nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display,
+        ):
             result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
-    except OSError as error:  # such as a full disk while a table is written
-        raise CommandError(str(error)) from None
+    except OSError as error:  # such as a table that may not be replaced
+        raise CommandError(str(error), FAILED) from None
     complaints = [
         *(f"{file} was damaged: cut off, or changed after it was written; it is not used" for file in result.damaged),
         *(f"failed: {reason}" for reason in result.failed),

@@ -2,13 +2,16 @@
 
 import importlib
 import os
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
-from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in
+from deltaswarm_orchestrator.recording.names import MANIFEST
+from deltaswarm_orchestrator.recording.reader import RecordingError, entries, recording_in
+from deltaswarm_orchestrator.recording.whole import write_whole_copy
 
 
 class ExportError(CommandError):
@@ -17,7 +20,7 @@ class ExportError(CommandError):
 
 @dataclass(frozen=True)
 class Format:
-    """A format. Its module in this folder has `write(film, out)` and imports `library`."""
+    """A format. Its module in this folder has `write(film, out)` and imports `library`; without one, all is copied."""
 
     module: str
     suffix: str
@@ -26,6 +29,7 @@ class Format:
 
 
 FORMATS = {
+    "mcap": Format("", ".mcap"),
     "csv": Format("tables", "-csv"),
     "rosbag2": Format("rosbag2", "-rosbag2", "rosbags"),
     "rrd": Format("rrd", ".rrd", "rerun"),
@@ -53,14 +57,11 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
     chosen = FORMATS[name]
     if os.path.lexists(out) and not force:
         raise ExportError(f"{out} exists; --force replaces it")
+    source = recording_in(run)
+    if source.resolve() == out.resolve():
+        raise ExportError(f"--out must be another file than the recording (got {out})")
     try:
-        module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
-    except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] != chosen.library:
-            raise
-        raise ExportError(f"--format {name} needs {chosen.library}: pip install 'deltaswarm[export]'") from None
-    try:
-        film = read_film(recording_in(run))
+        write = _writer(source, chosen, name)
     except FileNotFoundError as error:
         raise ExportError(f"there is no recording at {error.filename}") from None
     except RecordingError as error:
@@ -68,13 +69,38 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".export-", dir=out.parent) as scratch:
         part = Path(scratch) / out.name
-        module.write(film, part)
+        is_complete = write(part)
         if os.path.lexists(out):
             if not _is_like(out, part):
                 raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")
             out.rename(Path(scratch) / f"{out.name}.replaced")
         part.rename(out)
-    return film.recording.complete
+    return is_complete
+
+
+def _writer(source: Path, chosen: Format, name: str) -> Callable[[Path], bool]:
+    """Return the function that writes the result to a path and returns whether the recording was complete.
+
+    Raises:
+        ExportError: something that the format needs is missing.
+        FileNotFoundError, RecordingError: there is no recording that can be read.
+    """
+    if not chosen.module:
+        has_manifest = [entry for entry, _ in entries(source, {MANIFEST})] == [MANIFEST]
+        return lambda out: write_whole_copy(source, out) is None and has_manifest
+    try:
+        module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != chosen.library:
+            raise
+        raise ExportError(f"--format {name} needs {chosen.library}: pip install 'deltaswarm[export]'") from None
+    film = read_film(source)
+
+    def write(out: Path) -> bool:
+        module.write(film, out)
+        return film.recording.complete
+
+    return write
 
 
 def _is_like(old: Path, new: Path) -> bool:

@@ -27,7 +27,7 @@ _KINDS = _TYPES.types
 
 def write(film: Film, out: Path) -> None:
     """Write a folder with the bag, stored as MCAP."""
-    with Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with Writer(out, version=8, storage_plugin=StoragePlugin.MCAP) as writer:
         bag = _Bag(writer)
         shown: set[str] = set()
         for view in film.snapshots():

@@ -85,7 +85,7 @@ def read_film(path: Path) -> Film:
     """
     recording = read_recording(path)
     if not recording.scenario:
-        raise RecordingError(f"{path} must hold a scenario; it was cut off before that")
+        raise RecordingError(f"{path} must hold a scenario; it is damaged or was cut off before that")
     try:
         arena = tomllib.loads(recording.scenario)["arena"]
     except (tomllib.TOMLDecodeError, KeyError) as error:

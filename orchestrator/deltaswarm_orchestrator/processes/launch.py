@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Self
 from urllib.parse import urlsplit
 
-from deltaswarm_orchestrator.base.kernel import adopt_orphans
+from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
 from deltaswarm_orchestrator.boards.files import Boards
+from deltaswarm_orchestrator.processes.child import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem, kill_fork_server
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, Starter
@@ -242,6 +243,7 @@ class Swarm:
             for part in wait_for(self.parts, 0):
                 part.send(signal.SIGKILL)
             wait_for(self.parts, END_WITHIN_S)
+            end_orphans(FORK_SERVER._forkserver_pid or 0)  # what a controller has started
             if any(part.exit_code == UNKNOWN for part in self.parts):
                 kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
             self._starter.close()

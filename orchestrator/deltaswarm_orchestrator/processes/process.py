@@ -93,10 +93,9 @@ class Part:
             os.close(self._pidfd)
             self._pidfd = None
 
-    def how_it_ended(self, step: int | None) -> str:
-        """Describe in one line how the process ended."""
+    def how_it_ended(self, when: str) -> str:
+        """Describe in one line how the process ended; `when` begins with a space, or is empty."""
         code = self.exit_code or 0
-        when = "" if step is None else f" at step {step}"
         if code == NO_ROOM:
             folder = self.log_file.parents[1]
             return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"

@@ -3,13 +3,16 @@
 The recording of a killed run holds what had been flushed.
 """
 
+import os
 import struct
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
-from mcap.exceptions import McapError
+from google.protobuf.message import DecodeError
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
@@ -30,6 +33,14 @@ DAMAGED = "damaged"
 
 FIGURES = frozenset({"/net/stats", "/swarm/state", "/swarm/event", "/operator/inbox", "/operator/workload"})
 """The topics with the numbers of a run."""
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Stands for everything from the first record on that cannot be read."""
+
+    is_at_the_end: bool
+    """Whether the file merely ends too early."""
 
 
 class RecordingError(ValueError):
@@ -119,7 +130,12 @@ def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:
         match record:
             case Message() if record.channel_id in channels:
                 topic, decode = channels[record.channel_id]
-                yield topic, decode(record.data)
+                try:
+                    message = decode(record.data)
+                except DecodeError:
+                    yield DAMAGED, None
+                    return
+                yield topic, message
             case Schema():
                 schemas[record.id] = record
             case Channel() if record.topic in wanted:
@@ -131,12 +147,12 @@ def entries(path: Path, wanted: Container[str]) -> Iterator[tuple[str, Any]]:
                 yield record.name, record.data
             case Metadata() if record.name in wanted:
                 yield record.name, record.metadata
-            case None:
+            case Damage():
                 yield DAMAGED, None
 
 
-def records(path: Path) -> Iterator[McapRecord | None]:
-    """Yield each record up to the end of the file, or up to the first damage and then None.
+def records(path: Path) -> Iterator[McapRecord | Damage]:
+    """Yield each record up to the end of the file, or up to the first damage, and then that.
 
     Raises:
         FileNotFoundError: there is no file.
@@ -151,12 +167,24 @@ def records(path: Path) -> Iterator[McapRecord | None]:
         while True:
             try:
                 record = next(remaining, None)
-            except _DAMAGE:
-                yield None
+            except _DAMAGE as error:
+                yield Damage(is_at_the_end=isinstance(error, EndOfFile))
                 return
             if record is None:
                 return
+            if isinstance(record, Attachment) and not _is_intact(record, stream):
+                yield Damage(is_at_the_end=False)
+                return
             yield record
+
+
+def _is_intact(attachment: Attachment, stream: BinaryIO) -> bool:
+    """Return whether an attachment has the checksum before the stream's position, which the library does not check."""
+    stream.seek(-4, os.SEEK_CUR)
+    checksum = int.from_bytes(stream.read(4), "little")
+    written = RecordBuilder()
+    attachment.write(written)
+    return checksum in (0, int.from_bytes(written.end()[-4:], "little"))  # type: ignore[no-untyped-call]
 
 
 def values_of(message: Any) -> dict[str, Any]:

@@ -13,7 +13,6 @@ from typing import Any, Self
 
 import orjson
 from mcap.records import Channel, Message
-from mcap.writer import Writer
 from mcap_protobuf.schema import register_schema
 
 from deltaswarm_orchestrator.base.disk import RoomError, no_room, room_for
@@ -30,12 +29,12 @@ from deltaswarm_orchestrator.recording.transcriber import (
     steps_between_views,
     workload_message,
 )
+from deltaswarm_orchestrator.recording.whole import new_writer
 from deltaswarm_orchestrator.scenarios.load import to_toml
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, Truth
 from deltaswarm_wire.operator_messages import Report, Workload
 
-CHUNK_BYTES = 256 * 1024
 FLUSH_EVERY_S = 1.0
 """Wall time between flushes [s]; a kill loses at most what came within this time."""
 
@@ -203,8 +202,7 @@ class _File:
         self._path = path
         self._part = path.with_name(path.name + PART)
         self._stream = self._part.open("wb")
-        self._writer: Any = Writer(self._stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
-        self._writer.start()
+        self._writer: Any = new_writer(self._stream)
         self._channels: dict[str, int] = {}
         self._schemas: dict[Any, int] = {}
 

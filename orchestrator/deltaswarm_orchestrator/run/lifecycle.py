@@ -19,6 +19,7 @@ from deltaswarm_orchestrator.live.onlookers import Onlooker, Tap
 from deltaswarm_orchestrator.live.pictures import LiveSocket, ResearcherFeed
 from deltaswarm_orchestrator.live.thinning import ViewersOnly
 from deltaswarm_orchestrator.processes.launch import Swarm
+from deltaswarm_orchestrator.processes.process import Part
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
 from deltaswarm_orchestrator.processes.station import Station, announce
 from deltaswarm_orchestrator.recording.layout import LAYOUT, layout_json
@@ -35,6 +36,7 @@ from deltaswarm_orchestrator.run.watch import Watch
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checkpoint
 from deltaswarm_wire.files import sync_folder
+from deltaswarm_wire.keys import AGENT
 
 AT_ONCE = "a second signal ended the run at once"
 
@@ -96,8 +98,10 @@ class _Run:
     viewer: FoxgloveServer | None
     resumed: Resumed | None = None
     outcome: Outcome | None = None
-    why: list[str] = field(default_factory=list)
-    """Reasons why the run ended too early, and what was lost, one line each."""
+    why: list[str | Part] = field(default_factory=list)
+    """Reasons why the run ended too early, and what was lost, one line each; an agent stands for its own line."""
+    agents: list[Part] = field(default_factory=list)
+    """The processes of agents, which have ended when the run is concluded."""
     logs: list[str] = field(default_factory=list)
     """The last lines of the logs of failed parts."""
     operator_restarts: int = 0
@@ -148,7 +152,7 @@ class _Run:
         run_tables.write_json(folder / "summary.json", summary)
         path = self.folder.finish()
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
-        messages = (*self.why, *self.logs, *hint)
+        messages = (*summary["why"], *self.logs, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
         decide(result.code)
         return result
@@ -280,6 +284,7 @@ class _Run:
                     watch.watch_to_the_end()
                 finally:
                     self.why += watch.why
+                    self.agents = [part for part in swarm.parts if part.role == AGENT]
                     self.logs += [
                         f"the last lines of the log of {part}:\n{tail}"
                         for part, tail in watch.logs.items()
@@ -299,9 +304,21 @@ class _Run:
             summary["invalid_because"][0] += f": {reason}"
         ending = {
             "exit_reason": reason,
-            "why": self.why,
+            "why": self._whys(self.outcome),
             "operator_restarts": self.operator_restarts,
             "resumed": self.manifest["resumed"],
         }
         self.manifest |= {**ending, "digest": summary["digest"], "complete": summary["complete"]}
         return {**summary, **ending}
+
+    def _whys(self, outcome: Outcome) -> list[str]:
+        """Return the lines of `why`; agents that ended early, though well by their exit code, get one too."""
+        world = outcome.world
+        lost = dict(zip(world.get("agents_lost", ()), world.get("lost_in_step", ()), strict=True))
+        told = {entry.number for entry in self.why if isinstance(entry, Part)}
+        quiet = [part for part in self.agents if part.exit_code == 0 and part.number in lost.keys() - told]
+        when = {agent: f" in step {step}" for agent, step in lost.items()}
+        return [
+            entry if isinstance(entry, str) else entry.how_it_ended(when.get(entry.number, ""))
+            for entry in [*self.why, *quiet]
+        ]

@@ -12,7 +12,7 @@ from deltaswarm_orchestrator.processes.station import STATION
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.reporter import Reporter
 from deltaswarm_wire.exits import LIMIT_REACHED, NO_ROOM, WORLD_LOST
-from deltaswarm_wire.keys import OPERATOR, WORLD
+from deltaswarm_wire.keys import AGENT, OPERATOR, WORLD
 
 POLL_S = 0.1
 SILENCE_S = 8.0
@@ -44,8 +44,8 @@ class Watch:
         patience_s: float,
         onlookers: Sequence[Onlooker] = (),
     ) -> None:
-        self.why: list[str] = []
-        """Reasons why a part or the run ended too early, one line each."""
+        self.why: list[str | Part] = []
+        """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
         self.logs: dict[str, str] = {}
         """The last log lines of failed parts that were not restarted, by part name."""
         self.operator_restarts = 0
@@ -212,7 +212,8 @@ class Watch:
             self.disk_is_full |= part.exit_code == NO_ROOM
             if part.exit_code not in (NO_ROOM, LIMIT_REACHED):  # whose cause the line tells
                 self.logs[part.name] = part.log_tail()
-            self.why.append(part.how_it_ended(self._step if self._has_begun else None))
+            after = f" after step {self._step}" if self._has_begun else ""
+            self.why.append(part if part.role == AGENT and self._has_begun else part.how_it_ended(after))
 
     @property
     def _step(self) -> int:

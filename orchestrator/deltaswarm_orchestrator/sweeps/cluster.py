@@ -14,7 +14,7 @@ from distributed import Client, LocalCluster, as_completed
 from distributed.deploy.spec import close_clusters
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.exits import notice
+from deltaswarm_orchestrator.base.exits import FAILED, notice
 from deltaswarm_orchestrator.sweeps.engine import ATTEMPTS, Done, EngineError, EngineLostError, attempt
 from deltaswarm_orchestrator.sweeps.job import Result, Task
 
@@ -74,10 +74,13 @@ class DaskEngine:
             )
             client: Client = stack.enter_context(Client(address, timeout=CONNECT_WITHIN_S))
             return client
-        except (OSError, ValueError, AssertionError) as error:  # assertion: Dask's thread not up within 10 s
+        except (OSError, ValueError, AssertionError, RuntimeError) as error:
+            # AssertionError: Dask's thread was not up within 10 s; RuntimeError: a worker of a local cluster died.
             problem = str(error)
         gc.collect()  # closes the unconnected client here: if one of Dask's threads collected it, that might deadlock
-        raise EngineError(f"no Dask scheduler could be reached at {self._scheduler or 'this machine'}: {problem}")
+        if self._scheduler:
+            raise EngineError(f"no Dask scheduler could be reached at {self._scheduler}: {problem}")
+        raise EngineError(f"no Dask cluster could be started on this machine: {problem}", FAILED)
 
 
 def _key(code: str, task: Task) -> str:

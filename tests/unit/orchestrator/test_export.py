@@ -1,6 +1,8 @@
 """Exports of a recording: each is opened by the library of its format, and holds what was recorded."""
 
 import csv
+import itertools
+import random
 import shutil
 import sys
 from collections import Counter
@@ -9,6 +11,8 @@ from typing import Any
 
 import matplotlib
 import pytest
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
 from rerun.chunk import RrdReader
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
@@ -16,8 +20,11 @@ from rosbags.typesys import Stores, get_typestore
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
+from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
+from deltaswarm_orchestrator.recording.whole import finish_recordings
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, Truth
 from deltaswarm_wire.checked import load
@@ -70,6 +77,9 @@ def test_tables_hold_poses_events_and_workload(run: Path, capsys: Printed) -> No
 def test_a_bag_opens_with_its_library(run: Path) -> None:
     """Poses of each role and of events, and the workload, at simulated times."""
     assert export(run, "rosbag2") == 0
+    assert "version: 8\n" in (run.with_name("run-rosbag2") / "metadata.yaml").read_text(), (
+        "the newest that Humble reads"
+    )
     found: dict[str, list[Any]] = {}
     with AnyReader([run.with_name("run-rosbag2")], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
         for connection, time_ns, data in reader.messages():
@@ -215,3 +225,101 @@ def test_roles_of_any_name_are_exported(tmp_path: Path) -> None:
 def test_the_command_line_offers_every_format() -> None:
     """It names them itself, since it must not load what they need."""
     assert set(command.FORMATS) == set(FORMATS)
+
+
+def cut_off(run: Path) -> Path:
+    """The recording of a killed run, in many chunks, the last of which was not written to its end."""
+    shutil.rmtree(run)
+    run.mkdir()
+    clock = itertools.count()
+    with Recorder(run, SCENARIO, wall=lambda: float(next(clock))) as recorder:
+        for told, reports, _ in TOLD:
+            recorder.step(told, reports)
+        data = (run / "recording.mcap.part").read_bytes()
+    part = run / "recording.mcap.part"
+    part.write_bytes(data[:-20])
+    return part
+
+
+def messages_in(file: Path) -> list[tuple[str, int, int, bytes]]:
+    """Topic, times and data of all messages, by the index of the file; a file without one is refused."""
+    with file.open("rb") as stream:
+        reader = make_reader(stream)
+        assert reader.get_summary() is not None
+        return [(c.topic, m.log_time, m.sequence, m.data) for _, c, m in reader.iter_messages()]
+
+
+def test_a_whole_mcap_is_made_of_one_that_was_cut_off(run: Path, capsys: Printed) -> None:
+    """Other readers need the index at its end; all of its records up to the cut are there, each once."""
+    whole = messages_in(run / "recording.mcap")
+    part = cut_off(run)
+    with part.open("rb") as stream, pytest.raises(McapError):
+        make_reader(stream).get_summary()
+    assert export(part, "mcap", "--out", str(run / "new.mcap")) == 0
+    assert "incomplete" in capsys.readouterr().err
+    kept = messages_in(run / "new.mcap")
+    steps_kept = {step for topic, _, step, _ in kept if topic == "/swarm/state"}
+    assert steps_kept == set(range(len(steps_kept)))
+    assert len(steps_kept) >= STEPS - 2
+    assert {row for row in kept if row[0] == "/tf"} <= set(whole)
+    with (run / "new.mcap").open("rb") as stream:
+        assert [a.name for a in make_reader(stream).iter_attachments()] == ["scenario.toml", "layout.json"]
+    assert export(run / "new.mcap", "mcap", "--out", str(run / "again.mcap")) == 0
+    assert messages_in(run / "again.mcap") == kept
+    assert export(run / "new.mcap", "mcap", "--out", str(run / "new.mcap"), "--force") == 2
+
+
+def test_a_complete_recording_is_copied_with_its_manifest(run: Path, capsys: Printed) -> None:
+    """And is as complete as before."""
+    assert export(run, "mcap") == 0
+    assert capsys.readouterr().err == ""
+    assert messages_in(run.with_name("run.mcap")) == messages_in(run / "recording.mcap")
+    assert read_recording(run.with_name("run.mcap")).complete
+
+
+def test_the_recording_of_a_killed_run_gets_its_end(run: Path) -> None:
+    """In place, once; what was recorded stays, and nothing else is left in the folder."""
+    part = cut_off(run)
+    before = read_recording(part)
+    assert finish_recordings(run) == [part]
+    assert messages_in(part)
+    assert read_recording(part) == before
+    assert finish_recordings(run) == []
+    assert {path.name for path in run.iterdir()} <= {part.name, "layout.json", ".lock"}
+
+
+@pytest.mark.parametrize("reason", ["held", "damaged", "read-only"])
+def test_a_recording_is_left_alone(run: Path, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """While a run writes it, where more than its end is missing, and where nothing can be written."""
+    part = cut_off(run)
+    data = bytearray(part.read_bytes())
+    lock = FolderLock(run) if reason == "held" else None
+    if reason == "damaged":
+        place = data.index(b"[arena]")
+        data[place : place + 7] = b"[harem]"
+        part.write_bytes(data)
+    if reason == "read-only":
+        monkeypatch.setattr(Path, "replace", lambda *_: (_ for _ in ()).throw(PermissionError(1, "not permitted")))
+    assert finish_recordings(run) == []
+    assert part.read_bytes() == data
+    assert not list(run.glob("*.whole"))
+    if lock:
+        lock.release()
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_damage_anywhere_is_reported_and_never_a_traceback(run: Path, seed: int, capsys: Printed) -> None:
+    """Changed bytes, zeros as after a power failure, pieces of elsewhere: exported up to there, or refused."""
+    file = run / "recording.mcap"
+    data, draw = bytearray(file.read_bytes()), random.Random(seed)
+    place, size = draw.randrange(len(data)), draw.choice([1, 20, 200])
+    other = draw.randrange(len(data) - size)
+    data[place : place + size] = draw.choice([bytes(size), draw.randbytes(size), data[other : other + size]])
+    file.write_bytes(data)
+    for name in ("csv", "mcap"):
+        code = export(run, name)
+        errors = capsys.readouterr().err
+        assert code in (0, 2)
+        assert (code == 0) == run.with_name(f"run{FORMATS[name].suffix}").exists()
+        assert "Traceback" not in errors
+        assert code == 0 or errors.count("\n") == 1

@@ -83,6 +83,8 @@ class Participants:
         self.step = -1
         self.lost: list[int] = []
         """Agents whose process died without an order, by step, ascending within a step."""
+        self.lost_in_step: list[int] = []
+        """The step of each loss, in the same order."""
         self.returned: set[int] = set()
         """Agents whose process reappeared, until the world handles it."""
         self.boards = {agent: Attendance() for agent in sorted(boards)}
@@ -180,6 +182,7 @@ class Participants:
             return
         if agent not in self.boards:
             self.lost[self._lost_before :] = sorted([*self.lost[self._lost_before :], agent])
+            self.lost_in_step.append(self.step)
             return
         self._answers_due[agent] += is_due  # its process may be well, and answer once its link is back
         self.boards[agent].absences += self.step >= 0

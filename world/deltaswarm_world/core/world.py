@@ -305,6 +305,7 @@ class WorldCore:
             "complete": complete,
             "digest": self.digest.hex(),
             "agents_lost": list(self.participants.lost),
+            "lost_in_step": list(self.participants.lost_in_step),
             "boards": {str(agent): asdict(attendance) for agent, attendance in self.participants.boards.items()},
             "faults": list(self._faults.log) if self._faults else [],
             **self.intake.totals,

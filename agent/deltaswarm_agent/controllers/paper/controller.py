@@ -37,6 +37,9 @@ from deltaswarm_wire.messages import FREE, NOBODY, Event
 from deltaswarm_wire.operator_messages import ReportedMember
 
 _member: Callable[[tuple[int, ...]], ReportedMember] = partial(tuple.__new__, ReportedMember)
+REPORTING_ROLES = ("attending", "leaving", "root")
+"""The roles in which agents report to the operator."""
+
 _ROLES = {type(None): FREE, Attending: "attending", Leaving: "leaving"}
 
 

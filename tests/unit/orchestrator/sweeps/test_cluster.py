@@ -255,3 +255,14 @@ def test_a_scheduler_without_workers_is_told(
     monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.as_completed", iter)
     assert list(engine.run([])) == []
     assert bool(told) == is_told
+
+
+def test_a_worker_that_dies_at_the_start_is_told_in_a_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """Of a cluster on this machine, which is not there then."""
+
+    def killed(**options: object) -> None:
+        raise RuntimeError("Nanny failed to start.")
+
+    monkeypatch.setattr("deltaswarm_orchestrator.sweeps.cluster.LocalCluster", killed)
+    with pytest.raises(EngineError, match="on this machine: Nanny failed to start"):
+        list(DaskEngine(None, 1).run(tasks_of(made({"axes": {"control.delta": [2]}}))))

@@ -1,0 +1,83 @@
+"""Make a whole recording, which every MCAP reader opens, of one that was cut off: with its index and its end."""
+
+from contextlib import ExitStack
+from pathlib import Path
+from typing import IO
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.writer import Writer
+
+from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
+from deltaswarm_orchestrator.recording.reader import Damage, RecordingError, records
+from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+
+CHUNK_BYTES = 256 * 1024
+
+
+def new_writer(stream: IO[bytes], profile: str = "", library: str = "deltaswarm") -> Writer:
+    """Begin an MCAP file as all of ours are: in chunks, with checksums."""
+    writer = Writer(stream, chunk_size=CHUNK_BYTES, enable_data_crcs=True)
+    writer.start(profile, library)
+    return writer
+
+
+def write_whole_copy(source: Path, target: Path) -> Damage | None:
+    """Copy everything up to the first damage into a whole file; return the damage, or None if there is none.
+
+    Raises:
+        FileNotFoundError: there is no source.
+        RecordingError: the source is not an MCAP file.
+    """
+    damage = None
+    schemas, channels = {0: 0}, dict[int, int]()
+    with target.open("wb") as stream:
+        writer = new_writer(stream)
+        for record in records(source):
+            match record:
+                case Schema() if record.id not in schemas:
+                    schemas[record.id] = writer.register_schema(record.name, record.encoding, record.data)
+                case Channel() if record.id not in channels:
+                    schema = schemas[record.schema_id]
+                    channels[record.id] = writer.register_channel(
+                        record.topic, record.message_encoding, schema, record.metadata
+                    )
+                case Message():
+                    channel = channels[record.channel_id]
+                    writer.add_message(channel, record.log_time, record.data, record.publish_time, record.sequence)
+                case Attachment():
+                    times = record.create_time, record.log_time
+                    writer.add_attachment(*times, record.name, record.media_type, record.data)
+                case Metadata():
+                    writer.add_metadata(record.name, record.metadata)
+                case Damage():
+                    damage = record
+        writer.finish()  # type: ignore[no-untyped-call]
+    return damage
+
+
+def finish_recordings(folder: Path) -> list[Path]:
+    """Give the recordings of a killed run their end, in place; return those that lacked it.
+
+    Left as they are: a file that is damaged before its end, since what comes after the damage would be lost, and all
+    files of a folder that a run holds or that cannot be written.
+    """
+    parts = [folder / (name + PART) for name in (RECORDING, WIRE)]
+    cut_off = [part for part in parts if part.exists() and Damage(is_at_the_end=True) in records(part)]
+    try:
+        with ExitStack() as stack:
+            if cut_off:
+                stack.callback(FolderLock(folder).release)
+            for part in cut_off:
+                _finish(part)
+    except (HeldError, OSError, RecordingError):
+        return []
+    return cut_off
+
+
+def _finish(part: Path) -> None:
+    whole = part.with_name(f"{part.name}.whole")
+    try:
+        write_whole_copy(part, whole)
+        whole.replace(part)
+    finally:
+        whole.unlink(missing_ok=True)
