@@ -18,9 +18,6 @@ from tests.support.pages import ROOT, commands, files, shell
 
 PAGE = (ROOT / "docs" / "STUDIES.md").read_text()
 PUBLISHED = sorted(file.parent for file in (ROOT / "docs" / "studies").glob("*/runs.csv"))
-OF_EARLIER_CODE = {"network-loss"}
-"""Published studies whose runs are by earlier code, until they are done anew."""
-
 SHORTER = "--set run.duration_s=100 --repeats 7 --prove 0"
 
 
@@ -74,7 +71,7 @@ def test_what_is_published_follows_from_its_tables(folder: Path) -> None:
     assert found.incomplete or not found.unsupported
 
 
-@pytest.mark.parametrize("name", [folder.name for folder in PUBLISHED if folder.name not in OF_EARLIER_CODE])
+@pytest.mark.parametrize("name", [folder.name for folder in PUBLISHED])
 def test_todays_code_repeats_a_published_run(name: str) -> None:
     """Every number of it: a page is never older than the code."""
     assert repeat(load_study(name), ROOT / "docs" / "studies" / name).differing == []
