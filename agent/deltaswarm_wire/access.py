@@ -7,13 +7,16 @@ impersonate another. A process is identified by user name and password or, over 
 certificate.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
+from itertools import count
+from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, HEALTH, OPERATOR, RADIO, RECORDER, REPORT, TAKEN, WORLD, Keys
 
 TLS = "tls"
+REVOKED = "revoked.txt"
 
 
 def user_name(role: str, number: int = 0) -> str:
@@ -21,16 +24,39 @@ def user_name(role: str, number: int = 0) -> str:
     return f"agent-{number}" if role == AGENT else role
 
 
-def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None) -> dict[str, Any]:
+def revoked_beside(ca: str) -> frozenset[str]:
+    """The names of certificates that count no more: a line each, in `revoked.txt` beside the authority's certificate.
+
+    Raises:
+        ValueError: the file cannot be read.
+    """
+    file = Path(ca).with_name(REVOKED)
+    try:
+        return frozenset(file.read_text(encoding="utf-8").split())
+    except FileNotFoundError:
+        return frozenset()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ValueError(f"{file} cannot be read: {error}") from None
+
+
+def certified_name(user: str, revoked: Collection[str]) -> str:
+    """The name in a user's certificate: `agent-3` or, where that is revoked, `agent-3.2` and so on."""
+    return next(name for n in count(1) if (name := user if n == 1 else f"{user}.{n}") not in revoked)
+
+
+def world_rules(
+    keys: Keys, agents: Iterable[int], named_over: Sequence[str] | None = None, revoked: Collection[str] = ()
+) -> dict[str, Any]:
     """Build Zenoh's `access_control` for the router: what each user may send and receive.
 
-    `named_over` lists the protocols over which user names identify clients; over TLS, certificate names do.
+    `named_over` lists the protocols over which user names identify clients; over TLS, certificate names do, unless they
+    are `revoked`.
 
     A client's publisher stays silent until it learns of a matching subscription from the router, so the subscribers'
     own key expressions must pass outwards (`declare_subscriber`, egress). The operator receives reports only from
     the world, never directly from an agent.
     """
-    book = _RuleBook(named_over)
+    book = _RuleBook(named_over, revoked)
     world = keys.token(WORLD)
     for agent in agents:
         name = user_name(AGENT, agent)
@@ -56,13 +82,13 @@ def world_rules(keys: Keys, agents: Iterable[int], named_over: Sequence[str] | N
     return book.access_control()
 
 
-def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
+def air_rules(keys: Keys, agents: Iterable[int], revoked: Collection[str]) -> dict[str, Any]:
     """Build the same for a board or an operator in open air with TLS links, for these agents.
 
     An agent sends only its own samples; the operator, which may be a router, also forwards those of others. So only the
     operator sends the base's radio frames.
     """
-    book = _RuleBook(named_over=())
+    book = _RuleBook((), revoked)
     heard = [keys.all_radio, keys.all_reports, keys.all_health]
     names = {user_name(AGENT, agent): agent for agent in agents if agent != BASE_ID}
     for name, agent in names.items():
@@ -77,8 +103,9 @@ def air_rules(keys: Keys, agents: Iterable[int]) -> dict[str, Any]:
 class _RuleBook:
     """Collects rules, subjects and policies."""
 
-    def __init__(self, named_over: Sequence[str] | None) -> None:
+    def __init__(self, named_over: Sequence[str] | None, revoked: Collection[str]) -> None:
         self._named_over = named_over
+        self._revoked = revoked
         self._rules: list[dict[str, Any]] = []
         self._policies: list[dict[str, Any]] = []
         self._subjects: list[dict[str, Any]] = []
@@ -119,7 +146,8 @@ class _RuleBook:
         """Zenoh requires all criteria of a subject to match, so user name and certificate are two subjects."""
         if self._named_over is None:
             return [{"id": user, "usernames": names}]
-        certified = {"id": f"{user}-certified", "cert_common_names": names, "link_protocols": [TLS]}
+        certificates = [certified_name(name, self._revoked) for name in names]
+        certified = {"id": f"{user}-certified", "cert_common_names": certificates, "link_protocols": [TLS]}
         if not self._named_over:
             return [certified]
         return [certified, {"id": user, "usernames": names, "link_protocols": list(self._named_over)}]

@@ -3,18 +3,25 @@
 import ssl
 from typing import Any
 
+from deltaswarm_wire.access import certified_name, revoked_beside
 from deltaswarm_wire.session import Tls
 
 
 def certificate_problem(tls: Tls, name: str) -> str:
-    """What is wrong with a certificate, its key or its authority for a process called `name`; "" if nothing."""
+    """What is wrong with a certificate, its key or its authority for a user called `name`; "" if nothing."""
     try:
+        revoked = revoked_beside(tls.ca)
         shown_name = _shown_name(tls)
     except ssl.SSLCertVerificationError as error:
         return f"the other end would refuse it: {error.verify_message}"
     except ssl.SSLError as error:
         return f"it does not match its key or its authority: {error.reason or error}"
-    return "" if shown_name == name else f"it must be the certificate of {name} (got that of {shown_name})"
+    except ValueError as error:
+        return str(error)
+    if shown_name == (needed := certified_name(name, revoked)):
+        return ""
+    state = ", which is revoked" if shown_name in revoked else ""
+    return f"it must be the certificate of {needed} (got that of {shown_name}{state})"
 
 
 def _shown_name(tls: Tls) -> str:

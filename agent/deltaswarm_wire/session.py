@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, Self, TypeVar
 
-from deltaswarm_wire.access import TLS, world_rules
+from deltaswarm_wire.access import TLS, revoked_beside, world_rules
 from deltaswarm_wire.checked import one_line
 from deltaswarm_wire.codec import MAX_SAMPLE_BYTES
 from deltaswarm_wire.endpoints import protocol_of
@@ -194,7 +194,7 @@ def router_pairs(
         *quiet_pairs(low_latency=True),
         ("transport/link/rx/max_message_size", MAX_RECEIVED_BYTES),
         ("transport/auth/usrpwd/dictionary_file", dictionary_file),
-        ("access_control", world_rules(keys, agents, named_over)),
+        ("access_control", world_rules(keys, agents, named_over, revoked_beside(link.tls.ca) if link.tls else ())),
         ("low_pass_filter", [reports]),
     ]
 

@@ -18,7 +18,7 @@ from deltaswarm_operator.io.process import OperatorConfig, run_operator
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_scenario.scenario import RunSettings
 from deltaswarm_wire import checked
-from deltaswarm_wire.access import TLS, air_rules
+from deltaswarm_wire.access import REVOKED, TLS, air_rules, revoked_beside
 from deltaswarm_wire.arguments import (
     add_link_arguments,
     add_tls_arguments,
@@ -176,7 +176,10 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     if arguments.agents:
         if any(protocol_of(endpoint) != TLS for endpoint in (*connect, *listen)):
             raise ValueError("--agents must be left out unless every endpoint is tls/: certificates name the agents")
-        pairs.append(("access_control", air_rules(Keys(arguments.run), arguments.agents)))
+        revoked = revoked_beside(arguments.ca)
+        pairs.append(("access_control", air_rules(Keys(arguments.run), arguments.agents, revoked)))
+    elif tls and revoked_beside(tls.ca):
+        raise ValueError(f"--agents must name the admitted agents, since there is a {REVOKED} beside {tls.ca}")
     if arguments.credentials:
         try:
             password = password_in(arguments.credentials, OPERATOR)

@@ -188,7 +188,7 @@ def test_without_numbers_there_are_no_rules(folder: Path) -> None:
     """As it was asked for: whoever has a certificate is believed."""
     settings = board(folder, 3, listen=[endpoint(1)])
     assert "access_control" not in dict(settings.pairs)
-    assert dict(board(folder, 3, "3-4", listen=[endpoint(1)]).pairs)["access_control"] == air_rules(KEYS, [3, 4])
+    assert dict(board(folder, 3, "3-4", listen=[endpoint(1)]).pairs)["access_control"] == air_rules(KEYS, [3, 4], ())
 
 
 @pytest.mark.parametrize(
@@ -207,7 +207,7 @@ def test_numbers_that_cannot_be_are_told(air: dict[str, Any], problem: str, fold
 
 def test_an_agent_more_costs_two_rules() -> None:
     """What all may is said once for all: a board has 40 MB for everything, and each rule takes its share."""
-    few, many = (air_rules(KEYS, range(count)) for count in (5, 25))
+    few, many = (air_rules(KEYS, range(count), ()) for count in (5, 25))
     assert len(many["rules"]) - len(few["rules"]) == 2 * 20
     assert sum(len(policy["rules"]) for policy in many["policies"]) == len(many["rules"])
 

@@ -297,3 +297,19 @@ sys.exit(main(["board", sys.argv[1], "--check"]))
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         assert done.returncode == code, done.stderr
         assert word in done.stderr
+
+
+def test_with_revoked_certificates_a_board_in_open_air_names_whom_it_admits(tmp_path: Path) -> None:
+    """Without its rules the list would count for nothing; in a simulation the world has them."""
+    tls = {name: secret(tmp_path) for name in ("ca_file", "cert_file", "key_file")}
+    air = {"listen": ["tls/0.0.0.0:7448"], "tls": tls}
+    assert read_settings(a_file(tmp_path, air=air)).air.agents == ""
+    (tmp_path / "revoked.txt").write_text("agent-4\n")
+    with pytest.raises(SettingsError, match=r"air\.agents must name"):
+        read_settings(a_file(tmp_path, air=air))
+    pairs = dict(read_settings(a_file(tmp_path, air=air | {"agents": "3-4"})).pairs)
+    names = {name for one in pairs["access_control"]["subjects"] for name in one["cert_common_names"]}
+    assert {"agent-3", "agent-4.2"} <= names
+    assert "agent-4" not in names
+    world = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": tls}
+    read_settings(a_file(tmp_path, air=world, body={"kind": "world"}))

@@ -11,10 +11,12 @@ import zenoh
 
 from deltaswarm_orchestrator.boards import certificates
 from deltaswarm_orchestrator.boards.certificates import Authority
+from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
-from deltaswarm_wire.access import user_name
+from deltaswarm_wire.access import air_rules, user_name, world_rules
 from deltaswarm_wire.arguments import tls_of
-from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, Keys
+from deltaswarm_wire.certificate import certificate_problem
+from deltaswarm_wire.keys import ACT, AGENT, FRAME, OPERATOR, RADIO, REPORT, Keys
 from deltaswarm_wire.session import CERTIFIED, Pairs, RouterLink, client_pairs, configured, router_pairs
 from deltaswarm_world.__main__ import admit_certified
 from deltaswarm_world.__main__ import main as world_main
@@ -265,3 +267,91 @@ def test_the_certified_are_admitted_once(tmp_path: Path) -> None:
         admit_certified(["tls/0.0.0.0:1", "tcp/127.0.0.1:1", "tcp/[::1]:1"], file)
     assert file.read_text() == f"agent-3:x\n{CERTIFIED}:{CERTIFIED}\n"
     assert file.stat().st_mode & 0o777 == 0o600
+
+
+@dataclass
+class Revoking:
+    """A router that was opened after agent 3's certificate was revoked."""
+
+    folder: Path
+    stolen: RouterLink
+    renewed: RouterLink
+    heard: list[tuple[str, bytes]]
+
+
+@pytest.fixture
+def revoking(tmp_path: Path) -> Iterator[Revoking]:
+    folder = tmp_path / "certificates"
+    certificates.make(folder, AGENTS, [], 1)
+    for ending in ("pem", "key"):
+        (folder / f"stolen.{ending}").write_bytes((folder / f"agent-3.{ending}").read_bytes())
+    (folder / "stolen.key").chmod(0o600)
+    certificates.revoke(folder, ["agent-3"])
+    certificates.make(folder, [3], [], 1)
+    credentials = folder / "credentials"
+    credentials.touch()
+    endpoints = [f"tls/127.0.0.1:{free_port()}"]
+    admit_certified(endpoints, credentials)
+    link = RouterLink(endpoints[0], tls=tls_files(folder, "world"))
+    heard: list[tuple[str, bytes]] = []
+    with zenoh.open(
+        configured(zenoh.Config, router_pairs(link, str(credentials), KEYS, AGENTS, endpoints), link)
+    ) as at:
+        at.declare_subscriber(
+            KEYS.from_agents,
+            zenoh.handlers.Callback(
+                lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes())), indirect=False
+            ),
+        )
+        stolen, renewed = (RouterLink(endpoints[0], tls=tls_files(folder, name)) for name in ("stolen", "agent-3"))
+        yield Revoking(folder, stolen, renewed, heard)
+
+
+def test_a_revoked_certificate_speaks_as_nobody_and_its_successor_as_the_agent(revoking: Revoking) -> None:
+    """What the old one sends is dropped, though it carries the authority's signature."""
+    key = KEYS.agent(3, RADIO)
+    with opened(revoking.stolen) as stolen, opened(revoking.renewed) as renewed:
+        stolen.put(key, b"stolen")
+        publisher = renewed.declare_publisher(key)
+        wait_until(lambda: publisher.matching_status.matching, "the router's subscription")
+        publisher.put(b"renewed")
+        wait_until(lambda: bool(revoking.heard), "the renewed board")
+        stolen.put(key, b"stolen")
+        publisher.put(b"again")
+        wait_until(lambda: len(revoking.heard) >= 2, "both of its frames")
+    assert revoking.heard == [(key, b"renewed"), (key, b"again")]
+
+
+def test_a_board_with_a_revoked_certificate_is_told(revoking: Revoking) -> None:
+    """Before it meets silence; the new one is well, and so is another agent's."""
+    assert "revoked" in certificate_problem(tls_files(revoking.folder, "stolen"), "agent-3")
+    assert certificate_problem(tls_files(revoking.folder, "agent-3"), "agent-3") == ""
+    assert certificate_problem(tls_files(revoking.folder, "agent-4"), "agent-4") == ""
+
+
+def test_certificates_are_revoked_one_after_the_other(tmp_path: Path, capsys: Printed) -> None:
+    """By the command: each time the list grows by the present name, and the agent has a new certificate."""
+    folder = tmp_path / "certificates"
+    assert main(["certificates", "--out", str(folder), "--agents", "3-4"]) == 0
+    other = (folder / "agent-4.pem").read_bytes()
+    for names in (["agent-3"], ["agent-3", "agent-3.2"]):
+        assert main(["certificates", "--out", str(folder), "--revoke", "agent-3"]) == 0
+        assert (folder / "revoked.txt").read_text().split() == names
+        assert certificate_problem(tls_files(folder, "agent-3"), "agent-3") == ""
+    assert (folder / "agent-4.pem").read_bytes() == other
+    capsys.readouterr()
+    for name in ("agent-9", "world", "nobody"):
+        assert main(["certificates", "--out", str(folder), "--revoke", name]) == 2
+        assert name in capsys.readouterr().err
+    assert (folder / "revoked.txt").read_text().split() == ["agent-3", "agent-3.2"]
+
+
+@pytest.mark.parametrize("count", [1, 5, 25])
+def test_rules_name_the_certificates_that_count(count: int) -> None:
+    """Of every agent one, in open air as at the world's router."""
+    revoked = {"agent-0", "agent-0.2", OPERATOR}
+    rules = (air_rules(KEYS, range(count), revoked), world_rules(KEYS, range(count), (), revoked))
+    for rule in rules:
+        names = {name for subject in rule["subjects"] for name in subject["cert_common_names"]}
+        assert not names & revoked
+        assert {"agent-0.3", f"{OPERATOR}.2", *(f"agent-{agent}" for agent in range(1, count))} <= names

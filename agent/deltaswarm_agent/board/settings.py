@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_wire import checked
-from deltaswarm_wire.access import TLS, air_rules, user_name
+from deltaswarm_wire.access import REVOKED, TLS, air_rules, revoked_beside, user_name
 from deltaswarm_wire.arguments import agent_numbers, password_in
 from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.commands import BASE_ID
@@ -209,6 +209,9 @@ class BoardSettings:
             problems += self._not_of_a_world()
         elif self.air.agents and self.id not in self.air.numbers:
             problems.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
+        elif not self.air.agents and self.air.tls.ca_file and Path(self.air.tls.ca_file).with_name(REVOKED).exists():
+            allowed = f"must name the admitted agents, since there is a {REVOKED} beside air.tls.ca_file"
+            problems.append(Problem("air.agents", "none", allowed))
         return problems
 
     def _not_of_a_world(self) -> list[Problem]:
@@ -244,7 +247,8 @@ class BoardSettings:
         """Zenoh's settings for open air, with access rules."""
         pairs = self.air.pairs(self.user)
         if self.air.agents:
-            pairs.append(("access_control", air_rules(Keys(self.run), self.air.numbers)))
+            revoked = revoked_beside(self.air.tls.ca_file)
+            pairs.append(("access_control", air_rules(Keys(self.run), self.air.numbers, revoked)))
         return pairs
 
 

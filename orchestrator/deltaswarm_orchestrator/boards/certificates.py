@@ -15,8 +15,9 @@ from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-from deltaswarm_wire.access import user_name
+from deltaswarm_wire.access import REVOKED, certified_name, revoked_beside, user_name
 from deltaswarm_wire.arguments import secret_problem
+from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import AGENT, OPERATOR, RECORDER, WORLD
 
 CA = "ca"
@@ -72,7 +73,7 @@ class Authority:
         return cls(key, certificate)
 
     def sign(self, name: str, days: float, hosts: Sequence[str] = ()) -> tuple[Key, x509.Certificate]:
-        """Make a key and a certificate for this many days; without hosts, `name` is the host, for boards as peers."""
+        """Make a key and a certificate for this many days; without hosts, `name` is the host, as of boards as peers."""
         key = ec.generate_private_key(ec.SECP256R1())
         usages = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         names = x509.SubjectAlternativeName([_host(host) for host in hosts or (name,)])
@@ -106,20 +107,50 @@ def make(folder: Path, agents: Iterable[int], hosts: Sequence[str], days: int) -
         authority = Authority.create(days)
         _write(folder / CA, authority.key, authority.certificate)
         new.append(CA)
-    for name in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
-        path = folder / f"{name}.pem"
-        wanted = server if name in (WORLD, OPERATOR) else ()
-        known = _hosts_in(path) if wanted and path.exists() else ()
-        if not path.exists() or not {*wanted} <= {*known} or _has_ended(path):
-            _write(folder / name, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
-            new.append(name)
+    revoked = revoked_beside(str(folder / "ca.pem"))
+    for user in (WORLD, OPERATOR, RECORDER, *(user_name(AGENT, agent) for agent in agents)):
+        path = folder / f"{user}.pem"
+        wanted = server if user in (WORLD, OPERATOR) else (user,)
+        known = _hosts_in(path) if user in (WORLD, OPERATOR) and path.exists() else ()
+        name = certified_name(user, revoked)
+        is_of_use = path.exists() and _name_in(path) == name and not _has_ended(path)
+        if not is_of_use or (known and not {*wanted} <= {*known}):
+            _write(folder / user, *authority.sign(name, days, tuple(dict.fromkeys((*wanted, *known)))))
+            new.append(user)
     return [folder / f"{name}.{ending}" for name in new for ending in ("pem", "key")]
+
+
+def revoke(folder: Path, users: Iterable[str]) -> Path:
+    """Add the names in the present certificates of some users to the list of revoked ones; return its file.
+
+    `make` makes new certificates for them, with other names. The list counts where it lies beside `ca.pem`, from the
+    next start on.
+
+    Raises:
+        ValueError: a user has no certificate in the folder.
+        OSError: the list cannot be written.
+    """
+    revoked = revoked_beside(str(folder / "ca.pem"))
+    for user in users:
+        if user == WORLD or not (folder / f"{user}.pem").exists():
+            raise ValueError(
+                f"--revoke must be an agent, operator or recorder with a certificate in {folder} (got {user})"
+            )
+        revoked |= {_name_in(folder / f"{user}.pem")}
+    write_whole(folder / REVOKED, "".join(f"{name}\n" for name in sorted(revoked)).encode())
+    return folder / REVOKED
 
 
 def _has_ended(path: Path) -> bool:
     """Return whether a certificate has expired."""
     now = datetime.datetime.now(datetime.UTC)
     return x509.load_pem_x509_certificate(path.read_bytes()).not_valid_after_utc < now
+
+
+def _name_in(path: Path) -> str:
+    """Return the name that a certificate gives its owner."""
+    subject = x509.load_pem_x509_certificate(path.read_bytes()).subject
+    return str(subject.get_attributes_for_oid(NameOID.COMMON_NAME)[0].value)
 
 
 def _hosts_in(path: Path) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import tomli_w
 from deltaswarm_scenario.fault import TO_PROCESSES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.access import TLS, user_name
+from deltaswarm_wire.access import REVOKED, TLS, user_name
 from deltaswarm_wire.checked import Problem, SettingsError
 from deltaswarm_wire.endpoints import WITH_PORT, endpoint_problem, host_and_port, protocol_of
 from deltaswarm_wire.keys import AGENT, WORLD
@@ -78,12 +78,13 @@ class Boards:
         authority.mkdir(mode=0o700, exist_ok=True)
         authority.chmod(0o700)
         if (self.folder / "ca.key").exists():  # an authority made by hand in the boards' folder
-            for file in (*self.folder.glob("*.pem"), *self.folder.glob("*.key")):
+            for file in (*self.folder.glob("*.pem"), *self.folder.glob("*.key"), *self.folder.glob(REVOKED)):
                 file.replace(authority / file.name)
         for ending in ("pem", "key"):  # made again, for the current address
             (authority / f"{WORLD}.{ending}").unlink(missing_ok=True)
         certificates.make(authority, self.agents, [self._host], CERTIFICATE_DAYS)
-        for name in ("ca.pem", *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
+        revoked = [REVOKED] if (authority / REVOKED).exists() else []
+        for name in ("ca.pem", *revoked, *(f"{user_name(AGENT, agent)}.pem" for agent in self.agents)):
             shutil.copyfile(authority / name, self.folder / name)
         for name in (f"{user_name(AGENT, agent)}.key" for agent in self.agents):
             _write_secret(self.folder / name, (authority / name).read_text(encoding="utf-8"))

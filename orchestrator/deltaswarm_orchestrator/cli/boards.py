@@ -72,6 +72,13 @@ def add_certificates(command: argparse.ArgumentParser) -> None:
         "--host", action="append", default=[], metavar="HOST", help="name or address of the world's machine; repeatable"
     )
     command.add_argument(
+        "--revoke",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="agent-N, operator or recorder: its certificate counts no more, and a new one is made; repeatable",
+    )
+    command.add_argument(
         "--days", type=whole(1, 36_500), default=365, metavar="N", help="how long they are valid (default: 365)"
     )
     add_json(command)
@@ -80,11 +87,14 @@ def add_certificates(command: argparse.ArgumentParser) -> None:
 
 def certificates(arguments: argparse.Namespace) -> int:
     """Make the certificates and the key that are missing."""
-    from deltaswarm_orchestrator.boards.certificates import make
+    from deltaswarm_orchestrator.boards.certificates import make, revoke
 
-    has_certificates = arguments.out is not None and arguments.agents is not None
-    if not has_certificates and (arguments.out or arguments.agents or not arguments.operator_key):
-        raise CommandError("certificates need --out and --agents; a key for commands needs --operator-key")
+    agents: list[int] = arguments.agents or []
+    has_certificates = arguments.out is not None and (arguments.agents is not None or bool(arguments.revoke))
+    if not has_certificates and (arguments.out or agents or arguments.revoke or not arguments.operator_key):
+        raise CommandError(
+            "certificates need --out and --agents (or --revoke); a key for commands needs --operator-key"
+        )
     result: dict[str, Any] = {}
     lines, advice = [], []
     try:
@@ -92,8 +102,13 @@ def certificates(arguments: argparse.Namespace) -> int:
             result["operator_key"] = public = _operator_key(arguments.operator_key)
             lines.append(f'operator_key = "{public}"')
             advice.append(f"{arguments.operator_key} signs the operator's commands; keep it on the operator's machine")
+        if arguments.revoke:
+            result["revoked"] = str(revoked := revoke(arguments.out, arguments.revoke))
+            lines.append(str(revoked))
+            advice.append(f"{revoked} counts beside ca.pem: copy it to every board, to the world and the operator")
+            agents += [int(name[6:]) for name in arguments.revoke if name.startswith("agent-")]
         if has_certificates:
-            files = make(arguments.out, arguments.agents, arguments.host, arguments.days)
+            files = make(arguments.out, sorted({*agents}), arguments.host, arguments.days)
             result["files"] = [str(file) for file in files]
             lines += result["files"] or [f"{arguments.out}: all certificates exist"]
             advice.append(f"{arguments.out / 'ca.key'} signs every certificate; keep it on this machine")

@@ -58,7 +58,7 @@ def info(arguments: argparse.Namespace) -> int:
 
     must_exist(arguments.folder, "RUN", A_RUN)
     if any(arguments.folder.glob("*.mcap.part")):
-        from deltaswarm_orchestrator.recording.whole import finish_recordings  # imports protobuf, which is slow
+        from deltaswarm_orchestrator.inspect.finishing import finish_recordings  # imports protobuf, which is slow
 
         for file in finish_recordings(arguments.folder):
             notice(f"{file} was cut off; it has its end now, and every MCAP reader opens it")

@@ -1,15 +1,12 @@
 """Make a whole recording, which every MCAP reader opens, of one that was cut off: with its index and its end."""
 
-from contextlib import ExitStack
 from pathlib import Path
 from typing import IO
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
-from deltaswarm_orchestrator.recording.names import PART, RECORDING, WIRE
-from deltaswarm_orchestrator.recording.reader import Damage, RecordingError, records
-from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
+from deltaswarm_orchestrator.recording.reader import Damage, records
 
 CHUNK_BYTES = 256 * 1024
 
@@ -53,31 +50,3 @@ def write_whole_copy(source: Path, target: Path) -> Damage | None:
                     damage = record
         writer.finish()  # type: ignore[no-untyped-call]
     return damage
-
-
-def finish_recordings(folder: Path) -> list[Path]:
-    """Give the recordings of a killed run their end, in place; return those that lacked it.
-
-    Left as they are: a file that is damaged before its end, since what comes after the damage would be lost, and all
-    files of a folder that a run holds or that cannot be written.
-    """
-    parts = [folder / (name + PART) for name in (RECORDING, WIRE)]
-    cut_off = [part for part in parts if part.exists() and Damage(is_at_the_end=True) in records(part)]
-    try:
-        with ExitStack() as stack:
-            if cut_off:
-                stack.callback(FolderLock(folder).release)
-            for part in cut_off:
-                _finish(part)
-    except (HeldError, OSError, RecordingError):
-        return []
-    return cut_off
-
-
-def _finish(part: Path) -> None:
-    whole = part.with_name(f"{part.name}.whole")
-    try:
-        write_whole_copy(part, whole)
-        whole.replace(part)
-    finally:
-        whole.unlink(missing_ok=True)

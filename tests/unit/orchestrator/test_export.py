@@ -20,10 +20,10 @@ from rosbags.typesys import Stores, get_typestore
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
+from deltaswarm_orchestrator.inspect.finishing import finish_recordings
 from deltaswarm_orchestrator.recording.reader import read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
-from deltaswarm_orchestrator.recording.whole import finish_recordings
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Body, Truth
