@@ -25,7 +25,7 @@ def main() -> int:
             seen, found = play_and_judge(Path(name), Random(f"{arguments.seed}/{number}"))
             blows = ", ".join(f"{blow.number.name[3:]} {blow.target} {blow.at_s:.1f}" for blow in seen.landed)
             print(
-                f"{number:4} {seen.wall_s:6.1f} s  {seen.kind:12}  code {seen.code}  [{blows}]  "
+                f"{number:4} {seen.wall_s:6.1f} s  {seen.kind:22}  code {seen.code}  [{blows}]  "
                 f"{'; '.join(found) or 'holds'}",
                 flush=True,
             )

@@ -1,16 +1,18 @@
 """What must hold of a run, whatever was done to it."""
 
+import csv
 import json
 import re
 import signal
 from pathlib import Path
 from random import Random
 
-from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED
+from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE
 from deltaswarm_orchestrator.inspect import info
 from deltaswarm_orchestrator.processes.process import HOW, UNKNOWN
 from deltaswarm_orchestrator.recording.reader import read_recording
-from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, play, resume
+from deltaswarm_orchestrator.results.run_tables import OPERATOR_TABLE
+from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, can_be_resumed, edit, play, resume
 
 KILL = signal.SIGKILL
 KILLED = re.compile(r"(.+) was killed by (SIG[A-Z]+)(?: (?:in|after) step \d+)?")
@@ -20,7 +22,13 @@ def play_and_judge(folder: Path, rng: Random) -> tuple[Seen, list[str]]:
     """Play a stormy run below `folder`, and resume it if it can be; return what does not hold, one line each."""
     seen = play(folder, rng)
     found = _judge(folder, seen)
-    if seen.code != 0 and (resumed := resume(folder)):
+    if seen.code != 0 and (run := can_be_resumed(folder)):
+        file, before = edit(run, rng)
+        refused = resume(run)
+        file.write_bytes(before)
+        if refused.returncode != USAGE or len(refused.stderr.splitlines()) != 1:
+            return seen, [*found, f"a run whose {file.name} was edited is resumed: {refused.stderr}"]
+        resumed = resume(run)
         seen.printed += resumed.stdout + resumed.stderr
         if resumed.returncode != 0:
             found.append(f"the resumed run ended with exit code {resumed.returncode}")
@@ -64,6 +72,12 @@ def _records(run: Path, code: int, was_killed: bool) -> list[str]:
     state = info.describe(run)["state"]
     if (state == "complete") != summary["complete"] or state.startswith("running"):
         found.append(f"info says {state!r}")
+    if (run / OPERATOR_TABLE).exists():
+        rows = list(csv.DictReader((run / OPERATOR_TABLE).read_text().splitlines()))
+        times = [float(row["time_s"]) for row in rows]
+        found += ["the operator's table goes back in time, or has a row twice"] * (
+            times != sorted(times) or len({tuple(row.items()) for row in rows}) != len(rows)
+        )
     return found + _recording(run)
 
 

@@ -32,6 +32,28 @@ KINDS: tuple[tuple[str, ...], ...] = ((), (), (STATION, "--speed", "0"), (CHECKP
 """The options of a run; half of the runs have none."""
 
 
+PERSON = ("operator.person.policy=threshold", "operator.threshold_hz=0.5", "operator.person.command_every_s=10")
+"""Of half of the runs: the simulated person gives commands, whose table survives the operator."""
+
+
+class Surroundings(NamedTuple):
+    """What a run finds where it is started: variables, and what a shell does before."""
+
+    variables: dict[str, str]
+    shell: str = ":"
+
+
+SURROUNDINGS = {
+    "": Surroundings({}),
+    "logs": Surroundings({"RUST_LOG": "trace"}),
+    "ascii": Surroundings({"PYTHONIOENCODING": "ascii", "LC_ALL": "C"}),
+    "few files": Surroundings({}, "ulimit -Sn 64"),
+    "umask": Surroundings({}, "umask 077"),
+    "no input": Surroundings({}, "exec <&-"),
+    "ignored": Surroundings({}, "trap '' CHLD"),
+}
+
+
 class Blow(NamedTuple):
     """A signal to a part at a time after the launch [s]; one that stops it may be followed by SIGCONT."""
 
@@ -46,7 +68,7 @@ class Seen:
     """What became of a run."""
 
     kind: str
-    """The first option of the run, if it has any."""
+    """The first option of the run, if it has any, and its surroundings."""
     blows: list[Blow]
     landed: list[Blow] = field(default_factory=list)
     code: int | None = None
@@ -86,12 +108,17 @@ def play(folder: Path, rng: Random) -> Seen:
     sets += [f"record={rng.choice(['off', 'views', 'wire'])}"]
     sets += ["run.start_timeout_s=15", "run.step_timeout_s=1"]
     options = rng.choice(KINDS)
+    sets += PERSON if STATION not in options and rng.random() < 0.5 else ()
+    around = rng.choice([*SURROUNDINGS])
     command = [*COMMAND, "run", "smoke", "--out", str(out), *options, *(() if is_swift else UNHURRIED)]
-    seen = Seen(options[0] if options else "", draw(rng, options))
+    seen = Seen(" ".join([*options[:1], around]).strip(), draw(rng, options))
     began = time.monotonic()
     process = subprocess.Popen(
-        [*command, *(text for one in sets for text in ("--set", one))],
-        env={**os.environ, MARK: mark, "TMPDIR": str(temporary)},
+        [
+            *("bash", "-c", f'{SURROUNDINGS[around].shell}; exec "$@"', "bash"),
+            *(*command, *(text for one in sets for text in ("--set", one))),
+        ],
+        env={**os.environ, **SURROUNDINGS[around].variables, MARK: mark, "TMPDIR": str(temporary)},
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
@@ -116,17 +143,32 @@ def play(folder: Path, rng: Random) -> Seen:
     return seen
 
 
-def resume(folder: Path) -> subprocess.CompletedProcess[str] | None:
-    """Resume the run below `folder` from its newest checkpoint, without a storm; None if it has no checkpoint.
+def can_be_resumed(folder: Path) -> Path | None:
+    """The run below `folder`, if it has a checkpoint."""
+    return next((run for run in (folder / "run.part", folder / "run") if (run / NEWEST).exists()), None)
+
+
+def resume(run: Path) -> subprocess.CompletedProcess[str]:
+    """Resume a run from its newest checkpoint, without a storm.
 
     Raises:
         subprocess.TimeoutExpired: the resumed run does not end in time.
     """
-    for run in (folder / "run.part", folder / "run"):
-        if (run / NEWEST).exists():
-            command = [*COMMAND, "run", "--resume", str(run)]
-            return subprocess.run(command, capture_output=True, text=True, timeout=AT_MOST_S, check=False)
-    return None
+    command = [*COMMAND, "run", "--resume", str(run)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=AT_MOST_S, check=False)
+
+
+def edit(run: Path, rng: Random) -> tuple[Path, bytes]:
+    """Change a digit in an input of a run that can be resumed; return the file and what it held."""
+    step = json.loads((run / NEWEST).read_text())["step"]
+    files = [run / "scenario.toml", run / NEWEST, *sorted((run / checkpoint.FOLDER / str(step)).iterdir())]
+    file = rng.choice(files)
+    before = file.read_bytes()
+    digits = [place for place, byte in enumerate(before) if chr(byte).isdigit()]
+    place = rng.choice(digits or range(len(before)))
+    changed = ord("7") if before[place] != ord("7") else ord("3")
+    file.write_bytes(before[:place] + bytes([changed]) + before[place + 1 :])
+    return file, before
 
 
 def _acts(seen: Seen, find: Callable[[str], int | None]) -> list[tuple[float, Callable[[], None]]]:

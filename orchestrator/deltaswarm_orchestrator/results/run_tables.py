@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
-from deltaswarm_orchestrator.base.sources import source_digest
+from deltaswarm_orchestrator.base.sources import files_of, source_digest
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.results.metrics import Outcome, metrics
 from deltaswarm_scenario.scenario import Scenario
@@ -19,6 +19,7 @@ from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
 from deltaswarm_wire.keys import WORLD
 from deltaswarm_wire.operator_messages import Workload
+from deltaswarm_wire.plugins import find_controller
 
 EVENTS_SO_FAR = "world-events.csv"
 """One row per change of an event; read if the world did not get to write `events.csv`."""
@@ -44,6 +45,8 @@ Row = TypeVar("Row", StepRecord, Workload, EventState)
 
 def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]:
     """Return the manifest of a run that begins: where its results come from."""
+    mode = scenario.control.mode
+    files = sorted(files_of(find_controller(mode))) if (source := source_digest(mode)) else []
     return {
         "name": scenario.name,
         "seed": scenario.seed,
@@ -56,7 +59,7 @@ def new_manifest(scenario: Scenario, engine: str, record: str) -> dict[str, Any]
         "commit": provenance.commit(),
         "host": provenance.host(),
         "code": provenance.code_digest(),
-        "controller": {"mode": scenario.control.mode, "source": source_digest(scenario.control.mode)},
+        "controller": {"mode": mode, "source": source, "files": files},
     }
 
 

@@ -1,5 +1,6 @@
 """What a third-party controller's results rest on: every file that decides what it does is in its digest."""
 
+import json
 import os
 import subprocess
 import sys
@@ -49,13 +50,29 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def digest(folder: Path) -> str:
+DIGEST = "from deltaswarm_orchestrator.base.sources import source_digest; print(source_digest('mine:Mine'))"
+MANIFEST = """
+import json
+from deltaswarm_orchestrator.results.run_tables import new_manifest
+from deltaswarm_orchestrator.scenarios.load import load_scenario
+print(json.dumps(new_manifest(load_scenario("smoke", ["control.mode=mine:Mine"]), "processes", "off")))
+"""
+
+
+def digest(folder: Path, code: str = DIGEST) -> str:
     """As a new process sees it: a module that is loaded already does not change with its file."""
-    code = "from deltaswarm_orchestrator.base.sources import source_digest; print(source_digest('mine:Mine'))"
     environment = {**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+def test_the_manifest_of_a_run_names_the_files(folder: Path) -> None:
+    """By module, and by name what is data; with their digest."""
+    controller = json.loads(digest(folder, MANIFEST))["controller"]
+    assert controller["source"] == digest(folder).strip()
+    modules = [name.removesuffix(".py").removesuffix("/__init__").replace("/", ".") for name in FILES if ".py" in name]
+    assert controller["files"] == sorted(["data: table.csv", *(name for name in modules if "unused" not in name)])
 
 
 def test_every_file_that_it_imports_or_declares_counts(folder: Path) -> None:
