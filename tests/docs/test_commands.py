@@ -13,7 +13,7 @@ from docs.extensions.scenario_keys import reference
 
 from deltaswarm_agent.board.__main__ import parser as board_parser
 from deltaswarm_orchestrator.cli import COMMANDS, parser
-from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET
+from deltaswarm_orchestrator.live.views import LIVE_SOCKET
 from tests.support.pages import ROOT, commands, files, shell
 from tests.support.swarms import COMMAND, UNHURRIED, wait_until
 

@@ -12,7 +12,7 @@ import pytest
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.live.views import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.recording.scene import EPOCH_S
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_orchestrator.run.in_process import run_in_process

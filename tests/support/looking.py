@@ -6,8 +6,8 @@ from typing import Any
 
 import orjson
 
-from deltaswarm_orchestrator.live.onlookers import Paced
-from deltaswarm_orchestrator.live.pictures import picture
+from deltaswarm_orchestrator.live.observers import Paced
+from deltaswarm_orchestrator.live.views import picture
 from deltaswarm_scenario.truth import Body, EventState, Truth
 from deltaswarm_wire.messages import NOBODY
 from deltaswarm_wire.operator_messages import Status, Workload

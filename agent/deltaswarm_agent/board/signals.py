@@ -20,13 +20,13 @@ def stop_on_signals(on_first: Callable[[], None]) -> Stop:
     descriptor at once, in any thread.
     """
     stop: Stop = queue.SimpleQueue()
-    woken, waker = socket.socketpair()
-    waker.setblocking(False)
+    reading, writing = socket.socketpair()
+    writing.setblocking(False)
 
     def take() -> None:
         is_first = True
-        while waker.fileno() >= 0:  # which also keeps the descriptor open
-            for number in woken.recv(64):
+        while writing.fileno() >= 0:  # which also keeps the descriptor open
+            for number in reading.recv(64):
                 if number not in ENDING:
                     continue  # for a handler that a body has set
                 if is_first:
@@ -35,7 +35,7 @@ def stop_on_signals(on_first: Callable[[], None]) -> Stop:
                 stop.put(number)
 
     threading.Thread(target=take, name="signals", daemon=True).start()
-    signal.set_wakeup_fd(waker.fileno(), warn_on_full_buffer=False)
+    signal.set_wakeup_fd(writing.fileno(), warn_on_full_buffer=False)
     for number in ENDING:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, lambda number, frame: None)

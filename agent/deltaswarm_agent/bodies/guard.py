@@ -10,7 +10,7 @@ Velocity = tuple[float, float]
 
 STAND: Velocity = (0.0, 0.0)
 
-DOUBT_S = 5.0
+UNCERTAIN_S = 5.0
 """Time for which a vehicle stands after its position or obedience became doubtful [s]."""
 
 LEAST_SHARE = 0.2
@@ -53,7 +53,7 @@ class Obedience:
         self._told_m = (0.0, 0.0)
         self._from: tuple[float, float] | None = None
         self._from_s = -math.inf
-        self._doubt, self._doubt_until_s = "", -math.inf
+        self._reason, self._uncertain_until_s = "", -math.inf
 
     def locate(self, at: tuple[float, float], now_s: float) -> None:
         """Take a position [m]."""
@@ -62,7 +62,7 @@ class Obedience:
         if before is not None:
             far_m = math.dist(before, at)
             if far_m > self._limits.jump_m + self._limits.max_speed_mps * (now_s - before_s):
-                self._doubts(f"its position jumped by {far_m:.1f} m", now_s)
+                self._distrust(f"its position jumped by {far_m:.1f} m", now_s)
 
     def send(self, velocity: Velocity, now_s: float) -> None:
         """Note a set-point [m/s]; standing begins anew."""
@@ -82,15 +82,15 @@ class Obedience:
         told_m = math.hypot(told_x_m, told_y_m)
         along_m = ((at[0] - start[0]) * told_x_m + (at[1] - start[1]) * told_y_m) / told_m if told_m else 0.0
         if told_m >= LEAST_M and along_m < LEAST_SHARE * told_m:
-            self._doubts(f"it does not follow its set-points: {along_m:.1f} of {told_m:.1f} m", now_s)
+            self._distrust(f"it does not follow its set-points: {along_m:.1f} of {told_m:.1f} m", now_s)
         self._from = None
 
-    def _doubts(self, doubt: str, now_s: float) -> None:
-        self._doubt, self._doubt_until_s = doubt, now_s + DOUBT_S
+    def _distrust(self, reason: str, now_s: float) -> None:
+        self._reason, self._uncertain_until_s = reason, now_s + UNCERTAIN_S
 
-    def doubt(self, now_s: float) -> str:
+    def reason_to_stand(self, now_s: float) -> str:
         """Why the vehicle must not move now, in a few words; "" if it may."""
-        return self._doubt if now_s < self._doubt_until_s else ""
+        return self._reason if now_s < self._uncertain_until_s else ""
 
 
 class Guard:
@@ -153,7 +153,7 @@ class Guard:
             self.stalls += not self._is_stalled
             self._is_stalled = True
             return STAND
-        if self._at is None or now_s - self._at_s > self._limits.position_s or self._doubts(now_s):
+        if self._at is None or now_s - self._at_s > self._limits.position_s or self._reason_to_stand(now_s):
             return STAND
         if not self._fence.permits(self._at, *self._wanted, self._limits.ahead_s):
             self.refused += 1
@@ -175,12 +175,12 @@ class Guard:
             return "the vehicle is not armed"
         if limits.modes and self._mode not in limits.modes:
             return f"the vehicle is in mode {self._mode}"
-        return self._doubts(now_s)
+        return self._reason_to_stand(now_s)
 
-    def _doubts(self, now_s: float) -> str:
+    def _reason_to_stand(self, now_s: float) -> str:
         """Why the vehicle must not move though it is located; "" if it may."""
         if self._objection:
             return self._objection
         if self._at is not None and not self._fence.holds(self._at):
             return "the vehicle is outside its fence"
-        return self._obedience.doubt(now_s)
+        return self._obedience.reason_to_stand(now_s)

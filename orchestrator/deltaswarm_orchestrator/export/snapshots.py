@@ -49,12 +49,12 @@ class Film:
     def snapshots(self) -> Iterator[Snapshot]:
         """Yield each view, as far as the file can be read.
 
-        A view is complete when the next one begins: the agents' standings follow the frames if one of them changed.
+        A view is complete when the next one begins: the agents' statuses follow the frames if one of them changed.
         """
         events: dict[int, EventState] = {}
         step, time_s = 0, 0.0
         view: Snapshot | None = None
-        standings: list[tuple[Any, ...]] = []
+        statuses: list[tuple[Any, ...]] = []
         for topic, message in entries(self.path, {"/swarm/state", "/swarm/event", "/tf", "/swarm/agents"}):
             match topic:
                 case "/swarm/state":
@@ -65,15 +65,15 @@ class Film:
                     if event.completed_s is not None:
                         del events[event.event]
                 case "/swarm/agents":
-                    standings = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
+                    statuses = list(zip(*(getattr(message, name) for name in AGENT_FIELDS), strict=True))
                 case "/tf":
                     if view is not None:
-                        yield _with_standings(view, standings)
+                        yield _with_statuses(view, statuses)
                     _, *frames = message.transforms
                     places = tuple(Body(0, frame.translation.x, frame.translation.y, "", 0, 0) for frame in frames)
                     view = Snapshot(step, time_s, places, tuple(events.values()))
         if view is not None:
-            yield _with_standings(view, standings)
+            yield _with_statuses(view, statuses)
 
 
 def read_film(path: Path) -> Film:
@@ -96,10 +96,10 @@ def read_film(path: Path) -> Film:
     return Film(path, recording, width_m, height_m, [[*loop, loop[0]] for loop in loops])
 
 
-def _with_standings(view: Snapshot, standings: list[tuple[Any, ...]]) -> Snapshot:
+def _with_statuses(view: Snapshot, statuses: list[tuple[Any, ...]]) -> Snapshot:
     """Add to each body of a view what it says it is; drop all bodies if the file was cut off in between."""
-    if len(standings) != len(view.bodies):
+    if len(statuses) != len(view.bodies):
         return view._replace(bodies=())
-    pairs = zip(view.bodies, standings, strict=True)
-    bodies = (body._replace(**dict(zip(AGENT_FIELDS, standing, strict=True))) for body, standing in pairs)
+    pairs = zip(view.bodies, statuses, strict=True)
+    bodies = (body._replace(**dict(zip(AGENT_FIELDS, status, strict=True))) for body, status in pairs)
     return view._replace(bodies=tuple(bodies))

@@ -15,7 +15,7 @@ from typing import Any, Self
 from mcap_protobuf.schema import build_file_descriptor_set
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.live.thinning import Thinned
+from deltaswarm_orchestrator.live.rate_limit import RateLimited
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 
@@ -53,7 +53,7 @@ def check_installed() -> None:
         raise LiveError(f"--live foxglove needs foxglove-sdk: {INSTALL_LIVE}") from None
 
 
-class FoxgloveServer(Thinned):
+class FoxgloveServer(RateLimited):
     """A `Viewer` to which any number of Foxglove windows can connect and disconnect.
 
     Args:

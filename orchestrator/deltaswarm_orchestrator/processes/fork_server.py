@@ -8,7 +8,7 @@ import types
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from deltaswarm_orchestrator.processes.child import FORK_SERVER
+from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 
 DEAD_WITHIN_MS = 5000
 

@@ -11,7 +11,7 @@ from urllib.parse import urlsplit
 
 from deltaswarm_orchestrator.base.kernel import adopt_orphans, end_orphans
 from deltaswarm_orchestrator.boards.files import Boards
-from deltaswarm_orchestrator.processes.child import FORK_SERVER
+from deltaswarm_orchestrator.processes.entry_point import FORK_SERVER
 from deltaswarm_orchestrator.processes.fork_server import fork_server_problem, kill_fork_server
 from deltaswarm_orchestrator.processes.process import UNKNOWN, Part, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError, Starter

@@ -11,7 +11,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 
 from deltaswarm_orchestrator.base import limits
-from deltaswarm_orchestrator.processes import child
+from deltaswarm_orchestrator.processes import entry_point
 from deltaswarm_orchestrator.processes.fork_server import bare_main_module, kill_fork_server, safe_path
 from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.processes.station import STATION
@@ -23,7 +23,13 @@ MODULES = {role: f"deltaswarm_{role}.__main__" for role in (AGENT, WORLD, OPERAT
 MODULES[STATION] = "deltaswarm_operator.station.__main__"
 """The main module of each role. Parts are referred to by module name and not imported here."""
 
-PRELOADED = ["deltaswarm_orchestrator.processes.detached", "zenoh", "msgpack", MODULES[AGENT], child.__name__]
+PRELOADED = [
+    "deltaswarm_orchestrator.processes.fork_server_setup",
+    "zenoh",
+    "msgpack",
+    MODULES[AGENT],
+    entry_point.__name__,
+]
 """Imported once by the fork server and shared by all agents, as is a shipped controller."""
 
 Options = Mapping[str, object]
@@ -88,7 +94,7 @@ class Starter:
         log_file = self._logs / f"{role}-{number}.log"
         environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
         process = self._context.Process(
-            target=child.main,
+            target=entry_point.main,
             args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channel),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,

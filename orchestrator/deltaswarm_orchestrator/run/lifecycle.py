@@ -15,9 +15,9 @@ from deltaswarm_orchestrator.base.exits import INTERRUPTED, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import commands
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
-from deltaswarm_orchestrator.live.onlookers import Onlooker, Tap
-from deltaswarm_orchestrator.live.pictures import LiveSocket, ResearcherFeed
-from deltaswarm_orchestrator.live.thinning import ViewersOnly
+from deltaswarm_orchestrator.live.observers import LiveObserver, Tap
+from deltaswarm_orchestrator.live.rate_limit import ViewersOnly
+from deltaswarm_orchestrator.live.views import LiveSocket, ResearcherFeed
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import Part
 from deltaswarm_orchestrator.processes.starter import LaunchError, StoppedError
@@ -108,7 +108,7 @@ class _Run:
     disk_is_full: bool = False
 
     def __post_init__(self) -> None:
-        self.onlookers: list[Onlooker] = [self.viewer] if self.viewer else []
+        self.live_observers: list[LiveObserver] = [self.viewer] if self.viewer else []
         if self.resumed:
             self.manifest = json.loads((self.folder.path / "manifest.json").read_text(encoding="utf-8"))
             self.manifest |= {"exit_reason": run_tables.RUNNING}
@@ -204,14 +204,14 @@ class _Run:
             yield recorder
 
     def _do_steps(self, recorder: Sink | None) -> None:
-        """Do the steps, in real processes or in one, and let onlookers connect."""
-        if self.options.in_process and recorder is None:  # onlookers would see nothing
+        """Do the steps, in real processes or in one, and let observers connect."""
+        if self.options.in_process and recorder is None:  # observers would see nothing
             self._run_in_process(None)
             return
         with LiveSocket(self.folder.path, self.folder.target.name, self.scenario) as live:
-            self.onlookers.append(live)
+            self.live_observers.append(live)
             if self.options.in_process and recorder is not None:
-                self._run_in_process(Tap(recorder, self.onlookers))
+                self._run_in_process(Tap(recorder, self.live_observers))
                 return
             try:
                 self._run_processes(recorder)
@@ -261,7 +261,7 @@ class _Run:
                 announce(folder, url)
             if options.researcher and recorder is not None:
                 page = Station()
-                self.onlookers.append(ResearcherFeed(page.operators_end, name, scenario))
+                self.live_observers.append(ResearcherFeed(page.operators_end, name, scenario))
                 url = swarm.start_station(page, 1)
                 self.reporter.say(f"researcher's view, which shows the truth: {url}")
             swarm.start_world(options.listen, record=recorder is not None)
@@ -276,7 +276,7 @@ class _Run:
                 checkpoint_steps=self.checkpoint_steps,
             ) as observer:
                 patience_s = scenario.run.step_timeout_s
-                watch = Watch(swarm, observer, self.reporter, self.stop, patience_s, self.onlookers)
+                watch = Watch(swarm, observer, self.reporter, self.stop, patience_s, self.live_observers)
                 try:
                     swarm.start_operator(publish_all=recorder is not None)
                     swarm.start_agents()

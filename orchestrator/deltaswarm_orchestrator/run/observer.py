@@ -9,7 +9,7 @@ from collections import defaultdict, deque
 from logging import WARNING
 from typing import Self
 
-from deltaswarm_orchestrator.live.onlookers import Seen
+from deltaswarm_orchestrator.live.observers import Seen
 from deltaswarm_orchestrator.recording.sink import Sink
 from deltaswarm_scenario.truth import Truth, decode_truth, decode_wire
 from deltaswarm_wire.checkpoint import is_due

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 
 from deltaswarm_orchestrator.base.signals import Stop
-from deltaswarm_orchestrator.live.onlookers import Onlooker
+from deltaswarm_orchestrator.live.observers import LiveObserver
 from deltaswarm_orchestrator.processes.launch import Swarm
 from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.processes.starter import END_WITHIN_S, LaunchError
@@ -42,7 +42,7 @@ class Watch:
         reporter: Reporter,
         stop: Stop,
         patience_s: float,
-        onlookers: Sequence[Onlooker] = (),
+        live_observers: Sequence[LiveObserver] = (),
     ) -> None:
         self.why: list[str | Part] = []
         """Reasons why a part or the run ended too early; an agent stands for its line: the world knows the step."""
@@ -55,7 +55,7 @@ class Watch:
         self._observer = observer
         self._reporter = reporter
         self._stop = stop
-        self._onlookers = onlookers
+        self._live_observers = live_observers
         self._patience_s = patience_s + SILENCE_S
         self._noted: set[Part] = set()
         self._deadline = float("inf")
@@ -115,8 +115,8 @@ class Watch:
         if observer.status is not None:
             workload = observer.newest_workload
             self._reporter.update(observer.status, workload.rate_60s_hz if workload else None)
-        for onlooker in self._onlookers:
-            onlooker.look(observer)
+        for live in self._live_observers:
+            live.look(observer)
 
     def _end_soon(self) -> None:
         self._deadline = min(self._deadline, time.monotonic() + END_WITHIN_S)

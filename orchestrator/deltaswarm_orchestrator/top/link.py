@@ -10,7 +10,7 @@ from typing import Any
 import orjson
 
 from deltaswarm_orchestrator.base.exits import FAILED, CommandError
-from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET, connected
+from deltaswarm_orchestrator.live.views import LIVE_SOCKET, connected
 from deltaswarm_orchestrator.results.folder_lock import is_held
 
 DATAGRAM_BYTES = 4 << 20

@@ -51,29 +51,29 @@ def crowd(count: int) -> Links:
 
 def test_a_link_keeps_its_luck() -> None:
     """In any company and order; another link, direction or seed has its own; from either end the same if mutual."""
-    dice = LinkDraws(rng())
-    senders, receivers = dice.ends(np.arange(50)), dice.ends(np.arange(50) + 1)
-    all_at_once = dice.uniform(senders, receivers)
-    assert dice.uniform(dice.ends(np.array([7])), dice.ends(np.array([8]))) == all_at_once[7]
-    assert list(dice.uniform(senders[::-1], receivers[::-1])) == list(all_at_once[::-1])
+    draws = LinkDraws(rng())
+    senders, receivers = draws.ends(np.arange(50)), draws.ends(np.arange(50) + 1)
+    all_at_once = draws.uniform(senders, receivers)
+    assert draws.uniform(draws.ends(np.array([7])), draws.ends(np.array([8]))) == all_at_once[7]
+    assert list(draws.uniform(senders[::-1], receivers[::-1])) == list(all_at_once[::-1])
     other = LinkDraws(rng(2))
     others = (
-        dice.uniform(receivers, senders),
-        dice.uniform(senders, receivers, mutual=True),
+        draws.uniform(receivers, senders),
+        draws.uniform(senders, receivers, mutual=True),
         other.uniform(other.ends(np.arange(50)), other.ends(np.arange(50) + 1)),
-        dice.uniform(dice.ends(np.arange(50), np.arange(50)), receivers),
+        draws.uniform(draws.ends(np.arange(50), np.arange(50)), receivers),
     )
     assert not np.isin(np.concatenate(others), all_at_once).any()
-    assert np.array_equal(others[1], dice.uniform(receivers, senders, mutual=True))
+    assert np.array_equal(others[1], draws.uniform(receivers, senders, mutual=True))
 
 
 @pytest.mark.parametrize("mutual", [False, True])
 def test_dice_are_fair(mutual: bool) -> None:
     """Uniform and normal, over 90,000 links; those of one end, or of the other direction, tell nothing of a link."""
-    dice = LinkDraws(rng(3))
-    one, other = (dice.ends(axis.ravel()) for axis in np.meshgrid(np.arange(300), np.arange(300, 600)))
-    uniform = dice.uniform(one, other, mutual)
-    normal, back = (dice.normals[dice.pick(*ends, mutual)] for ends in ((one, other), (other, one)))
+    draws = LinkDraws(rng(3))
+    one, other = (draws.ends(axis.ravel()) for axis in np.meshgrid(np.arange(300), np.arange(300, 600)))
+    uniform = draws.uniform(one, other, mutual)
+    normal, back = (draws.normals[draws.pick(*ends, mutual)] for ends in ((one, other), (other, one)))
     assert uniform.min() >= 0
     assert uniform.max() < 1
     assert uniform.mean() == pytest.approx(0.5, abs=0.005)

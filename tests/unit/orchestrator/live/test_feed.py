@@ -7,9 +7,9 @@ from pathlib import Path
 import orjson
 import pytest
 
-from deltaswarm_orchestrator.live import pictures
-from deltaswarm_orchestrator.live.onlookers import Paced, Tap
-from deltaswarm_orchestrator.live.pictures import (
+from deltaswarm_orchestrator.live import views
+from deltaswarm_orchestrator.live.observers import Paced, Tap
+from deltaswarm_orchestrator.live.views import (
     LIVE_SOCKET,
     LiveSocket,
     ResearcherFeed,
@@ -153,7 +153,7 @@ def test_readers_come_and_go(tmp_path: Path) -> None:
 
 def test_no_more_than_so_many_readers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The next is let in when one leaves."""
-    monkeypatch.setattr(pictures, "MAX_READERS", 1)
+    monkeypatch.setattr(views, "MAX_READERS", 1)
     with LiveSocket(tmp_path, "here-1", SCENARIO, always()) as live:
         first, second = connected(tmp_path, 1.0), connected(tmp_path, 1.0)
         second.setblocking(False)
@@ -172,7 +172,7 @@ def test_a_folder_with_a_long_name_has_a_socket(tmp_path: Path) -> None:
     folder = tmp_path / ("x" * 200)
     folder.mkdir()
     left = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    with pictures.short_path(folder / LIVE_SOCKET) as name:
+    with views.short_path(folder / LIVE_SOCKET) as name:
         left.bind(name)
     left.close()
     with pytest.raises(ConnectionRefusedError):
@@ -190,14 +190,14 @@ def test_where_there_can_be_no_socket_the_run_goes_on(tmp_path: Path) -> None:
 
 def test_nobody_there_costs_no_picture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a reader none is made."""
-    monkeypatch.setattr(pictures, "picture", lambda seen: pytest.fail("a picture for nobody"))
+    monkeypatch.setattr(views, "picture", lambda seen: pytest.fail("a picture for nobody"))
     with LiveSocket(tmp_path, "here-1", SCENARIO, always()) as live:
         for _ in range(100):
             live.look(Seen())
 
 
 class Heard:
-    """A sink, and an onlooker, that note what they get."""
+    """A sink, and an observer, that note what they get."""
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -213,7 +213,7 @@ class Heard:
 
 
 def test_a_tap_hands_on_everything() -> None:
-    """The recorder of a run in one process gets what it would get anyway; onlookers see each step."""
+    """The recorder of a run in one process gets what it would get anyway; observers see each step."""
     heard = Heard()
     tap = Tap(heard, [heard])  # type: ignore[list-item, arg-type]
     for step in (0, 1):

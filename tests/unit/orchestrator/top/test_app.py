@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 from textual.widgets import Sparkline, Static, TabbedContent
 
 from deltaswarm_orchestrator.cli import main
-from deltaswarm_orchestrator.live.pictures import LIVE_SOCKET, LiveSocket, short_path
+from deltaswarm_orchestrator.live.views import LIVE_SOCKET, LiveSocket, short_path
 from deltaswarm_orchestrator.results.folder import RunFolder
 from deltaswarm_orchestrator.top.app import BANNER, NO_TRUTH, Top
 from deltaswarm_orchestrator.top.link import Link, NoRunError, linked

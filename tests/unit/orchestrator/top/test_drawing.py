@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from deltaswarm_orchestrator.live.pictures import hello
+from deltaswarm_orchestrator.live.views import hello
 from deltaswarm_orchestrator.top.drawing import (
     MORE_TREES,
     Letters,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from deltaswarm_orchestrator.live.thinning import MAX_WAITING, Thinned, ViewersOnly
+from deltaswarm_orchestrator.live.rate_limit import MAX_WAITING, RateLimited, ViewersOnly
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.schemas import TOPICS
 from deltaswarm_scenario.scenario import Scenario
@@ -22,7 +22,7 @@ class Screen:
     def __init__(self) -> None:
         self.now_s = 0.0
         self.sent: list[tuple[str, float, bytes]] = []
-        self.viewer = Thinned(lambda *one: self.sent.append(one), lambda: self.now_s)
+        self.viewer = RateLimited(lambda *one: self.sent.append(one), lambda: self.now_s)
 
     def taken(self) -> list[tuple[str, float, bytes]]:
         """What came since the last call."""

@@ -16,16 +16,16 @@ from deltaswarm_wire.operator_messages import Report, Workload
 SHOW_EVERY_S = 0.1
 """Wall time between updates [s]."""
 
-NEVER_THINNED = ("/log", "/swarm/event")
+NEVER_DROPPED = ("/log", "/swarm/event")
 
 MAX_WAITING = 1000
-"""Most waiting messages of topics that are never thinned; the oldest are dropped first."""
+"""Most waiting messages of topics that are never dropped for the rate; the oldest are dropped first."""
 
 Send = Callable[[str, float, bytes], None]
 """Takes a topic, a simulated time [s] and a message; must not block."""
 
 
-class Thinned:
+class RateLimited:
     """A `Viewer` that sends messages at most every `SHOW_EVERY_S` of wall time.
 
     Args:
@@ -49,7 +49,7 @@ class Thinned:
     def put(self, topic: str, time_s: float, data: bytes) -> None:
         """Take one message, at a simulated time [s]."""
         self.time_s = max(self.time_s, time_s)
-        if topic in NEVER_THINNED:
+        if topic in NEVER_DROPPED:
             self._waiting.append((topic, time_s, data))
         else:
             self._newest[topic] = time_s, data
@@ -94,7 +94,7 @@ class ViewersOnly:
         wall: a wall clock [s].
     """
 
-    def __init__(self, scenario: Scenario, viewer: Thinned, wall: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, scenario: Scenario, viewer: RateLimited, wall: Callable[[], float] = time.monotonic) -> None:
         self._wall = wall
         self._started_s = wall()
         self._transcriber = Transcriber(scenario)

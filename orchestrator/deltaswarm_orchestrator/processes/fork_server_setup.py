@@ -11,21 +11,17 @@ import sys
 from types import TracebackType
 
 from deltaswarm_orchestrator.base.kernel import signal_at_parents_death
-from deltaswarm_orchestrator.processes.child import remove_socket_folder
-
-ORCHESTRATOR = os.getppid()
+from deltaswarm_orchestrator.processes.entry_point import remove_socket_folder
 
 
 def _say_why(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    """Say that no more processes may be started; other reasons why the fork server ends the orchestrator says."""
+    """Say that no more processes may be started; other reasons why the fork server ends the orchestrator says.
+
+    The orchestrator lives, and removes the socket's folder itself.
+    """
+    atexit.unregister(remove_socket_folder)
     if isinstance(error, OSError):
         print(f"deltaswarm: no more processes can be started: {error.strerror}", file=sys.stderr)
-
-
-def _clean_up() -> None:
-    """Remove the folder of the socket, if the orchestrator can no longer do so."""
-    if os.getppid() != ORCHESTRATOR:
-        remove_socket_folder()
 
 
 sys.excepthook = _say_why
@@ -34,4 +30,4 @@ if os.getpid() != os.getsid(0):
     os.setsid()
 
 signal_at_parents_death(signal.SIGCONT, os.getppid())  # a stopped fork server must notice that it should end
-atexit.register(_clean_up)  # not run by its children, which leave by `os._exit`
+atexit.register(remove_socket_folder)  # not run by its children, which leave by `os._exit`

@@ -15,7 +15,7 @@ from typing import Any, Self
 
 import orjson
 
-from deltaswarm_orchestrator.live.onlookers import Paced, Seen
+from deltaswarm_orchestrator.live.observers import Paced, Seen
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import Truth
 
@@ -165,7 +165,7 @@ class Pictures:
 
 
 class ResearcherFeed:
-    """An `Onlooker` that feeds a station's process with the truth, for the researcher's page.
+    """A `LiveObserver` that feeds a station's process with the truth, for the researcher's page.
 
     The station holds the other end of the pair of SOCK_SEQPACKET sockets.
     """
@@ -205,7 +205,7 @@ def answer(asked: bytes, history: Iterable[HistoryRow]) -> bytes | None:
 
 
 class LiveSocket:
-    """An `Onlooker` that shows the run to everyone who connects to the socket in its folder, and reads nothing.
+    """A `LiveObserver` that shows the run to everyone who connects to the socket in its folder, and reads nothing.
 
     If the folder cannot hold a socket, the run continues without one. The folder may be renamed during the run.
     """

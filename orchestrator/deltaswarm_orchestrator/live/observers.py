@@ -1,4 +1,4 @@
-"""Onlookers of a run in progress: viewers and terminals, which only read and do not affect the run."""
+"""Observers of a run in progress: viewers and terminals, which only read and do not affect the run."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -27,7 +27,7 @@ class Seen:
     """Reports that the operator has counted since this process began to watch; None if not all were seen."""
 
 
-class Onlooker(Protocol):
+class LiveObserver(Protocol):
     """Looks at a run. It is called often, takes what it wants at its own pace, and never blocks."""
 
     def look(self, seen: Seen) -> None:
@@ -51,11 +51,11 @@ class Paced:
 
 
 class Tap(Seen):
-    """The `Sink` of a run in one process that shows everything to onlookers and passes it on to another sink."""
+    """The `Sink` of a run in one process that shows everything to observers and passes it on to another sink."""
 
-    def __init__(self, sink: Sink, onlookers: Sequence[Onlooker]) -> None:
+    def __init__(self, sink: Sink, observers: Sequence[LiveObserver]) -> None:
         super().__init__(messages=0)
-        self._onlookers = onlookers
+        self._observers = observers
         self._sink = sink
         self.log, self.radio, self.report_bytes, self.save = sink.log, sink.radio, sink.report_bytes, sink.save
 
@@ -65,9 +65,9 @@ class Tap(Seen):
         self._sink.step(truth, reports)
 
     def workload(self, workload: Workload) -> None:
-        """Take the operator's workload of the step, and let the onlookers look."""
+        """Take the operator's workload of the step, and let the observers look."""
         self.newest_workload = workload
         self.messages = (self.messages or 0) + workload.messages
         self._sink.workload(workload)
-        for onlooker in self._onlookers:
-            onlooker.look(self)
+        for observer in self._observers:
+            observer.look(self)
