@@ -147,7 +147,7 @@ def test_the_version_is_the_packages(capsys: Printed) -> None:
         ["run", "--unknown"],
         ["run", "smoke", "smoke"],
         ["info"],
-        ["doctor", "me"],
+        ["doctor", "smoke", "me"],
         ["why", "runs/a", "1", "2"],
         ["why", "runs/a", "1", "b", "--at", "3"],
     ],
