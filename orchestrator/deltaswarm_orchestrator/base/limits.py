@@ -42,6 +42,11 @@ class Limit:
     advice: str
 
     @property
+    def shown(self) -> str:
+        """What is allowed, for people."""
+        return "any number" if self.allowed == math.inf else f"{self.allowed:.0f}"
+
+    @property
     def is_enough(self) -> bool:
         """Whether a run fits."""
         return self.allowed >= self.needed
@@ -75,7 +80,7 @@ def make_room(agents: int) -> None:
     for limit in (descriptors, threads):
         if not limit.is_enough:
             raise CommandError(
-                f"a run with {agents} agents needs {limit.needed} {limit.name}, and {limit.allowed:g} are allowed: "
+                f"a run with {agents} agents needs {limit.needed} {limit.name}, and {limit.shown} are allowed: "
                 f"{limit.advice}",
                 FAILED,
             )

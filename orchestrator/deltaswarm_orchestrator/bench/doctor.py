@@ -58,7 +58,7 @@ def examine(agents: int) -> list[Finding]:
         *(
             Finding(
                 limit.name,
-                f"{limit.allowed:g} allowed, {limit.needed} needed for {agents} agents",
+                f"{limit.shown} allowed, {limit.needed} needed for {agents} agents",
                 limit.is_enough,
                 limit.advice,
             )
