@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterable
 from pathlib import Path
 
-from deltaswarm_wire.access import TLS, user_name
+from deltaswarm_wire.access import TLS, revoked_beside, user_name
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.endpoints import endpoint_problem, protocol_of
 from deltaswarm_wire.keys import Keys
@@ -155,7 +155,8 @@ def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, ke
     """Collect the certificates for the endpoints; None if no endpoint begins with `tls/`.
 
     Raises:
-        ValueError: a file is missing, unreadable or not needed, or the key is not private.
+        ValueError: a file is missing, unreadable or not needed, the key is not private, or the list of revoked
+            certificates beside `ca` is unreadable.
     """
     files = {"ca": ca, "certificate": certificate, "key": key}
     over_tls = [endpoint for endpoint in endpoints if protocol_of(endpoint) == TLS]
@@ -173,4 +174,6 @@ def tls_of(endpoints: Iterable[str], ca: str | None, certificate: str | None, ke
             raise ValueError(f"{name}: {error}") from None
         if problem:
             raise ValueError(f"key: {file} {problem}")
-    return Tls(ca or "", certificate or "", key or "")
+    tls = Tls(ca or "", certificate or "", key or "")
+    revoked_beside(tls.ca)
+    return tls

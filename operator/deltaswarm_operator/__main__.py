@@ -173,13 +173,13 @@ def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:
     link = RouterLink((*connect, *listen)[0], overrides=tuple(arguments.zenoh), tls=tls)
     pairs = air_pairs(arguments.mode, connect, listen) + tls_pairs(tls, "connect", "listen")
     pairs += [("listen/timeout_ms", 0), ("listen/exit_on_failure", True)]  # the user can read the error
+    revoked = revoked_beside(tls.ca) if tls else frozenset()
     if arguments.agents:
         if any(protocol_of(endpoint) != TLS for endpoint in (*connect, *listen)):
             raise ValueError("--agents must be left out unless every endpoint is tls/: certificates name the agents")
-        revoked = revoked_beside(arguments.ca)
         pairs.append(("access_control", air_rules(Keys(arguments.run), arguments.agents, revoked)))
-    elif tls and revoked_beside(tls.ca):
-        raise ValueError(f"--agents must name the admitted agents, since there is a {REVOKED} beside {tls.ca}")
+    elif revoked:
+        raise ValueError(f"--agents must name the admitted agents, since there is a {REVOKED} beside {arguments.ca}")
     if arguments.credentials:
         try:
             password = password_in(arguments.credentials, OPERATOR)

@@ -313,3 +313,6 @@ def test_with_revoked_certificates_a_board_in_open_air_names_whom_it_admits(tmp_
     assert "agent-4" not in names
     world = {"mode": "client", "connect": ["tls/10.0.0.1:7448"], "tls": tls}
     read_settings(a_file(tmp_path, air=world, body={"kind": "world"}))
+    (tmp_path / "revoked.txt").write_bytes(b"\xff\xfe")
+    with pytest.raises(SettingsError, match=r"revoked\.txt cannot be read"):
+        read_settings(a_file(tmp_path, air=air | {"agents": "3-4"}))

@@ -3,13 +3,17 @@
 `python -m tests.docs.test_protocol` prints the examples anew.
 """
 
+import re
 from pathlib import Path
 
 import pytest
 
 from deltaswarm_agent.board import inbox
+from deltaswarm_agent.controllers.paper.controller import REPORTING_ROLES
 from deltaswarm_agent.core import agent_core
 from deltaswarm_agent.io import process
+from deltaswarm_orchestrator.run.in_process import InProcess
+from deltaswarm_orchestrator.scenarios.load import load_scenario
 from deltaswarm_wire import access, codec, commands, envelope, keys, messages, operator_messages, session, settings
 from deltaswarm_wire.commands import (
     Command,
@@ -206,6 +210,27 @@ def test_keys_and_names_of_the_page_are_the_codes() -> None:
     assert f"`{access.user_name(keys.AGENT, 7)}`" in text
     for name in ("Frame", "Radio", "Report", "Act"):
         assert f"`application/msgpack;deltaswarm.{name}.v1`" in text
+
+
+def reporting_roles(*overrides: str) -> set[str]:
+    """The roles in which a swarm reports within 300 steps."""
+    scenario = load_scenario("smoke", [*overrides, "events.rate_hz=0.3"])
+    swarm, roles = InProcess(scenario), set[str]()
+    for step in range(300):
+        record = swarm.step(step, last=False)
+        swarm.close_step(Clock(step, record.time_s, False))
+        roles |= {report.role for report in swarm.operator.reports_of_closed_step}
+    return roles
+
+
+def test_reports_have_the_roles_of_the_page() -> None:
+    """One closed list: of the page, of the code, and of what swarms send; each role occurs."""
+    listed = re.findall(
+        r"^\| `(\w+)` \| ", PAGE.text.partition("### Report: ")[2].partition("Two more fields")[0], re.M
+    )
+    assert tuple(listed) == REPORTING_ROLES
+    modes = ("decentralised", "hierarchical", "hybrid", "adaptive")
+    assert set().union(*(reporting_roles(f"control.mode={mode}") for mode in modes)) == set(REPORTING_ROLES)
 
 
 if __name__ == "__main__":

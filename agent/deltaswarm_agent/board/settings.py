@@ -209,7 +209,18 @@ class BoardSettings:
             problems += self._not_of_a_world()
         elif self.air.agents and self.id not in self.air.numbers:
             problems.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
-        elif not self.air.agents and self.air.tls.ca_file and Path(self.air.tls.ca_file).with_name(REVOKED).exists():
+        try:
+            revoked = revoked_beside(self.air.tls.ca_file) if self.air.tls.ca_file else ()
+        except ValueError as error:
+            return [
+                *problems,
+                Problem(
+                    "air.tls.ca_file",
+                    repr(self.air.tls.ca_file),
+                    f"must have a list beside it that can be read: {error}",
+                ),
+            ]
+        if revoked and not self.air.agents and self.body.kind != WORLD_BODY:
             allowed = f"must name the admitted agents, since there is a {REVOKED} beside air.tls.ca_file"
             problems.append(Problem("air.agents", "none", allowed))
         return problems

@@ -43,7 +43,7 @@ class Limit:
 
     @property
     def shown(self) -> str:
-        """What is allowed, for people."""
+        """The allowed number, as messages show it."""
         return "any number" if self.allowed == math.inf else f"{self.allowed:.0f}"
 
     @property
@@ -53,7 +53,7 @@ class Limit:
 
 
 def limits(agents: int) -> list[Limit]:
-    """Return the limits that a run with so many agents on this machine meets, with hard limits as what is allowed."""
+    """Return the limits that matter to a run with this many agents here; `allowed` is what the hard limits leave."""
     return [
         Limit(
             "open files",
@@ -71,7 +71,7 @@ def limits(agents: int) -> list[Limit]:
 
 
 def make_room(agents: int) -> None:
-    """Raise the soft limits of this process and its children to what a run with so many agents needs.
+    """Raise the soft limits of this process and its children to what a run with this many agents needs.
 
     Raises:
         CommandError: a hard limit is too low.
@@ -111,7 +111,7 @@ def _hard_limit(resource_number: int) -> float:
 def _free_of_user() -> float:
     """Return how many more threads this user may have; the kernel does not limit those of root."""
     allowed = math.inf if os.getuid() == 0 else _hard_limit(resource.RLIMIT_NPROC)
-    return max(0.0, allowed - sum(_threads_of_user()))
+    return allowed if allowed == math.inf else max(0.0, allowed - sum(_threads_of_user()))
 
 
 def _threads_of_user() -> Iterator[int]:
@@ -126,14 +126,16 @@ def _threads_of_user() -> Iterator[int]:
 def _free_of_container() -> float:
     """Return how many more threads the control groups of this process may have, of either version."""
     free = math.inf
-    for line in CGROUP_LIST.read_text().splitlines() if CGROUP_LIST.exists() else ():
+    for line in CGROUP_LIST.read_text(encoding="utf-8").splitlines() if CGROUP_LIST.exists() else ():
         _, controllers, path = line.split(":", 2)
         if controllers not in ("", "pids"):
             continue
         folder = (CGROUPS / controllers).joinpath(path.lstrip("/"))
         for group in (folder, *folder.parents):
             try:
-                allowed, used = ((group / name).read_text().strip() for name in ("pids.max", "pids.current"))
+                allowed, used = (
+                    (group / name).read_text(encoding="utf-8").strip() for name in ("pids.max", "pids.current")
+                )
             except OSError:
                 continue  # a group without this controller, the root, or not visible here
             if allowed != "max":

@@ -41,7 +41,7 @@ class Finding:
 
 
 def examine(agents: int) -> list[Finding]:
-    """Check this machine, for runs with so many agents."""
+    """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
     studies = f"not here (without {', '.join(lacking)}): {INSTALL_STUDY}" if lacking else "can be done"
@@ -92,7 +92,7 @@ def loopback_problem() -> str | None:
 
 
 def check_parts_can_start(agents: int) -> None:
-    """Check that the parts of a run with so many agents here can be started, and can reach each other.
+    """Check that the parts of a run with this many agents here can start, and can reach each other.
 
     Raises:
         CommandError: they cannot.

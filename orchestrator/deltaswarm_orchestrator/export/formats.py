@@ -4,13 +4,13 @@ import importlib
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
-from deltaswarm_orchestrator.recording.names import MANIFEST
-from deltaswarm_orchestrator.recording.reader import RecordingError, entries, recording_in
+from deltaswarm_orchestrator.recording.reader import RecordingError, recording_in, records
 from deltaswarm_orchestrator.recording.whole import write_whole_copy
 
 
@@ -86,8 +86,8 @@ def _writer(source: Path, chosen: Format, name: str) -> Callable[[Path], bool]:
         FileNotFoundError, RecordingError: there is no recording that can be read.
     """
     if not chosen.module:
-        has_manifest = [entry for entry, _ in entries(source, {MANIFEST})] == [MANIFEST]
-        return lambda out: write_whole_copy(source, out) is None and has_manifest
+        next(records(source), None)  # which refuses another file
+        return partial(write_whole_copy, source)
     try:
         module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
     except ModuleNotFoundError as error:

@@ -15,17 +15,23 @@ def finish_recordings(folder: Path) -> list[Path]:
     Left as they are: a file that is damaged before its end, since what comes after the damage would be lost, and all
     files of a folder that a run holds or that cannot be written.
     """
-    parts = [folder / (name + PART) for name in (RECORDING, WIRE)]
-    cut_off = [part for part in parts if part.exists() and Damage(is_at_the_end=True) in records(part)]
     try:
+        cut_off = [part for name in (RECORDING, WIRE) if _is_cut_off(part := folder / (name + PART))]
         with ExitStack() as stack:
             if cut_off:
                 stack.callback(FolderLock(folder).release)
             for part in cut_off:
                 _finish(part)
-    except (HeldError, OSError, RecordingError):
+    except (HeldError, OSError):
         return []
     return cut_off
+
+
+def _is_cut_off(part: Path) -> bool:
+    try:
+        return part.exists() and Damage(is_at_the_end=True) in records(part)
+    except RecordingError:
+        return False
 
 
 def _finish(part: Path) -> None:

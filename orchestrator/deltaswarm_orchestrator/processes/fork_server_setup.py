@@ -15,9 +15,9 @@ from deltaswarm_orchestrator.processes.entry_point import remove_socket_folder
 
 
 def _say_why(kind: type[BaseException], error: BaseException, traceback: TracebackType | None) -> None:
-    """Say that no more processes may be started; other reasons why the fork server ends the orchestrator says.
+    """Say that no more processes can be started; the orchestrator, which is still there, reports any other error.
 
-    The orchestrator lives, and removes the socket's folder itself.
+    It also removes the socket's folder.
     """
     atexit.unregister(remove_socket_folder)
     if isinstance(error, OSError):

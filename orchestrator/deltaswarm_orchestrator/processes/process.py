@@ -93,9 +93,9 @@ class Part:
             os.close(self._pidfd)
             self._pidfd = None
 
-    def how_it_ended(self, when: str) -> str:
-        """Describe in one line how the process ended; `when` begins with a space, or is empty."""
-        code = self.exit_code or 0
+    def how_it_ended(self, when: str = "") -> str:
+        """Describe in one line how the process ended, and when, if that is known."""
+        code, when = self.exit_code or 0, when and f" {when}"
         if code == NO_ROOM:
             folder = self.log_file.parents[1]
             return f"{self.name} could not write into {folder}: {disk_usage(folder).free:,} bytes are free there"

@@ -6,6 +6,7 @@ from typing import IO
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.writer import Writer
 
+from deltaswarm_orchestrator.recording.names import MANIFEST
 from deltaswarm_orchestrator.recording.reader import Damage, records
 
 CHUNK_BYTES = 256 * 1024
@@ -18,14 +19,14 @@ def new_writer(stream: IO[bytes], profile: str = "", library: str = "deltaswarm"
     return writer
 
 
-def write_whole_copy(source: Path, target: Path) -> Damage | None:
-    """Copy everything up to the first damage into a whole file; return the damage, or None if there is none.
+def write_whole_copy(source: Path, target: Path) -> bool:
+    """Copy everything up to the first damage into a whole file; return whether the recording was complete.
 
     Raises:
         FileNotFoundError: there is no source.
         RecordingError: the source is not an MCAP file.
     """
-    damage = None
+    is_complete = False
     schemas, channels = {0: 0}, dict[int, int]()
     with target.open("wb") as stream:
         writer = new_writer(stream)
@@ -46,7 +47,8 @@ def write_whole_copy(source: Path, target: Path) -> Damage | None:
                     writer.add_attachment(*times, record.name, record.media_type, record.data)
                 case Metadata():
                     writer.add_metadata(record.name, record.metadata)
+                    is_complete |= record.name == MANIFEST
                 case Damage():
-                    damage = record
+                    is_complete = False
         writer.finish()  # type: ignore[no-untyped-call]
-    return damage
+    return is_complete

@@ -317,7 +317,7 @@ class _Run:
         lost = dict(zip(world.get("agents_lost", ()), world.get("lost_in_step", ()), strict=True))
         told = {entry.number for entry in self.why if isinstance(entry, Part)}
         quiet = [part for part in self.agents if part.exit_code == 0 and part.number in lost.keys() - told]
-        when = {agent: f" in step {step}" for agent, step in lost.items()}
+        when = {agent: f"in step {step}" for agent, step in lost.items()}
         return [
             entry if isinstance(entry, str) else entry.how_it_ended(when.get(entry.number, ""))
             for entry in [*self.why, *quiet]

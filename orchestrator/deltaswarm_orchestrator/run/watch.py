@@ -212,7 +212,7 @@ class Watch:
             self.disk_is_full |= part.exit_code == NO_ROOM
             if part.exit_code not in (NO_ROOM, LIMIT_REACHED):  # whose cause the line tells
                 self.logs[part.name] = part.log_tail()
-            after = f" after step {self._step}" if self._has_begun else ""
+            after = f"after step {self._step}" if self._has_begun else ""
             self.why.append(part if part.role == AGENT and self._has_begun else part.how_it_ended(after))
 
     @property

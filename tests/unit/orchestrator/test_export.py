@@ -288,6 +288,14 @@ def test_the_recording_of_a_killed_run_gets_its_end(run: Path) -> None:
     assert {path.name for path in run.iterdir()} <= {part.name, "layout.json", ".lock"}
 
 
+def test_a_file_that_is_no_recording_hides_no_other(run: Path) -> None:
+    """Whatever has the name of the raw frames: the recording beside it gets its end."""
+    part = cut_off(run)
+    (run / "wire.mcap.part").write_text("no recording at all")
+    assert finish_recordings(run) == [part]
+    assert (run / "wire.mcap.part").read_text() == "no recording at all"
+
+
 @pytest.mark.parametrize("reason", ["held", "damaged", "read-only"])
 def test_a_recording_is_left_alone(run: Path, reason: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """While a run writes it, where more than its end is missing, and where nothing can be written."""
