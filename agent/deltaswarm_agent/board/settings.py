@@ -3,6 +3,7 @@
 import os
 import tomllib
 from argparse import ArgumentTypeError
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -209,17 +210,12 @@ class BoardSettings:
             problems += self._not_of_a_world()
         elif self.air.agents and self.id not in self.air.numbers:
             problems.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
+        ca = self.air.tls.ca_file
+        revoked: Collection[str] = ()
         try:
-            revoked = revoked_beside(self.air.tls.ca_file) if self.air.tls.ca_file else ()
+            revoked = revoked_beside(ca) if ca else ()
         except ValueError as error:
-            return [
-                *problems,
-                Problem(
-                    "air.tls.ca_file",
-                    repr(self.air.tls.ca_file),
-                    f"must have a list beside it that can be read: {error}",
-                ),
-            ]
+            problems.append(Problem("air.tls.ca_file", repr(ca), f"must have a readable list beside it: {error}"))
         if revoked and not self.air.agents and self.body.kind != WORLD_BODY:
             allowed = f"must name the admitted agents, since there is a {REVOKED} beside air.tls.ca_file"
             problems.append(Problem("air.agents", "none", allowed))
