@@ -239,25 +239,25 @@ _MEASURED = {"covered_area_m2": MAX_ABS_M**2, "roots_from_densest_m": 2 * MAX_AB
 """Fields of `StepRecord` that may be None, and their greatest values."""
 
 
-Said = tuple[int, int, bytes]
+Sample = tuple[int, int, bytes]
 """Agent, kind (see `digest`), and the sample as the agent encoded it."""
 
 
-def encode_wire(step: int, said: Sequence[Said]) -> bytes:
-    """The raw radio frames and reports of a step: a map of `v`, `step` and `said`. Raises WireError."""
-    return pack({"v": PROTOCOL_VERSION, "step": step, "said": said}, MAX_ORDINARY_BYTES)
+def encode_wire(step: int, samples: Sequence[Sample]) -> bytes:
+    """The raw radio frames and reports of a step: a map of `v`, `step` and `samples`. Raises WireError."""
+    return pack({"v": PROTOCOL_VERSION, "step": step, "samples": samples}, MAX_ORDINARY_BYTES)
 
 
-def decode_wire(data: bytes) -> tuple[int, list[Said]]:
+def decode_wire(data: bytes) -> tuple[int, list[Sample]]:
     """Decode the step and the samples sent in it. Raises WireError."""
-    raw = fields(unpack(data, MAX_ORDINARY_BYTES), ("step", "said"), "wire")
+    raw = fields(unpack(data, MAX_ORDINARY_BYTES), ("step", "samples"), "wire")
     return integer(raw["step"], 0, MAX_STEP, "wire.step"), [
-        _said(row) for row in arrays(raw["said"], 2 * MAX_BODIES, "wire.said")
+        _sample(row) for row in arrays(raw["samples"], 2 * MAX_BODIES, "wire.samples")
     ]
 
 
-def _said(row: Any) -> Said:
-    agent, kind, data = array(row, 3, "wire.said")
+def _sample(row: Any) -> Sample:
+    agent, kind, data = array(row, 3, "wire.samples")
     if type(data) is not bytes:
-        raise WireError("wire.said", "be bytes", type(data).__name__)
-    return integer(agent, 0, MAX_AGENT_ID, "wire.said.agent"), integer(kind, 0, REPORT, "wire.said.kind"), data
+        raise WireError("wire.samples", "be bytes", type(data).__name__)
+    return integer(agent, 0, MAX_AGENT_ID, "wire.samples.agent"), integer(kind, 0, REPORT, "wire.samples.kind"), data

@@ -30,15 +30,15 @@ def one_line(text: str) -> str:
 
 @dataclass(frozen=True)
 class Problem:
-    """One mistake: the key, what was found, and what must hold ("must be ...") or what to do."""
+    """One mistake: the key, what was given, and what must hold ("must be ...") or what to do."""
 
     path: str
-    found: str
+    given: str
     allowed: str
 
     def __str__(self) -> str:
-        path, found, allowed = map(one_line, (self.path, self.found, self.allowed))
-        return f"{path} {allowed} (got {found})" if allowed.startswith("must ") else f"{path}: {found}; {allowed}"
+        path, given, allowed = map(one_line, (self.path, self.given, self.allowed))
+        return f"{path} {allowed} (got {given})" if allowed.startswith("must ") else f"{path}: {given}; {allowed}"
 
 
 class SettingsError(ValueError):
@@ -104,7 +104,7 @@ def known(cls: type[T], table: Any, path: str = "") -> tuple[T | None, list[Prob
         return None, problems
     instance = cls(**values)
     extra = getattr(instance, "problems", None)
-    own_problems = [Problem(_join(path, p.path), p.found, p.allowed) for p in extra()] if extra else []
+    own_problems = [Problem(_join(path, p.path), p.given, p.allowed) for p in extra()] if extra else []
     return (None if own_problems else instance), problems + own_problems
 
 

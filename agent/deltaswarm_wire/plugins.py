@@ -123,7 +123,7 @@ def controller_settings(mode: str, options: Mapping[str, Any], shared: Any, path
     try:
         settings: Any = checked.load(controller.Settings, options, path)
         check = getattr(settings, "problems_with", None)
-        problems = [Problem(f"{path}.{p.path}", p.found, p.allowed) for p in (check(shared) if check else None) or ()]
+        problems = [Problem(f"{path}.{p.path}", p.given, p.allowed) for p in (check(shared) if check else None) or ()]
         if "mode" in checked.plain(settings):
             raise SettingsError(
                 [Problem(f"{path}.mode", repr(mode), "must have no option called mode in its Settings")]

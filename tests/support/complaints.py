@@ -15,7 +15,7 @@ def mistakes(table: Any, cls: type[Any] = Scenario) -> list[tuple[str, str]]:
     """The keys of the mistakes in a table, and what was found."""
     with pytest.raises(SettingsError) as caught:
         load(cls, table)
-    return [(problem.path, problem.found) for problem in caught.value.problems]
+    return [(problem.path, problem.given) for problem in caught.value.problems]
 
 
 def names(line: str, said: str) -> bool:

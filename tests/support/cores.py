@@ -96,7 +96,7 @@ def agent_settings(**keys: Any) -> AgentSettings:
     return load(AgentSettings, {"range_m": 10.0, **shared, "control": {"mode": "hybrid", "gamma_max": 50, **control}})
 
 
-class Said(NamedTuple):
+class StepAnswer(NamedTuple):
     """What an agent sends in one step, decoded."""
 
     act: Act
@@ -132,10 +132,10 @@ class Core:
         """Frames heard that broke a protocol."""
         return self.core.rejected_frames + self.controller.counts["rejected_frames"]
 
-    def step(self, frame: Frame) -> Said:
+    def step(self, frame: Frame) -> StepAnswer:
         """One step, as the world asks for it."""
         out = self.core.step(frame)
-        return Said(out.act, opened(self.agent, out.radio), out.report)
+        return StepAnswer(out.act, opened(self.agent, out.radio), out.report)
 
 
 def opened(sender: int, sample: bytes | None) -> PaperFrame | None:
@@ -173,7 +173,7 @@ class Lone:
         at: Place | None = None,
         skip: int = 0,
         poses: Iterable[Pose] = (),
-    ) -> Said:
+    ) -> StepAnswer:
         """One step; `at` moves it there first, `skip` is a number of steps that it misses before."""
         self.now += 1 + skip
         self.at = at or self.at
@@ -182,11 +182,11 @@ class Lone:
         frame = Frame(self.now, time_s, False, *self.at, tuple(poses), tuple(events), data)
         return self.core.step(frame)
 
-    def steps(self, count: int, *heard: PaperFrame, events: Sequence[Event] = ()) -> list[Said]:
+    def steps(self, count: int, *heard: PaperFrame, events: Sequence[Event] = ()) -> list[StepAnswer]:
         """Several alike."""
         return [self.step(*heard, events=events) for _ in range(count)]
 
-    def go_where_it_wants(self, *heard: PaperFrame, events: Iterable[Event] = ()) -> Said:
+    def go_where_it_wants(self, *heard: PaperFrame, events: Iterable[Event] = ()) -> StepAnswer:
         """One step, after which the body has moved by the act."""
         decision = self.step(*heard, events=events)
         step_s = self.settings.step_s
@@ -236,7 +236,7 @@ class Crowd:
 
     def step(
         self, events: dict[int, list[Event]] | None = None, silent: Collection[int] = (), deaf: Collection[int] = ()
-    ) -> dict[int, Said]:
+    ) -> dict[int, StepAnswer]:
         """One step of all; what `silent` agents say is lost, and `deaf` ones hear nothing."""
         decisions = {}
         for agent, lone in self.lones.items():

@@ -93,10 +93,10 @@ class Driver:
             Exception: from the body, after failures in `MAX_FAILURES` consecutive steps.
         """
         before, self.fault = self._failures, ""
-        said = self._step(step, time_s, hear)
+        output = self._step(step, time_s, hear)
         if self._failures == before:
             self._failures = 0
-        return said
+        return output
 
     def _step(self, step: int, time_s: float, hear: Callable[[Place], tuple[Heard, ...]]) -> StepOutput | None:
         sensed = self._sense(time_s)
@@ -109,12 +109,12 @@ class Driver:
             return None
         self.place_m = self._set_point.settled(sensed.x_m, sensed.y_m)
         heard = hear(self.place_m)
-        said = self._core.step(Frame(step, time_s, False, *self.place_m, (), sensed.events, heard))
-        act = said.act
+        output = self._core.step(Frame(step, time_s, False, *self.place_m, (), sensed.events, heard))
+        act = output.act
         self.role = act.tree_status.role
         if self._move(act.vx_mps, act.vy_mps, act.observed):
             self._set_point.advance(self.place_m, act.vx_mps, act.vy_mps, self._step_s)
-        return said
+        return output
 
     def _sense(self, time_s: float) -> Sensed:
         try:

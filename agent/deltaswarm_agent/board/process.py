@@ -159,9 +159,9 @@ class _Loop:
         self._tell(step, pace.skipped)
 
     def _take(self, step: int) -> None:
-        said = self._driver.step(step, step * self._step_s, self._hear)
-        if said is not None:
-            self._send(said)
+        output = self._driver.step(step, step * self._step_s, self._hear)
+        if output is not None:
+            self._send(output)
         fault, before = self._driver.fault, self._fault
         if fault or before:
             self._air.health(fault)  # in each step: link or operator may appear after the fault
@@ -185,14 +185,14 @@ class _Loop:
                 log.error("recording stopped: %s", error)
                 self._recorder = None
 
-    def _send(self, said: StepOutput) -> None:
+    def _send(self, output: StepOutput) -> None:
         agent = self._run.settings.id
-        if said.radio is not None:
-            self._air.send(said.radio, self._driver.place_m)
-            self._keep(agent, RADIO, said.radio)
-        if said.report_bytes is not None:
-            self._air.report(said.report_bytes)
-            self._keep(agent, REPORT, said.report_bytes)
+        if output.radio is not None:
+            self._air.send(output.radio, self._driver.place_m)
+            self._keep(agent, RADIO, output.radio)
+        if output.report_bytes is not None:
+            self._air.report(output.report_bytes)
+            self._keep(agent, REPORT, output.report_bytes)
 
     def _tell(self, step: int, skipped: int) -> None:
         driver = self._driver

@@ -108,7 +108,7 @@ class Guard:
         self._at_s = -math.inf
         self._heard_s = -math.inf
         self._is_armed = False
-        self._objection = ""
+        self._inhibited_by = ""
         self._mode = ""
         self._wanted = STAND
         self._wanted_s = -math.inf
@@ -138,9 +138,9 @@ class Guard:
         """Take a heartbeat."""
         self._is_armed, self._mode, self._heard_s = is_armed, mode, now_s
 
-    def object(self, objection: str) -> None:
+    def inhibit(self, reason: str) -> None:
         """Set why the vehicle must not move, in a few words; "" if it may."""
-        self._objection = objection
+        self._inhibited_by = reason
 
     def velocity(self, now_s: float) -> Velocity:
         """Return the velocity to send now: the agent's, or zero."""
@@ -179,8 +179,8 @@ class Guard:
 
     def _reason_to_stand(self, now_s: float) -> str:
         """Why the vehicle must not move though it is located; "" if it may."""
-        if self._objection:
-            return self._objection
+        if self._inhibited_by:
+            return self._inhibited_by
         if self._at is not None and not self._fence.holds(self._at):
             return "the vehicle is outside its fence"
         return self._obedience.reason_to_stand(now_s)

@@ -110,14 +110,14 @@ class Outbox:
             heard.wait()
             listener.undeclare()
 
-    def send(self, said: StepOutput) -> None:
+    def send(self, output: StepOutput) -> None:
         """Send a step's output. The act closes the step: it comes last, attached to the radio frame if any."""
-        if said.report_bytes is not None:
-            self._report.put(said.report_bytes)
-        if said.radio is not None:
-            self._radio.put(said.radio, attachment=said.act_bytes)
+        if output.report_bytes is not None:
+            self._report.put(output.report_bytes)
+        if output.radio is not None:
+            self._radio.put(output.radio, attachment=output.act_bytes)
         else:
-            self._act.put(said.act_bytes)
+            self._act.put(output.act_bytes)
 
     def taken(self, step: int) -> None:
         """Confirm that the agent's state after this step is saved."""

@@ -43,11 +43,11 @@ class Page:
             os.close(reader)
 
     @staticmethod
-    def _first_line(said: int) -> str:
+    def _first_line(stdout: int) -> str:
         line, deadline = b"", time.monotonic() + READY_WITHIN_S
         while not line.endswith(b"\n"):
             left_s = deadline - time.monotonic()
-            more = os.read(said, 4096) if left_s > 0 and select.select([said], [], [], left_s)[0] else b""
+            more = os.read(stdout, 4096) if left_s > 0 and select.select([stdout], [], [], left_s)[0] else b""
             if not more:
                 raise OSError("the station did not start; see its message above")
             line += more

@@ -31,7 +31,7 @@ def is_of_studies(error: ModuleNotFoundError) -> bool:
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnosis:
     """The result of one check; `advice` says what to do if it is not well."""
 
     name: str
@@ -40,7 +40,7 @@ class Finding:
     advice: str = ""
 
 
-def examine(agents: int) -> list[Finding]:
+def examine(agents: int) -> list[Diagnosis]:
     """Check this machine, for runs with this many agents."""
     packages = [_package(name, least) for name, least in needed().items()]
     lacking = [name for name, least in needed("study").items() if not _package(name, least).is_well]
@@ -51,12 +51,12 @@ def examine(agents: int) -> list[Finding]:
     has_fork_server = "forkserver" in multiprocessing.get_all_start_methods()
     fork_server = "available" if has_fork_server else "missing"
     return [
-        Finding("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
+        Diagnosis("Python", platform.python_version(), sys.version_info >= (3, 11), "Python 3.11 or newer is needed"),
         *packages,
-        Finding("sweeps and studies", studies, True),
-        Finding("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
+        Diagnosis("sweeps and studies", studies, True),
+        Diagnosis("cores", str(cores), cores >= 2, "a swarm runs on one core too, at about half the speed"),
         *(
-            Finding(
+            Diagnosis(
                 limit.name,
                 f"{limit.shown} allowed, {limit.needed} needed for {agents} agents",
                 limit.is_enough,
@@ -64,19 +64,19 @@ def examine(agents: int) -> list[Finding]:
             )
             for limit in limits.limits(agents)
         ),
-        Finding("loopback", loopback, problem is None, "ip link set lo up (as root)"),
-        Finding("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
+        Diagnosis("loopback", loopback, problem is None, "ip link set lo up (as root)"),
+        Diagnosis("fork server", fork_server, has_fork_server, "Linux or another Unix is needed"),
     ]
 
 
-def _package(name: str, least: str) -> Finding:
+def _package(name: str, least: str) -> Diagnosis:
     advice = f"python -m pip install '{name}>={least}'"
     try:
         installed = version(name)
     except PackageNotFoundError:
-        return Finding(name, "not installed", False, advice)
+        return Diagnosis(name, "not installed", False, advice)
     numbers, wanted = ([int(part) for part in text.split(".")[:3] if part.isdecimal()] for text in (installed, least))
-    return Finding(name, installed, numbers >= wanted, advice)
+    return Diagnosis(name, installed, numbers >= wanted, advice)
 
 
 def loopback_problem() -> str | None:

@@ -59,7 +59,7 @@ def add_doctor(command: argparse.ArgumentParser) -> None:
         help=f"the run that this machine should be able to do (default: {DEFAULT_SCENARIO})",
     )
     command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="any scenario key, dotted")
-    add_json(command, "the findings")
+    add_json(command, "the diagnoses")
     command.set_defaults(func=doctor)
 
 
@@ -67,15 +67,15 @@ def doctor(arguments: argparse.Namespace) -> int:
     """Examine this machine; fail if anything that a run needs is missing."""
     from deltaswarm_orchestrator.bench import doctor
 
-    findings = doctor.examine(load_scenario(arguments.scenario, arguments.set).agents.count)
+    diagnoses = doctor.examine(load_scenario(arguments.scenario, arguments.set).agents.count)
     rows = [
-        ("ok", finding.name, finding.found)
-        if finding.is_well
-        else ("MISSING", finding.name, f"{finding.found}  ->  {finding.advice}")
-        for finding in findings
+        ("ok", diagnosis.name, diagnosis.found)
+        if diagnosis.is_well
+        else ("MISSING", diagnosis.name, f"{diagnosis.found}  ->  {diagnosis.advice}")
+        for diagnosis in diagnoses
     ]
-    show(arguments, [asdict(finding) for finding in findings], aligned(rows))
-    return OK if all(finding.is_well for finding in findings) else FAILED
+    show(arguments, [asdict(diagnosis) for diagnosis in diagnoses], aligned(rows))
+    return OK if all(diagnosis.is_well for diagnosis in diagnoses) else FAILED
 
 
 def add_list(command: argparse.ArgumentParser) -> None:

@@ -151,7 +151,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
-    return conduct(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
+    return run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
 
 
 def check_run(scenario: Scenario, options: "RunOptions") -> None:
@@ -168,7 +168,7 @@ def check_run(scenario: Scenario, options: "RunOptions") -> None:
     check(scenario, options)
 
 
-def conduct(scenario: Scenario, options: "RunOptions", *, quiet: bool, as_json: bool = False) -> int:
+def run_and_report(scenario: Scenario, options: "RunOptions", *, quiet: bool, as_json: bool = False) -> int:
     """Do a checked run and print its results; return the exit code."""
     from rich.console import Console
 

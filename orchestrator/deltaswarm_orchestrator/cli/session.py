@@ -61,7 +61,7 @@ def session(arguments: argparse.Namespace) -> int:
             continue
         notice(f"run {place} of {len(planned) - 1}: {run.label}")
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = cli_run.conduct(run.scenario, options_for(run), quiet=arguments.quiet)
+            code = cli_run.run_and_report(run.scenario, options_for(run), quiet=arguments.quiet)
         write_json(folder / RECORD, _record(folder, participant, planned))
         heed_signals_again()
         if code != OK:

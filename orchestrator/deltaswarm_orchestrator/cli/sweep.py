@@ -95,7 +95,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
     """
     from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES
     from deltaswarm_orchestrator.sweeps.progress import SweepDisplay, SweepReporter
-    from deltaswarm_orchestrator.sweeps.runner import conduct
+    from deltaswarm_orchestrator.sweeps.runner import run_sweep
 
     means = PROCESSES if arguments.processes else IN_PROCESS
     make_engine = engine_maker(arguments, means)
@@ -105,7 +105,7 @@ def conduct_for(arguments: argparse.Namespace, loaded: "Sweep", folder: Path, *,
             room_in(folder),
             nullcontext(SweepReporter()) if arguments.quiet else SweepDisplay(loaded.name) as display,
         ):
-            result = conduct(loaded, folder, make_engine, display, means=means, with_series=with_series)
+            result = run_sweep(loaded, folder, make_engine, display, means=means, with_series=with_series)
     except OSError as error:  # such as a table that may not be replaced
         raise CommandError(str(error), FAILED) from None
     complaints = [

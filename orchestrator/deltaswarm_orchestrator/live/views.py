@@ -117,7 +117,7 @@ def _truth(truth: Truth) -> dict[str, Any]:
     }
 
 
-class Pictures:
+class ViewStream:
     """The feed of one reader: `hello` first, then a picture whenever there is room."""
 
     def __init__(self, end: socket.socket, greeting: bytes) -> None:
@@ -171,7 +171,7 @@ class ResearcherFeed:
     """
 
     def __init__(self, end: socket.socket, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
-        self._reader = Pictures(end, hello(run, scenario))
+        self._reader = ViewStream(end, hello(run, scenario))
         self._paced = paced or Paced()
         self._history: deque[HistoryRow] = deque(maxlen=HISTORY_ROWS)
 
@@ -213,7 +213,7 @@ class LiveSocket:
     def __init__(self, folder: Path, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
         self._paced = paced or Paced()
         self._greeting = hello(run, scenario)
-        self._readers: list[Pictures] = []
+        self._readers: list[ViewStream] = []
         self._file = folder / LIVE_SOCKET
         self._socket: socket.socket | None = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
@@ -244,7 +244,7 @@ class LiveSocket:
             return
         if len(self._readers) < MAX_READERS:
             with suppress(OSError):
-                self._readers.append(Pictures(self._socket.accept()[0], self._greeting))
+                self._readers.append(ViewStream(self._socket.accept()[0], self._greeting))
         if not self._readers or (shown := picture(seen)) is None:
             return
         for reader in self._readers:

@@ -47,7 +47,7 @@ class SweepResult:
         return self.finished == self.runs and not (self.failed or self.differing or self.interrupted)
 
 
-def conduct(
+def run_sweep(
     sweep: Sweep,
     path: Path,
     make_engine: Callable[[], Engine],

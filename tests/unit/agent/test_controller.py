@@ -195,7 +195,7 @@ def test_settings_at_fault_are_one_problem(
     """One line that names the controller, and no traceback."""
     monkeypatch.setattr(Guide, "Settings", own)
     (problem,) = refused(named(Guide), **options)
-    assert (problem.path, problem.found) == ("control.mode", repr(named(Guide)))
+    assert (problem.path, problem.given) == ("control.mode", repr(named(Guide)))
     assert said in problem.allowed
     assert len(str(problem).splitlines()) == 1
 
@@ -255,7 +255,7 @@ def test_a_name_that_means_no_controller_is_one_problem(mode: str, said: str) ->
     """It names the key, what was found there, and what is wrong with it."""
     (problem,) = refused(mode)
     assert problem.path == "control.mode"
-    assert problem.found in (repr(mode), f"{mode!r}; did you mean 'hybrid'?")
+    assert problem.given in (repr(mode), f"{mode!r}; did you mean 'hybrid'?")
     assert said in problem.allowed
 
 
@@ -264,7 +264,7 @@ def test_wrong_options_are_problems_of_the_control_table() -> None:
     paths = {problem.path for problem in refused(named(Guide), pace_mps=-1, pase=2)}
     assert paths == {"control.pace_mps", "control.pase"}
     (problem,) = refused(named(Guide), pace_mps=5.0)
-    assert (problem.path, problem.found) == ("control.pace_mps", "5")
+    assert (problem.path, problem.given) == ("control.pace_mps", "5")
     (problem,) = refused("hybrid", d_min_m=20)
     assert problem.path == "control.d_min_m"
 

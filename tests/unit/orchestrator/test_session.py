@@ -140,7 +140,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
         (folder / "summary.json").write_text(json.dumps({"complete": is_whole, "digest": "d"}))
         return 0 if is_whole else 1
 
-    monkeypatch.setattr(cli_run, "conduct", pretend)
+    monkeypatch.setattr(cli_run, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
     assert main([*command, "--plan"]) == 0
     order = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
@@ -182,7 +182,7 @@ def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
         (options.out / "summary.json").write_text(json.dumps({"complete": True, "digest": "d"}))
         return 0
 
-    monkeypatch.setattr(cli_run, "conduct", pretend)
+    monkeypatch.setattr(cli_run, "run_and_report", pretend)
     file = tmp_path / "design.toml"
     conditions = "".join(
         f'[[session.condition]]\nlabel = "{label}"\nscenario = "smoke"\nset = ["run.duration_s=20"]\n'

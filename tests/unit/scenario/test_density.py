@@ -26,7 +26,7 @@ def mistakes(density: Any, obstacles: tuple[Any, ...] = ()) -> list[tuple[str, s
     with pytest.raises(SettingsError) as caught:
         load(Scenario, table)
     assert all(str(problem).startswith(f"{problem.path} must ") for problem in caught.value.problems)
-    return [(problem.path, problem.found) for problem in caught.value.problems]
+    return [(problem.path, problem.given) for problem in caught.value.problems]
 
 
 def load_with(density: Any, obstacles: tuple[Any, ...] = ()) -> Scenario:

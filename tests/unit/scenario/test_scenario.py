@@ -161,7 +161,7 @@ def test_all_mistakes_are_found_at_once() -> None:
         "events": {"density": {"mean_m": [1, 2, 3], "covariance_m2": [[1, "x"], [2, math.nan]]}},
         "control": [],
     }
-    assert [(problem.path, problem.found) for problem in check(Scenario, table)[1]] == [
+    assert [(problem.path, problem.given) for problem in check(Scenario, table)[1]] == [
         ("sed", "unknown key"),
         ("record", "'all'"),
         ("run.duration_s", "-5"),
@@ -295,4 +295,4 @@ def test_a_table_as_deep_as_you_like_is_a_mistake_like_any_other() -> None:
     for _ in range(5000):
         value = [value]
     [problem] = check(Scenario, {"name": value})[1]
-    assert (problem.path, problem.found) == ("name", "list")
+    assert (problem.path, problem.given) == ("name", "list")

@@ -12,7 +12,7 @@ from deltaswarm_scenario import truth
 from deltaswarm_scenario.truth import (
     Body,
     EventState,
-    Said,
+    Sample,
     StepRecord,
     Truth,
     decode_truth,
@@ -94,9 +94,9 @@ SAID = st.tuples(st.integers(0, 0xFFFF), st.sampled_from([RADIO, REPORT]), st.bi
 
 
 @given(st.integers(0, 2**32 - 1), st.lists(SAID, max_size=20))
-def test_what_was_said_survives(step: int, said: list[Said]) -> None:
+def test_what_was_said_survives(step: int, samples: list[Sample]) -> None:
     """As its senders encoded it."""
-    assert decode_wire(encode_wire(step, said)) == (step, said)
+    assert decode_wire(encode_wire(step, samples)) == (step, samples)
 
 
 @given(st.binary(max_size=60))

@@ -298,7 +298,7 @@ def test_weights_that_make_no_density_are_refused(tmp_path: Path, grid: Any) -> 
         load_grid(written(tmp_path, "weights.npy", np.array(grid)))
     (problem,) = caught.value.problems
     assert problem.path == "events.density.file"
-    assert "weights.npy" in problem.found
+    assert "weights.npy" in problem.given
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from collections import Counter, deque
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from deltaswarm_scenario.truth import Said
+from deltaswarm_scenario.truth import Sample
 from deltaswarm_wire import keys
 from deltaswarm_wire.codec import MAX_ID, WireError
 from deltaswarm_wire.digest import RADIO, REPORT
@@ -192,7 +192,7 @@ class Intake:
         self._reports = {agent: waiting for agent, waiting in self._reports.items() if waiting}
         return reports
 
-    def said(self, reports: Sequence[tuple[int, bytes]]) -> list[Said]:
+    def samples(self, reports: Sequence[tuple[int, bytes]]) -> list[Sample]:
         """Return the step's radio frames and these reports, in agent order."""
         frames = [(agent, RADIO, data) for agent, data in self.transmitted.items()]
         return sorted(frames + [(agent, REPORT, data) for agent, data in reports])

@@ -11,7 +11,7 @@ from itertools import accumulate
 from typing import Any
 
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import DEAD, Body, Said, StepRecord, Truth
+from deltaswarm_scenario.truth import DEAD, Body, Sample, StepRecord, Truth
 from deltaswarm_wire.commands import BASE_ID
 from deltaswarm_wire.digest import ACT, COMMAND, RADIO, REPORT, Digest
 from deltaswarm_wire.messages import FRAME_ROOM_BYTES, MAX_SENSED, NOBODY, SENSED_BYTES, Event, Frame, Heard, TreeStatus
@@ -209,9 +209,9 @@ class WorldCore:
                         observers[event] += 1
                     else:
                         self.refused_claims += 1
-            spoken = self.intake.transmitted.get(agent)
-            if spoken is not None:
-                self.digest.add(self._step, agent, RADIO, spoken)
+            transmitted = self.intake.transmitted.get(agent)
+            if transmitted is not None:
+                self.digest.add(self._step, agent, RADIO, transmitted)
             self.digest.add(self._step, agent, ACT, data)
             self._tree_statuses[agent] = act.tree_status
             self._sleep.hold(agent, act)
@@ -295,9 +295,9 @@ class WorldCore:
         return Truth(self._step, self._time_s, tuple(bodies), events, tuple(self.links), row)
 
     @property
-    def said(self) -> list[Said]:
+    def samples(self) -> list[Sample]:
         """The raw radio frames and reports of the last closed step, in agent order."""
-        return self.intake.said(self._sent)
+        return self.intake.samples(self._sent)
 
     def totals(self, complete: bool) -> dict[str, Any]:
         """Return the world's totals of a run."""

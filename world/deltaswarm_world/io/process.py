@@ -236,7 +236,7 @@ class WorldProcess:
         if self._config.publish_truth:
             transport.truth(encode_truth(core.truth(record)))
         if self._config.publish_wire:
-            transport.wire(encode_wire(record.step, core.said))
+            transport.wire(encode_wire(record.step, core.samples))
         self._loop.take_control()
         reports = [encode_forwarded(forwarded) for forwarded in core.forwarded]
         clock = encode_clock(Clock(record.step, record.time_s, last))

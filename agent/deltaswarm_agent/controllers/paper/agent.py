@@ -73,7 +73,7 @@ class Agent:
         self.goto: Pose | None = None
         """Where the operator has sent it."""
         self.goto_until = 0
-        """The step with which this errand ends."""
+        """The step with which this walk ends."""
         self.errand_command = 0
         self.done: list[int] = []
         self.refused: list[int] = []

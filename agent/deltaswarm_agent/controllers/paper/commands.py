@@ -47,7 +47,7 @@ FORMS = (
 
 
 def obey(agent: Agent, commands: Sequence[Command]) -> None:
-    """Start carrying out new commands; note those that are done or refused at once, and an errand that is over."""
+    """Start carrying out new commands; note those that are done or refused at once, and a walk that is over."""
     if agent.goto is not None and agent.now >= agent.goto_until:
         agent.end_errand(agent.refused)
     for command in commands:
@@ -102,7 +102,7 @@ _RULES = {SET_DELTA: _set_delta, RECALL: _recall, ATTEND: _attend, HOLD: _hold, 
 
 
 def goto(agent: Agent) -> Pose | None:
-    """Return where the operator has sent a walking agent; the errand ends on arrival, or if something is in the way."""
+    """Return where the operator has sent a walking agent; the walk ends on arrival, or if something is in the way."""
     if agent.goto is not None and agent.here.is_at(*agent.goto):
         agent.end_errand(agent.done)
     elif agent.goto is not None and not agent.here.is_reachable(*agent.goto):

@@ -12,7 +12,7 @@ FRESHNESS_S = 8.0
 """How far behind its expected value a pulse may be for its sender to be trusted as a parent."""
 
 PREVIOUS_TREE_S = 20.0
-"""For this long a freed agent is as careful with its former tree as an orphan."""
+"""For this long a freed agent is as careful with its previous tree as an orphan."""
 
 LEAVING_S = 4.0
 """For this long an agent announces that it has left."""

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from deltaswarm_agent.bodies.fence import Fence, Place
 from deltaswarm_agent.bodies.guard import STAND, Guard, Limits
 from deltaswarm_agent.bodies.local_frame import LocalFrame
-from deltaswarm_agent.bodies.mavlink import MavlinkSettings
+from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_wire.checked import SettingsError, load
 
 SQUARE = Fence([(0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0)])
@@ -200,9 +200,9 @@ def test_a_vehicle_that_objects_stands_and_says_why() -> None:
     """Until it objects no more."""
     guard = a_guard()
     guard.command(1.0, 0.0, 0.0)
-    guard.object("on the ground")
+    guard.inhibit("on the ground")
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == (STAND, "on the ground")
-    guard.object("")
+    guard.inhibit("")
     assert (guard.velocity(0.1), guard.sensed(0.1).fault) == ((1.0, 0.0), "")
 
 

@@ -18,7 +18,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
+from deltaswarm_agent.bodies.mavlink import MavlinkBody
+from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controllers.paper.frames import Descendant, Leaving, Member, RecruitmentOrder, encode
 from deltaswarm_wire.checked import load

@@ -12,9 +12,10 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from deltaswarm_agent.bodies.mavlink import MavlinkBody, MavlinkSettings
+from deltaswarm_agent.bodies.mavlink import MavlinkBody
 from deltaswarm_agent.bodies.mavlink_link import Device, Link, SerialLink, TcpLink, UdpLink, open_link, parse_device
 from deltaswarm_agent.bodies.mavlink_modes import MODES, mode_name
+from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
 from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import SettingsError, load
 from deltaswarm_wire.settings import AgentSettings

@@ -26,7 +26,7 @@ from tests.support.cores import (
     ROOT,
     STEPS,
     Lone,
-    Said,
+    StepAnswer,
     a_member,
     a_root,
     attending,
@@ -38,7 +38,7 @@ from tests.support.cores import (
 )
 
 
-def velocity(decision: Said) -> tuple[float, float]:
+def velocity(decision: StepAnswer) -> tuple[float, float]:
     return decision.act.vx_mps, decision.act.vy_mps
 
 

@@ -23,7 +23,7 @@ from tests.support.cores import (
     PARENT_AT,
     ROOT,
     Lone,
-    Said,
+    StepAnswer,
     a_member,
     a_root,
     attending,
@@ -105,7 +105,7 @@ def test_malformed_frames_are_counted_and_harmless(life: list[Any], begin: str) 
     assert other.core.rejected_frames == 0
 
 
-def assert_sound(decision: Said, sensed: list[Event]) -> None:
+def assert_sound(decision: StepAnswer, sensed: list[Event]) -> None:
     """Sendable as it is, finite and within the speed limit; only what is sensed is observed."""
     assert math.hypot(decision.act.vx_mps, decision.act.vy_mps) <= 1.0 + 1e-9
     assert set(decision.act.observed) <= {event.event for event in sensed}

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from deltaswarm_agent.controllers.paper.frames import Descendant, Member, RecruitmentOrder, Sighting
 from deltaswarm_agent.controllers.paper.recruitment import Legal, best_place, weakest_leaf
 from deltaswarm_wire.messages import Event
-from tests.support.cores import ME, STEPS, Lone, Place, Said, a_root, child, event, relocating
+from tests.support.cores import ME, STEPS, Lone, Place, StepAnswer, a_root, child, event, relocating
 
 SIZE_M = (30.0, 24.0)
 SENSING_M, RANGE_M, D_MIN_M = 5.0, 9.98, 6.0
@@ -111,7 +111,7 @@ def leaf_frame(**more: Any) -> Member:
     return child(LEAF, (ME,), (58, 50), events=[FAR_EVENT], **more)
 
 
-def orders(decisions: Iterable[Said]) -> list[RecruitmentOrder | None]:
+def orders(decisions: Iterable[StepAnswer]) -> list[RecruitmentOrder | None]:
     return [decision.radio.order for decision in decisions if isinstance(decision.radio, Member)]
 
 

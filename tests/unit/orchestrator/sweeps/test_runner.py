@@ -20,7 +20,7 @@ from deltaswarm_orchestrator.sweeps.job import IN_PROCESS, PROCESSES, Task, work
 from deltaswarm_orchestrator.sweeps.load import load_sweep
 from deltaswarm_orchestrator.sweeps.plan import Sweep
 from deltaswarm_orchestrator.sweeps.progress import SweepReporter
-from deltaswarm_orchestrator.sweeps.runner import SweepResult, conduct
+from deltaswarm_orchestrator.sweeps.runner import SweepResult, run_sweep
 from tests.support.sweeping import made
 
 Printed = pytest.CaptureFixture[str]
@@ -51,7 +51,7 @@ def planned(repeats: int = 2, losses: Sequence[float] = (0.0, 0.4), prove: int =
 
 
 def conducted(sweep: Sweep, out: Path, engine: Here, **options: Any) -> SweepResult:
-    return conduct(sweep, out, lambda: engine, SweepReporter(), **options)
+    return run_sweep(sweep, out, lambda: engine, SweepReporter(), **options)
 
 
 def runs(folder: Path) -> dict[str, bytes]:
@@ -70,7 +70,7 @@ def test_a_finished_sweep_is_not_done_again(tmp_path: Path) -> None:
     def no_engine() -> Here:
         raise AssertionError
 
-    again = conduct(planned(), tmp_path / "out", no_engine, SweepReporter())
+    again = run_sweep(planned(), tmp_path / "out", no_engine, SweepReporter())
     assert again.is_well
     assert ((tmp_path / "out" / "table.csv").read_bytes(), runs(tmp_path / "out")) == (table, files)
     assert again.manifest["sessions"] == 2

@@ -116,18 +116,18 @@ class Air:
         self,
         step: int,
         time_s: float,
-        spoken: Mapping[int, bytes],
+        transmitted: Mapping[int, bytes],
         positions_m: Floats,
         listening: Sequence[bool],
         mute: Collection[int] = (),
     ) -> Reception:
         """Run one step: frames by sender, positions (n, 2) [m], present receivers, muted senders."""
         reception = Reception(len(listening))
-        senders = sorted(spoken)
+        senders = sorted(transmitted)
         if mute:
             senders = [sender for sender in senders if sender not in mute]
-            reception.drop("dead", (len(spoken) - len(senders)) * (len(listening) - 1))
-        frames = [spoken[sender] for sender in senders]
+            reception.drop("dead", (len(transmitted) - len(senders)) * (len(listening) - 1))
+        frames = [transmitted[sender] for sender in senders]
         if self._sending is not None:
             senders, frames = self._send(self._sending, senders, frames, listening, reception)
         self._moment = _Moment(time_s, positions_m, listening)
@@ -203,9 +203,9 @@ class Air:
         reception.links = list(zip(speaking[columns].tolist(), receivers, strict=True))
         reception.largest_bytes = max(map(len, frames))
         reception.drop("range", len(senders) * (len(listening) - 1) - dead - len(receivers))
-        said = list(zip(senders, frames, strict=True))
+        transmissions = list(zip(senders, frames, strict=True))
         for column, receiver in zip(columns.tolist(), receivers, strict=True):
-            reception.heard[receiver].append(said[column])
+            reception.heard[receiver].append(transmissions[column])
 
     def _cross(self, senders: list[int], frames: list[bytes], reception: Reception) -> Links:
         """Apply the models to all links in reach; return the links with the open ones marked."""
@@ -297,6 +297,6 @@ def _hear_all(links: Links, senders: Sequence[int], frames: Sequence[bytes], rec
     receivers = links.receivers[is_open].tolist()
     reception.links = list(zip(links.senders[is_open].tolist(), receivers, strict=True))
     reception.largest_bytes = max(map(len, frames))
-    heard, said = reception.heard, list(zip(senders, frames, strict=True))
+    heard, transmissions = reception.heard, list(zip(senders, frames, strict=True))
     for column, receiver in zip(links.columns[is_open].tolist(), receivers, strict=True):
-        heard[receiver].append(said[column])
+        heard[receiver].append(transmissions[column])

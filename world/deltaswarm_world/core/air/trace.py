@@ -39,7 +39,7 @@ class TracedAir(Air):
         self,
         step: int,
         time_s: float,
-        spoken: Mapping[int, bytes],
+        transmitted: Mapping[int, bytes],
         positions_m: Floats,
         listening: Sequence[bool],
         mute: Collection[int] = (),
@@ -47,7 +47,7 @@ class TracedAir(Air):
         """See `Air`."""
         self._outcomes = []
         self._listening = listening
-        reception = super().carry(step, time_s, spoken, positions_m, listening, mute)
+        reception = super().carry(step, time_s, transmitted, positions_m, listening, mute)
         self._note("delivered", reception.links.count((self.sender, self.receiver)))
         if self._sending is not None:
             self._note("waits in the sender's queue", len(self._sending.holds(self.sender)))
@@ -57,7 +57,7 @@ class TracedAir(Air):
         if self._taking_in is not None:
             held = self._own([(self.receiver, packet) for packet in self._taking_in.holds(self.receiver)])
             self._note("waits in the receiver's queue", held)
-        self._note("dropped: dead, the sender's radio", self.sender in spoken and self.sender in mute)
+        self._note("dropped: dead, the sender's radio", self.sender in transmitted and self.sender in mute)
         return reception
 
     def outcomes_of(self, links: Sequence[tuple[int, int]]) -> list[str]:
