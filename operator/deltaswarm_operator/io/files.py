@@ -20,7 +20,7 @@ TABLE, TOTALS, STATE = "operator.csv", "operator.json", "operator-state.json"
 class Output:
     """Writes `operator.csv`, a row per step, and at the end `operator.json`. Never overwrites.
 
-    With `go_on` it continues the table of a killed operator after the last confirmed row.
+    With `go_on` it continues the table of an operator that ended early after the last confirmed row.
     """
 
     def __init__(self, folder: Path, columns: Sequence[str], *, go_on: bool = False) -> None:
@@ -83,9 +83,10 @@ class Output:
         self._write(TOTALS, totals)
 
     def finish(self, totals: Mapping[str, Any]) -> None:
-        """Write the totals, and remove the state to resume from."""
+        """Write the totals; if they are `complete`, remove the state, from which no other operator will resume."""
         self.totals(totals)
-        (self._folder / STATE).unlink(missing_ok=True)
+        if totals["complete"]:
+            (self._folder / STATE).unlink(missing_ok=True)
 
     def _write(self, name: str, value: Mapping[str, Any]) -> None:
         part = self._folder / f"{name}.part"

@@ -149,8 +149,13 @@ class Timing:
 
     def per_second(self, name: str, values: "pd.Series", variants: "pd.Series") -> "pd.Series":
         """Turn a metric's numbers per step into numbers per second."""
-        return values / variants.map(self.step_s) if name in PER_STEP else values
+        return values / _by_variant(self.step_s, variants) if name in PER_STEP else values
 
     def is_within(self, ends_s: "pd.Series", variants: "pd.Series") -> "pd.Series":
         """Return whether each of these moments lies within its run, or at its end."""
-        return ends_s <= variants.map(self.end_s) + 1e-9 * self.every_s
+        return ends_s <= _by_variant(self.end_s, variants) + 1e-9 * self.every_s
+
+
+def _by_variant(values: Mapping[str, float], variants: "pd.Series") -> "pd.Series":
+    """Look up a number for each variant; of no variants, pandas' `map` alone returns a series of texts."""
+    return variants.map(values).astype(float)

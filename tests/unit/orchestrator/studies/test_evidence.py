@@ -200,6 +200,14 @@ def test_numbers_per_step_are_told_per_second() -> None:
     }
 
 
+def test_runs_shorter_than_a_window_have_no_windows() -> None:
+    """Their table is empty, and whatever is drawn from it too."""
+    study = made(OWN.replace("window_s = 100.0", "window_s = 2000.0"))
+    windows = windows_with_levels(study, series(lambda *_: 20.0))
+    assert windows.empty
+    assert {"variant", "time_s", "loss"} <= {*windows}
+
+
 def test_the_time_to_converge_is_read_off_the_running_mean() -> None:
     """Agents in trees grow to 12 at 600 s, and 90 % of it is at 540 s."""
     own = OWN.replace('"messages"]', '"converged"]')
