@@ -12,6 +12,9 @@ from deltaswarm_wire.obstacles import ObstacleSettings
 
 OURS = "our reading"
 
+LAYERS = ("heat", "labels", "trees")
+"""Layers of the page's map that can be switched on and off."""
+
 
 @dataclass(frozen=True)
 class ProbeSettings:
@@ -32,6 +35,16 @@ class ProbeSettings:
     def has_sheet(self) -> bool:
         """Whether a sheet is filled in before the run begins."""
         return bool(self.consent or self.participant)
+
+
+@dataclass(frozen=True)
+class PageSettings:
+    """What the page shows and offers to the person at the station."""
+
+    title: str = key("", "heading of the page; empty: the scenario and the mode, which a participant should not read")
+    pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
+    orders: tuple[str, ...] = key((), "orders that the page offers; none: all that the controller accepts")
+    layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)
 
 
 OFF, NONE, THRESHOLD = "off", "none", "threshold"
@@ -101,6 +114,7 @@ class OperatorSettings:
     threshold_hz: float = key(5.0, "message rate, over the last 60 s, above which time is counted", low=0)
     more_thresholds_hz: tuple[float, ...] = key((), "further thresholds that the station shows", low=0)
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
+    page: PageSettings = key(PageSettings, "what the station's page shows and offers")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
 
 

@@ -5,6 +5,7 @@ import os
 import resource
 import signal
 import socket
+import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,9 @@ from tests.support.soak import resident_mb
 from tests.support.swarms import PATIENCE_S, stat, wait_until
 
 pytestmark = pytest.mark.processes
+
+MAX_MB = 40.0 if sys.version_info < (3, 13) else 44.0
+"""Python 3.13 itself takes 3 MB more."""
 
 FAST = ("--accelerate", "20")
 OUTSIDE = ((10.0, 0.5), (19.0, 18.0))
@@ -192,7 +196,7 @@ def test_a_board_is_quick_to_start_and_stays_small(tmp_path: Path) -> None:
         assert systemd.recv(1000) == b"READY=1"
         assert busy_s(process.pid) < 1.0  # of wall time a loaded machine may take more
         wait_until(lambda: "is on the air" in running.said(0), "a session")
-        assert resident_mb(process.pid) <= 40.0
+        assert resident_mb(process.pid) <= MAX_MB
 
 
 def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) -> None:
@@ -205,7 +209,7 @@ def test_so_does_a_board_with_certificates_that_knows_25_agents(tmp_path: Path) 
             air = {**link, "agents": "0-24", "tls": tls_table(tmp_path, f"agent-{agent}", verify_name=False)}
             running.start(board_table(agent, EVENT_AT, air, tmp_path))
         wait_until(lambda: "links: 2 " in running.said(0), "both links")
-        assert resident_mb(running.processes[0].pid) <= 40.0
+        assert resident_mb(running.processes[0].pid) <= MAX_MB
 
 
 def busy_s(pid: int) -> float:

@@ -5,6 +5,7 @@ import json
 import os
 import re
 import shlex
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -101,12 +102,14 @@ def test_a_run_that_was_killed_goes_on(tmp_path: Path) -> None:
     assert len(json.loads((tmp_path / "runs" / "long" / "manifest.json").read_text())["resumed"]) == 1
 
 
-def test_the_command_for_the_scenario_keys_writes_the_page(tmp_path: Path) -> None:
-    """That of EXTENDING.md."""
-    [command] = commands(page("docs/EXTENDING.md"))
-    done = shell(command.replace("docs/SCENARIO.md", str(tmp_path / "SCENARIO.md")), ROOT)
-    assert done.returncode == 0, done.stderr
+def test_the_commands_for_pages_made_from_the_code_write_them(tmp_path: Path) -> None:
+    """Those of EXTENDING.md."""
+    shutil.copy(ROOT / "docs" / "RESULTS.md", tmp_path)
+    for command in commands(page("docs/EXTENDING.md")):
+        done = shell(re.sub(r"docs/(\w+\.md)", rf"{tmp_path}/\1", command), ROOT)
+        assert done.returncode == 0, done.stderr
     assert (tmp_path / "SCENARIO.md").read_text() == reference()
+    assert (tmp_path / "RESULTS.md").read_text() == page("docs/RESULTS.md")
 
 
 @pytest.mark.slow

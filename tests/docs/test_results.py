@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from deltaswarm_operator.core.console import OperatorAction
-from deltaswarm_operator.core.probes import ProbeRow
 from deltaswarm_orchestrator.cli import main
+from deltaswarm_scenario.person_tables import TABLES
 from tests.support.pages import ROOT
 
 PAGE = (ROOT / "docs" / "RESULTS.md").read_text()
@@ -34,7 +33,7 @@ def header(file: Path) -> list[str]:
 def test_every_column_is_named(run: Path) -> None:
     """Of all tables; drops are named by their reason."""
     columns = [*header(run / "series.csv"), *header(run / "events.csv")]
-    columns += [*OperatorAction._fields, *ProbeRow._fields]
+    columns += [column for table in TABLES.values() for column in table._fields]
     reasons = [re.sub(r"^(reports_)?dropped_", "", column) for column in columns]
     assert not set(reasons) - NAMED
 

@@ -2,11 +2,18 @@
 
 from pathlib import Path
 
+from docs.extensions.person_tables import with_reference
 from docs.extensions.scenario_keys import reference
 
-ROOT = Path(__file__).parents[2]
+DOCS = Path(__file__).parents[2] / "docs"
 
 
 def test_the_page_of_scenario_keys_is_up_to_date() -> None:
     """docs/SCENARIO.md is what `reference` writes: every key, default, meaning and source."""
-    assert (ROOT / "docs" / "SCENARIO.md").read_text() == reference()
+    assert (DOCS / "SCENARIO.md").read_text() == reference()
+
+
+def test_the_page_of_result_files_is_up_to_date() -> None:
+    """docs/RESULTS.md has every column of the tables about a person at the console."""
+    page = (DOCS / "RESULTS.md").read_text()
+    assert page == with_reference(page)

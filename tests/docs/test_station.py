@@ -20,7 +20,7 @@ def test_a_run_with_a_station_is_scripted_and_replayed(tmp_path: Path) -> None:
     done = shell(f"{station} {SHORT}; {scripted}", tmp_path)
     assert done.returncode == 0, done.stderr
     assert "http://127.0.0.1:" in done.stderr
-    for name in ("operator.csv", "probes.csv"):
+    for name in ("actions.csv", "probes.csv"):
         assert (tmp_path / "runs/station" / name).exists()
     given, left = (
         tomllib.loads(file.read_text())["command"]

@@ -71,7 +71,7 @@ def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> No
     outside, alone = run(tmp_path / "run", "--record", "off", *flags(overrides)), inside(*overrides)
     assert outside["digest"] == alone["digest"]
     assert outside["person"] == alone["person"]
-    with (tmp_path / "run" / "operator.csv").open(newline="") as table:
+    with (tmp_path / "run" / "actions.csv").open(newline="") as table:
         kinds = [row["kind"] for row in csv.DictReader(table)]
     assert kinds.count("read") == outside["person"]["read"]
     assert kinds.count("command") == outside["person"]["commands"]
@@ -118,7 +118,7 @@ def test_an_operator_that_was_killed_goes_on_as_the_same_person(tmp_path: Path) 
     assert outside["operator_restarts"] == 2
     assert outside["digest"] == alone["digest"]
     assert outside["person"] == alone["person"]
-    with (tmp_path / "run" / "operator.csv").open(newline="") as table:
+    with (tmp_path / "run" / "actions.csv").open(newline="") as table:
         kinds = [row["kind"] for row in csv.DictReader(table)]
     assert kinds.count("read") == outside["person"]["read"]
     assert kinds.count("command") == outside["person"]["commands"]

@@ -116,13 +116,16 @@ def test_a_run_survives_that_all_is_killed_five_times(tmp_path: Path) -> None:
     same_as_undisturbed(swarm)
     left = {path.name for path in swarm.out.iterdir()}
     assert left == {
+        "actions.csv",
         "agents",
+        "commands.csv",
         "commands.toml",
+        "event_numbers.csv",
         "events.csv",
+        "inbox.csv",
         "layout.json",
         "logs",
         "manifest.json",
-        "operator.csv",
         "operator.toml",
         "probes.csv",
         "recording.mcap",

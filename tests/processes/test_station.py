@@ -129,8 +129,8 @@ def test_what_a_person_did_can_be_run_again_as_a_script(tmp_path: Path) -> None:
     assert summary["valid"]
     assert summary["steps"] == 300
     assert len(commands_of(swarm.out)) == 40
-    actions = table(swarm.out / "operator.csv")
-    assert [json.loads(action["detail"])[0] for action in actions if action["kind"] == "command"] == numbers
+    actions = table(swarm.out / "actions.csv")
+    assert [int(action["command"]) for action in actions if action["kind"] == "command"] == numbers
     script = [*given, "--commands", str(swarm.out / "commands.toml")]
     for name, more in (("processes", []), ("in-process", ["--in-process"])):
         assert swarms.run(tmp_path / name, *script, *more)["digest"] == summary["digest"], name
@@ -266,9 +266,31 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
         ("isa", "4"),
         *(("tlx", str(value)) for value in scales.values()),
     ]
-    kinds = [action["kind"] for action in table(swarm.out / "operator.csv")]
-    assert kinds == ["pace", "sheet", "isa", "note", "pace", "tlx"]
+    actions = table(swarm.out / "actions.csv")
+    assert [action["kind"] for action in actions if action["kind"] != "page"] == [
+        *("pace", "sheet", "isa", "note", "pace", "tlx")
+    ]
+    pages = [action for action in actions if action["kind"] == "page"]
+    assert [action["page"] for action in pages if action["name"] == "opened"][:2] == ["1", "2"]
+    moments = [float(action["monotonic_s"]) for action in actions]
+    assert moments == sorted(moments)
+    assert len(table(swarm.out / "wall_times.csv")) == swarm.summary()["steps"]
     assert swarm.summary()["valid"]
+    person = swarm.summary()["person"]
+    assert (person["questions"], person["answers_missing"], person["isa"]) == (2, 0, 4)
+    assert person["tlx"] == {"raw": pytest.approx(sum(scales.values()) / 6)}
+    assert person["items"] == len(table(swarm.out / "inbox.csv"))
+
+
+def test_questions_without_an_answer_are_named(tmp_path: Path) -> None:
+    """The run is complete, and the summary says what is missing; each scale has a row."""
+    given = sets("operator.probes.tlx=true", "operator.probes.isa_every_s=0", "run.duration_s=20")
+    with at_the_station(tmp_path / "run", *given) as (swarm, person):
+        person.see(lambda picture: picture["probe"] == {"kind": "tlx"})
+        swarm.signal("station", signal.SIGTERM)
+        swarm.end_well()
+    assert [(row["probe"], row["value"]) for row in table(swarm.out / "probes.csv")] == [("tlx", "")] * 6
+    assert swarm.summary()["person"]["answers_missing"] == 1
 
 
 def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ from random import Random
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, USAGE
 from deltaswarm_orchestrator.inspect import info
 from deltaswarm_orchestrator.processes.process import HOW, UNKNOWN
+from deltaswarm_orchestrator.recording.names import ACTIONS
 from deltaswarm_orchestrator.recording.reader import read_recording
-from deltaswarm_orchestrator.results.run_tables import OPERATOR_TABLE
 from tests.storm.storm import FORK_SERVER, ORCHESTRATOR, Seen, can_be_resumed, edit, play, resume
 
 KILL = signal.SIGKILL
@@ -72,8 +72,8 @@ def _records(run: Path, code: int, was_killed: bool) -> list[str]:
     state = info.describe(run)["state"]
     if (state == "complete") != summary["complete"] or state.startswith("running"):
         found.append(f"info says {state!r}")
-    if (run / OPERATOR_TABLE).exists():
-        rows = list(csv.DictReader((run / OPERATOR_TABLE).read_text().splitlines()))
+    if (run / ACTIONS).exists():
+        rows = list(csv.DictReader((run / ACTIONS).read_text().splitlines()))
         times = [float(row["time_s"]) for row in rows]
         found += ["the operator's table goes back in time, or has a row twice"] * (
             times != sorted(times) or len({tuple(row.items()) for row in rows}) != len(rows)

@@ -291,8 +291,9 @@ class Player:
                     self.time_s = intent["time_s"]
                     self.swarm.told = -1
                 self._feed.send(*self.swarm.answer(intent, self.time_s))
-                if intent["type"] != "catch_up":
+                if intent["type"] not in ("catch_up", "page"):
                     self._feed.send(self.swarm.picture(self.time_s))
+                if intent["type"] != "catch_up":
                     self.intents.append(intent)
                 self._news.notify_all()
 

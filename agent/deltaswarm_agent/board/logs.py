@@ -3,6 +3,7 @@
 import logging
 import logging.handlers
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from deltaswarm_agent.board.settings import LogSettings
@@ -20,6 +21,9 @@ class _Files(logging.handlers.RotatingFileHandler):
         root = logging.getLogger()
         if self in root.handlers:  # else another thread has removed it meanwhile
             root.removeHandler(self)
+            if self.stream:
+                with suppress(OSError):  # else Python would complain of the lines left in its buffer
+                    self.stream.close()
             _to_standard_error(logging.NOTSET)
             log.error("logging to %s stopped: %s", self.baseFilename, error)
         if record.levelno < logging.ERROR:  # errors are already on standard error

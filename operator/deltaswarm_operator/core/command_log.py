@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from deltaswarm_scenario.person_tables import CommandRow
 from deltaswarm_wire.commands import (
     MAX_IN_TURN,
     Command,
@@ -140,6 +141,18 @@ class CommandLog:
             heard, done, refused, superseded = sent.counts.values()
             rows.append([*told, heard, done, refused, expires_s, sent.state(now_s), superseded])
         return rows
+
+    def outcomes(self, now_s: float) -> dict[str, Any]:
+        """Return the numbers of commands by outcome, for JSON."""
+        states = [sent.state(now_s) for sent in self.sent]
+        return {"commands_by_state": {state: states.count(state) for state in (SENT, KNOWN, CARRIED_OUT, EXPIRED)}}
+
+    def table(self, now_s: float) -> list[CommandRow]:
+        """Return all commands and their outcomes."""
+        return [
+            CommandRow(sent.command.number, sent.command.name, sent.sent_s, **sent.counts, state=sent.state(now_s))
+            for sent in self.sent
+        ]
 
     def fates(self, now_s: float) -> list[dict[str, Any]]:
         """Return all commands and their outcomes, for JSON."""

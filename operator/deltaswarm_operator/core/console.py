@@ -5,18 +5,20 @@ Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` desc
 
 import json
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from random import Random
-from typing import Any, NamedTuple
+from typing import Any
 
+from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_row
 from deltaswarm_operator.core.probes import ISA, Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
+from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, OperatorAction
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import Pace, Target, Turn, make_target, named
+from deltaswarm_wire.commands import AGENT, TREE, Pace, Target, Turn, named
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 LIVE = "live"
@@ -24,19 +26,8 @@ SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
 HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
-MAX_NOTE = 2000
-"""Characters."""
-NO_CONSENT = "the run begins once the participant has consented"
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
-
-
-class OperatorAction(NamedTuple):
-    """One act of a real, simulated or scripted person; `detail` is JSON."""
-
-    time_s: float
-    kind: str
-    detail: str
 
 
 def _person(briefing: Briefing) -> SimulatedOperator | None:
@@ -58,6 +49,8 @@ class Console:
         briefing: what the operator knows in advance.
         command_log: numbers and signs commands; default: numbers from 0, unsigned.
         in_air: whether in open air, where time has no pace and a command leaves the base at once.
+
+    `wall_s` is any monotonic clock, such as `time.monotonic`.
     """
 
     def __init__(self, briefing: Briefing, command_log: CommandLog | None = None, *, in_air: bool = False) -> None:
@@ -65,26 +58,32 @@ class Console:
         self.command_log = command_log or CommandLog(briefing.forms)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
         self.person = _person(briefing)
+        self.attention: Attention | None = None
+        """What the person at the station reads and misses; None without a station."""
         self.pace = Pace(briefing.speed, -1)
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
-        self.rejected = 0
-        """Number of dropped intents of the station."""
-        self._briefing = briefing
-        self._in_air = in_air
+        self.briefing = briefing
+        self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
         self._script = deque(sorted(briefing.command, key=lambda command: command.at_s))
-        self._step = -1
+        self.step = -1
+        """The newest closed step."""
         self._is_over = False
         self._workload: Workload | None = None
         self._messages = 0
         self._steps_above = [0 for _ in self._thresholds]
-        self._history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
+        self.history: deque[tuple[float, float, float]] = deque(maxlen=HISTORY_ROWS)
         self._shown = 0
 
     @property
     def _thresholds(self) -> list[float]:
-        return [self._briefing.operator.threshold_hz, *self._briefing.operator.more_thresholds_hz]
+        return [self.briefing.operator.threshold_hz, *self.briefing.operator.more_thresholds_hz]
+
+    def attend(self) -> None:
+        """Note that there is a station, at which somebody may sit."""
+        if self.person is None:
+            self.attention = Attention(self.briefing.operator.person.patience_s)
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
@@ -94,7 +93,7 @@ class Console:
 
     def close_step(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
         """Take in a closed step; return the operator's turn."""
-        self._step, self._is_over, self._workload = clock.step, clock.last, workload
+        self.step, self._is_over, self._workload = clock.step, clock.last, workload
         self.command_log.close_step()
         for report in reports:
             self.command_log.hear(report)
@@ -102,8 +101,10 @@ class Console:
         self._messages += workload.messages
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
-        self._history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
+        self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
         self.probes.tick(clock.time_s, clock.last, wall_s)
+        if self.attention is not None:
+            self.attention.close_step(self.picture)
         self._follow_script(clock.step + self._first_step)
         if self.person is not None:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
@@ -111,43 +112,69 @@ class Console:
 
     def turn(self) -> Turn:
         """Return the turn with the commands given so far."""
-        return Turn(self._step, self.command_log.take_unsent())
+        return Turn(self.step, self.command_log.take_unsent())
 
     def _follow_script(self, step: int) -> None:
         """Give the script's commands for this step; those that are too early leave in the first possible step."""
         while self._is_scripted(step) and self.command_log.has_room:
             scripted = self._script.popleft()
             target = Target(scripted.target, scripted.numbers)
-            self._command(scripted.name, target, scripted.arguments, scripted.life_s)
+            self.command(SCRIPT, scripted.name, target, scripted.arguments, scripted.life_s)
 
     def _act_as(self, person: SimulatedOperator, items: Sequence[Item], rate_hz: float, wall_s: float) -> None:
         """Carry out the simulated person's acts up to now."""
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
-                self._note("read", self.picture.read(act.numbers))
+                self.note(SIMULATED, "read", items=" ".join(map(str, self.picture.read(act.numbers))))
             else:
-                self._command(SET_DELTA, Target(), {DELTA: act.delta})
+                self.command(SIMULATED, SET_DELTA, Target(), {DELTA: act.delta})
         asked = self.probes.open(wall_s)
         if asked is not None and asked["kind"] == ISA:
             self.probes.answer_isa(asked["number"], person.answer_isa(), wall_s)
-            self._note(ISA, person.isa)
+            self.note(SIMULATED, ISA, value=person.isa)
 
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics of the simulated person, for JSON; empty without one."""
-        return {} if self.person is None else {"person": self.person.totals}
+        """The metrics of the person, simulated or at the station, for JSON; empty without one."""
+        if self.person is not None:
+            person = self.person.totals
+        elif self.attention is not None:
+            person = self.attention.totals(self.picture, len(self.command_log.sent), self.probes.answers)
+        else:
+            return {}
+        return {"person": person | self.command_log.outcomes(self.picture.now_s) | self.probes.outcomes}
 
-    def _command(self, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float) -> int:
+    def command(
+        self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
+    ) -> int:
+        """Give a command; return its place among all commands. `at`: columns of the act. Raises ValueError."""
         command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s)
-        self._note("command", [command.number, name, [target.kind, *target.numbers], dict(arguments), command.life_s])
+        numbers = [value for value in command.arguments.values() if not isinstance(value, str)]
+        self.note(
+            by,
+            "command",
+            name=name,
+            command=command.number,
+            life_s=command.life_s,
+            arguments=json.dumps(command.arguments),
+            value=next(iter(numbers), None),
+            **_target_columns(target),
+            **at,
+        )
         return len(self.command_log.sent) - 1
 
-    def _note(self, kind: str, detail: Any) -> None:
-        self.actions.append(OperatorAction(self.picture.now_s, kind, json.dumps(detail)))
+    def set_pace(self, pace: Pace, wall_s: float) -> None:
+        """Change the pace; time in which the run is held does not count against a question."""
+        self.pace = pace
+        self.probes.hold(wall_s, is_held=self.pace.hold_step >= 0)
+
+    def note(self, by: str, kind: str, **columns: Any) -> None:
+        """Note an act."""
+        self.actions.append(OperatorAction(self.picture.now_s, kind, by, **columns))
 
     def _is_scripted(self, step: int) -> bool:
         """Whether the script's next command is due in this step or before."""
-        return bool(self._script) and round(self._script[0].at_s / self._briefing.step_s) <= step
+        return bool(self._script) and round(self._script[0].at_s / self.briefing.step_s) <= step
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
@@ -159,19 +186,22 @@ class Console:
             "picture": self.picture.state(),
             "messages": self._messages,
             "steps_above": self._steps_above,
-            "history": list(self._history),
+            "history": list(self.history),
             "person": None if self.person is None else self.person.state(),
+            "attention": None if self.attention is None else self.attention.state(),
         }
 
     def restore(self, step: int, state: Mapping[str, Any]) -> None:
         """Resume after a step from another console's `state`."""
-        self._step = step
+        self.step = step
         self.command_log.restore(state["commands"])
         if self.person is not None:
             self.person.restore(state["person"])
+        if self.attention is not None and state["attention"] is not None:
+            self.attention.restore(state["attention"])
         self.picture.restore(state["picture"])
         self._messages, self._steps_above = state["messages"], list(state["steps_above"])
-        self._history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
+        self.history.extend((time_s, short_hz, long_hz) for time_s, short_hz, long_hz in state["history"])
         while len(self._script) > state["script"]:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
@@ -181,13 +211,13 @@ class Console:
 
     def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> bytes:
         """Return the message that describes the run to the page."""
-        briefing = self._briefing
-        probes = briefing.operator.probes
-        return _json(
+        briefing = self.briefing
+        probes, page = briefing.operator.probes, briefing.operator.page
+        return compact(
             type="hello",
             kind=kind,
             run=run,
-            title=briefing.title,
+            title=page.title or briefing.title,
             step_s=briefing.step_s,
             duration_s=briefing.duration_s,
             arena_m=[briefing.width_m, briefing.height_m],
@@ -196,8 +226,9 @@ class Console:
             range_m=briefing.range_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
-            commands=[plain(form) for form in briefing.forms],
-            speeds=() if self._in_air else speeds,
+            commands=[plain(form) for form in briefing.forms if form.name in (page.orders or (form.name,))],
+            speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
+            layers=page.layers,
             session={
                 "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},
@@ -209,14 +240,16 @@ class Console:
         picture, workload = self.picture, self._workload
         first = min(self._shown, max(0, len(picture.inbox) - INBOX_SHOWN))  # also after a replay went back
         self._shown = len(picture.inbox)
-        above_s = [steps * self._briefing.step_s for steps in self._steps_above]
+        if self.attention is not None:
+            self.attention.show(picture, wall_s)
+        above_s = [steps * self.briefing.step_s for steps in self._steps_above]
         told = dict(
             type="picture",
-            step=self._step,
+            step=self.step,
             time_s=round(picture.now_s, 3),
             over=self._is_over,
             **picture.rows(),
-            inbox=_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
+            inbox=item_rows(picture.inbox[max(first, len(picture.inbox) - INBOX_CAUGHT_UP) :]),
             unread=len(picture.unread),
             closed={"events": len(picture.closed), "after_s": round(picture.closed_after_s or 0.0, 1)},
             workload={
@@ -231,103 +264,21 @@ class Console:
             pace={"paused": self.pace.hold_step >= 0, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
         )
-        return _json(**{**told, **more})
-
-    def intend(self, data: bytes, wall_s: float) -> list[bytes]:
-        """Carry out an intent of the station; return the answers."""
-        try:
-            raw = json.loads(data)
-        except ValueError:
-            raw = None
-        kind = raw.get("type") if isinstance(raw, dict) else None
-        act = self._intents.get(kind) if isinstance(kind, str) else None
-        if act is None:
-            self.rejected += 1
-            return []
-        to = raw.get("from")
-        try:
-            return act(self, raw, to, wall_s)
-        except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
-            self.rejected += 1
-            why = str(error) if isinstance(error, ValueError) else f"{kind}: something is missing or wrong"
-            return [_json(type="refused", to=to, id=str(raw.get("id", kind))[:64], why=why)]
-
-    def _intend_command(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        target = raw["target"]
-        fields = {"circle": ("x_m", "y_m", "radius_m"), "tree": ("root",), "agent": ("agent",), "place": ("x_m", "y_m")}
-        numbers = [target[field] for field in fields.get(target["kind"], ())]
-        number = self._command(raw["name"], make_target([target["kind"], *numbers]), raw.get("arguments", {}))
-        return [_json(type="accepted", to=to, id=str(raw.get("id", ""))[:64], number=number)]
-
-    def _intend_pace(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        if self._in_air:
-            raise ValueError("in open air the pace cannot be set")
-        if self.probes.is_sheet_open and "speed" not in raw:
-            raise ValueError(NO_CONSENT)
-        if "speed" in raw:
-            speed = float(raw["speed"])
-            if not 0.0 <= speed <= 1000.0:
-                raise ValueError(f"the speed must be from 0 to 1000 (got {speed:.15g})")
-            self.pace = self.pace._replace(speed=speed)
-        elif "steps" in raw:
-            steps = int(raw["steps"])
-            if not 1 <= steps <= 10_000:
-                raise ValueError(f"the number of steps must be from 1 to 10,000 (got {steps})")
-            self.pace = self.pace._replace(hold_step=self._step + 1 + steps)
-        else:
-            self.pace = self.pace._replace(hold_step=self._step + 1 if raw["paused"] else -1)
-        self._note("pace", {name: raw[name] for name in ("speed", "steps", "paused") if name in raw})
-        return []
-
-    def _intend_read(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        numbers = list(self.picture.unread) if raw.get("all") else [int(number) for number in raw["items"]]
-        fresh = self.picture.read(numbers)
-        if fresh:
-            self._note("read", fresh)
-        return [_json(type="read", items=fresh)]
-
-    def _intend_isa(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        self.probes.answer_isa(raw["number"], raw["answer"], wall_s)
-        self._note("isa", raw["answer"])
-        return []
-
-    def _intend_tlx(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        self.probes.answer_tlx(raw["scales"], raw.get("weights"), wall_s)
-        self._note("tlx", raw["scales"])
-        return []
-
-    def _intend_note(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        self._note("note", str(raw["text"])[:MAX_NOTE])
-        return []
-
-    def _intend_sheet(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        if raw.get("consent") is not True:
-            raise ValueError(NO_CONSENT)
-        self.probes.take_sheet()
-        self._note("sheet", {name: str(raw.get(name, ""))[:64] for name in ("participant", "condition")})
-        self.pace = self.pace._replace(hold_step=-1)
-        return []
-
-    def _intend_catch_up(self, raw: dict[str, Any], to: Any, wall_s: float) -> list[bytes]:
-        newest = self.picture.inbox[-INBOX_CAUGHT_UP:]
-        read = [item.number for item in newest if item.number not in self.picture.unread]
-        return [_json(type="catch_up", to=to, inbox=_rows(newest), read=read, history=list(self._history))]
-
-    _intents: Mapping[str, Callable[["Console", dict[str, Any], Any, float], list[bytes]]] = {
-        "command": _intend_command,
-        "pace": _intend_pace,
-        "read": _intend_read,
-        "isa": _intend_isa,
-        "tlx": _intend_tlx,
-        "note": _intend_note,
-        "sheet": _intend_sheet,
-        "catch_up": _intend_catch_up,
-    }
+        return compact(**{**told, **more})
 
 
-def _rows(items: Sequence[Item]) -> list[list[Any]]:
+def _target_columns(target: Target) -> dict[str, Any]:
+    """Return the columns of an act that say whom a command is for."""
+    if target.kind in (AGENT, TREE):
+        return {"target": target.kind, "agent": int(target.numbers[0])}
+    return {"target": target.kind, **dict(zip(("x_m", "y_m", "radius_m"), target.numbers, strict=False))}
+
+
+def item_rows(items: Sequence[Item]) -> list[list[Any]]:
+    """Return items in the page's format."""
     return [item_row(item) for item in items]
 
 
-def _json(**message: Any) -> bytes:
+def compact(**message: Any) -> bytes:
+    """Encode a message for the station."""
     return json.dumps(message, separators=(",", ":"), allow_nan=False).encode()

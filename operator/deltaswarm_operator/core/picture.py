@@ -185,6 +185,11 @@ class Picture:
             return None
         return sum(last_s - first_s for first_s, last_s in self.closed.values()) / len(self.closed)
 
+    @property
+    def event_numbers(self) -> Mapping[int, int]:
+        """The page's number of each event by its id."""
+        return self._numbers
+
     def read(self, numbers: Iterable[int]) -> list[int]:
         """Mark items as read; return those that were unread."""
         fresh = sorted(self.unread.intersection(numbers))

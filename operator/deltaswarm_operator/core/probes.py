@@ -11,21 +11,11 @@ from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.person_tables import ProbeRow
 
 ISA, TLX, SHEET = "isa", "tlx", "sheet"
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 PAIRS = 15
-
-
-class ProbeRow(NamedTuple):
-    """One answer, or its absence (`value` is empty). `latency_s` is wall time from question to answer [s]."""
-
-    probe: str
-    number: int
-    item: str
-    value: int | None
-    asked_s: float
-    latency_s: float | None
 
 
 class _Asked(NamedTuple):
@@ -33,6 +23,14 @@ class _Asked(NamedTuple):
     number: int
     asked_s: float
     asked_wall_s: float
+    held_s: float = 0.0
+    """Wall time since then in which the run was held [s]."""
+
+    def row(self, item: str, value: int | None = None, latency_s: float | None = None) -> ProbeRow:
+        """Make the row of an answer to an item, or of its absence."""
+        return ProbeRow(
+            self.kind, self.number, item, value, self.asked_s, latency_s, asked_monotonic_s=self.asked_wall_s
+        )
 
 
 class Probes:
@@ -42,11 +40,17 @@ class Probes:
         self.rows: list[ProbeRow] = []
         self._settings = settings
         self._rng = rng
+        self.answers: list[int] = []
+        """The answers to ISA."""
+        self._missing = 0
+        self._tlx: dict[str, float] = {}
+        """The scores of NASA-TLX, once it is answered."""
         self._isa_number = 0
         self._isa_due_s = self._next_isa_s(0.0)
         self._asked: _Asked | None = None
         self._is_over = False
         self._is_consented = False
+        self._held_since_wall_s: float | None = None
 
     def _next_isa_s(self, after_s: float) -> float:
         every_s = self._settings.isa_every_s
@@ -64,6 +68,19 @@ class Probes:
         """Whether the session's sheet must still be filled in."""
         return self._asked is not None and self._asked.kind == SHEET
 
+    def hold(self, wall_s: float, *, is_held: bool) -> None:
+        """Note that the run is held, or goes on: meanwhile the time for an answer does not pass."""
+        if self._held_since_wall_s is not None and self._asked is not None:
+            since_wall_s = max(self._held_since_wall_s, self._asked.asked_wall_s)
+            self._asked = self._asked._replace(held_s=self._asked.held_s + wall_s - since_wall_s)
+        self._held_since_wall_s = wall_s if is_held else None
+
+    def _waited_s(self, asked: _Asked, wall_s: float) -> float:
+        """Return how long a question has been open, without the time in which the run was held [wall s]."""
+        held = self._held_since_wall_s
+        held_s = 0.0 if held is None else wall_s - max(held, asked.asked_wall_s)
+        return wall_s - asked.asked_wall_s - asked.held_s - held_s
+
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
         due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
@@ -73,6 +90,8 @@ class Probes:
             "isa_due_s": due_s,
             "open_isa_s": open_isa_s,
             "consented": self._is_consented,
+            "answers": self.answers,
+            "missing": self._missing,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
@@ -80,6 +99,7 @@ class Probes:
         self._isa_number, self._is_consented = state["isa_number"], state["consented"]
         if state["open_isa_s"] is not None:
             self.rows.append(ProbeRow(ISA, self._isa_number - 1, ISA, None, state["open_isa_s"], None))
+        self.answers, self._missing = list(state["answers"]), state["missing"]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
     def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
@@ -98,9 +118,19 @@ class Probes:
         asked = self._asked
         if asked is None or asked.kind != ISA:
             return
-        if at_once or wall_s - asked.asked_wall_s >= self._settings.isa_wait_s:
-            self.rows.append(ProbeRow(ISA, asked.number, ISA, None, asked.asked_s, None))
-            self._asked = None
+        if at_once or self._waited_s(asked, wall_s) >= self._settings.isa_wait_s:
+            self._miss(asked)
+
+    def _miss(self, asked: _Asked) -> None:
+        items = SCALES if asked.kind == TLX else (asked.kind,)
+        self.rows += [asked.row(item) for item in items]
+        self._missing += 1
+        self._asked = None
+
+    def close(self) -> None:
+        """At the end, whoever still is asked has not answered."""
+        if self._asked is not None and self._asked.kind != SHEET:
+            self._miss(self._asked)
 
     def open(self, wall_s: float) -> dict[str, Any] | None:
         """Return the open question in the page's format, or None."""
@@ -110,7 +140,7 @@ class Probes:
             return None
         if asked.kind != ISA:
             return {"kind": asked.kind}
-        left_s = self._settings.isa_wait_s - (wall_s - asked.asked_wall_s)
+        left_s = self._settings.isa_wait_s - self._waited_s(asked, wall_s)
         return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": round(left_s, 1)}
 
     def answer_isa(self, number: Any, answer: Any, wall_s: float) -> None:
@@ -122,6 +152,7 @@ class Probes:
         if type(answer) is not int or not 1 <= answer <= 5:
             raise ValueError("the answer must be from 1 to 5")
         self._add(asked, {ISA: answer}, wall_s)
+        self.answers.append(answer)
 
     def answer_tlx(self, scales: Any, weights: Any, wall_s: float) -> None:
         """Take the NASA-TLX form. Raises ValueError: the form is not open, or not filled in correctly."""
@@ -136,6 +167,15 @@ class Probes:
                 raise ValueError(f"the weights must add up to {PAIRS}")
             answers |= {f"{scale} weight": weights[scale] for scale in SCALES}
         self._add(asked, answers, wall_s)
+        self._tlx = {"raw": sum(scales.values()) / len(SCALES)}
+        if self._settings.tlx_weights:
+            self._tlx["weighted"] = sum(scales[scale] * weights[scale] for scale in SCALES) / PAIRS
+
+    @property
+    def outcomes(self) -> dict[str, Any]:
+        """Numbers of questions and of missing answers, and the scores of NASA-TLX, for JSON."""
+        asked = self._isa_number + bool(self._tlx) + (self._is_over and self._settings.tlx and not self._tlx)
+        return {"questions": asked, "answers_missing": self._missing, "tlx": self._tlx or None}
 
     def take_sheet(self) -> None:
         """Note that the session's sheet is filled in. Raises ValueError: it is not open."""
@@ -145,9 +185,9 @@ class Probes:
         self._is_consented = True
 
     def _add(self, asked: _Asked, answers: Mapping[str, int], wall_s: float) -> None:
-        latency_s = round(wall_s - asked.asked_wall_s, 3)
+        latency_s = round(self._waited_s(asked, wall_s), 3)
         for item, value in answers.items():
-            self.rows.append(ProbeRow(asked.kind, asked.number, item, value, asked.asked_s, latency_s))
+            self.rows.append(asked.row(item, value, latency_s)._replace(answered_monotonic_s=wall_s))
         self._asked = None
 
 

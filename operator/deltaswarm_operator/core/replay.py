@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
@@ -109,8 +110,8 @@ class Replay:
             elif kind == "pace":
                 self.is_paused = bool(raw["paused"])
             elif kind in ("catch_up", "read"):
-                return self._console.intend(data, 0.0)
-            else:
+                return carry_out(self._console, data, 0.0)
+            elif kind != "page":
                 refused = {"type": "refused", "to": raw.get("from"), "id": raw.get("id", ""), "why": REFUSED}
                 return [json.dumps(refused).encode()]
         except (ValueError, TypeError, KeyError):

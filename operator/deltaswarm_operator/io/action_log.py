@@ -1,59 +1,112 @@
-"""Tables of the acts and answers of the person at the station: a row per act, a row per answer."""
+"""Tables of what the person at the console did, was asked and was shown."""
 
 import csv
 import os
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from typing import Any
 
-from deltaswarm_operator.core.console import Console, OperatorAction
-from deltaswarm_operator.core.probes import ProbeRow
+from deltaswarm_operator.core.console import Console
+from deltaswarm_scenario.person_tables import TABLES, EventNumberRow, InboxRow, WallTimeRow
 
-ACTIONS, PROBES = "actions.csv", "probes.csv"
+ACTIONS, PROBES, WALL_TIMES = "actions.csv", "probes.csv", "wall_times.csv"
+
+
+def utc_of(monotonic_s: float | None) -> str:
+    """Return the wall clock's time at a moment of the monotonic clock, in ISO 8601 to the millisecond; "" for None."""
+    if monotonic_s is None:
+        return ""
+    moment = datetime.now(UTC) - timedelta(seconds=time.monotonic() - monotonic_s)
+    return moment.isoformat(timespec="milliseconds").replace("+00:00", "Z")
 
 
 class ActionLog:
-    """`actions.csv` and `probes.csv`; each row is written as soon as it is known.
+    """The tables of one console: rows of acts, answers and steps are written at once, the others at the end.
 
-    With `sizes` it continues the tables of a killed operator, cut back to these lengths [bytes].
+    With `sizes` it continues the tables of a killed operator, cut back to these lengths [bytes]. Steps have wall times
+    if there is a station.
     """
 
-    def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None) -> None:
+    def __init__(self, folder: Path, sizes: Mapping[str, int] | None = None, *, has_station: bool = False) -> None:
         for name, size in (sizes or {}).items():
             os.truncate(folder / name, size)
-        self._streams = [
-            (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8") for name in (ACTIONS, PROBES)
-        ]
-        self._actions, self._probes = (csv.writer(stream) for stream in self._streams)
+        self._folder = folder
+        self._streams = {
+            name: (folder / name).open("a" if sizes else "w", newline="", encoding="utf-8")
+            for name in (ACTIONS, PROBES, *([WALL_TIMES] if has_station else []))
+        }
+        self._writers = {name: csv.writer(stream) for name, stream in self._streams.items()}
         if not sizes:
-            self._actions.writerow(OperatorAction._fields)
-            self._probes.writerow(ProbeRow._fields)
+            for name, writer in self._writers.items():
+                writer.writerow(TABLES[Path(name).stem]._fields)
         self._written = 0
 
     def write(self, console: Console) -> bool:
-        """Write the new rows; return whether there are any."""
-        if not console.actions and len(console.probes.rows) == self._written:
+        """Write the new acts and answers; return whether there are any."""
+        answers = console.probes.rows[self._written :]
+        if not console.actions and not answers:
             return False
         while console.actions:
-            self._actions.writerow(console.actions.popleft())
-        self._probes.writerows(console.probes.rows[self._written :])
+            action = console.actions.popleft()
+            self._writers[ACTIONS].writerow(action._replace(utc=utc_of(action.monotonic_s)))
+        for row in answers:
+            asked, answered = utc_of(row.asked_monotonic_s), utc_of(row.answered_monotonic_s)
+            self._writers[PROBES].writerow(row._replace(asked_utc=asked, answered_utc=answered))
         self._written = len(console.probes.rows)
-        for stream in self._streams:
-            stream.flush()
+        self._flush()
         return True
+
+    def close_step(self, step: int, time_s: float, monotonic_s: float) -> None:
+        """Note when a step was closed."""
+        self._writers[WALL_TIMES].writerow(WallTimeRow(step, time_s, utc_of(monotonic_s), monotonic_s))
+
+    def _flush(self) -> None:
+        for stream in self._streams.values():
+            stream.flush()
 
     def sync(self) -> None:
         """Force all rows to disk."""
-        for stream in self._streams:
-            stream.flush()
+        self._flush()
+        for stream in self._streams.values():
             os.fsync(stream.fileno())
 
     @property
     def sizes(self) -> dict[str, int]:
         """The lengths of the tables by name [bytes], to continue them from."""
-        return {name: stream.tell() for name, stream in zip((ACTIONS, PROBES), self._streams, strict=True)}
+        return {name: stream.tell() for name, stream in self._streams.items()}
 
     def close(self, console: Console) -> None:
-        """Write the remaining rows and close the files."""
+        """Write the remaining rows and the other tables, and close the files."""
         self.write(console)
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.close()
+        picture = console.picture
+        self._whole("inbox", _inbox(console))
+        self._whole("commands", console.command_log.table(picture.now_s))
+        self._whole("event_numbers", [EventNumberRow(number, event) for event, number in picture.event_numbers.items()])
+
+    def _whole(self, name: str, rows: Iterable[tuple[Any, ...]]) -> None:
+        with (self._folder / f"{name}.csv").open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream)
+            writer.writerow(TABLES[name]._fields)
+            writer.writerows(rows)
+
+
+def _inbox(console: Console) -> Iterable[InboxRow]:
+    attention = console.attention
+    for item in console.picture.inbox:
+        events = " ".join(map(str, item.events))
+        row = InboxRow(item.number, item.time_s, item.agent, item.role, item.followers, events, int(item.is_new))
+        if attention is not None:
+            shown = attention.shown_wall_s.get(item.number)
+            read_s, read = attention.read_at.get(item.number, (None, None))
+            row = row._replace(
+                shown_utc=utc_of(shown),
+                shown_monotonic_s=shown,
+                read_s=read_s,
+                read_utc=utc_of(read),
+                read_monotonic_s=read,
+            )
+        yield row

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.channel import Channel
 from deltaswarm_scenario.downlink import FIRST_STEP
@@ -56,6 +57,8 @@ class ConsoleServer:
         self._run = run
         self._send_turn, self._send_pace = send_turn, send_pace
         self._channel = None if end is None else Channel(end, on_intent)
+        if self._channel is not None:
+            console.attend()
         self._pace = self.console.pace
         self._turns: deque[Turn] = deque(maxlen=FIRST_STEP)
         """The newest turns. If this process is killed, its successor repeats them, since the world may lack them."""
@@ -66,7 +69,7 @@ class ConsoleServer:
             self.console.restore(step, state["console"])
             self._turns += [decode_turn(bytes.fromhex(turn)) for turn in state["turns"]]
             sizes = state["table_bytes"]
-        self._tables = ActionLog(folder, sizes)
+        self._tables = ActionLog(folder, sizes, has_station=self._channel is not None)
 
     @property
     def wait_s(self) -> float | None:
@@ -86,7 +89,10 @@ class ConsoleServer:
 
     def close_step(self, clock: Clock, workload: Workload, reports: tuple[Report, ...]) -> None:
         """Take in a closed step and answer with the operator's turn."""
-        turn = self.console.close_step(clock, workload, reports, time.monotonic())
+        now = time.monotonic()
+        turn = self.console.close_step(clock, workload, reports, now)
+        if self._channel is not None:
+            self._tables.close_step(clock.step, clock.time_s, now)
         if self.is_awaited or turn.commands:
             self._turns.append(turn)
             self._send_turn(turn)
@@ -108,7 +114,7 @@ class ConsoleServer:
             if console.pace.hold_step >= 0:  # nobody could resume the run
                 console.pace = console.pace._replace(hold_step=-1)
         else:
-            for answer in console.intend(intent, time.monotonic()):
+            for answer in carry_out(console, intent, time.monotonic()):
                 channel.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
@@ -156,4 +162,5 @@ class ConsoleServer:
 
     def finish(self) -> None:
         """Complete and close the tables."""
+        self.console.probes.close()
         self._tables.close(self.console)

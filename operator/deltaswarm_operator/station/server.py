@@ -7,6 +7,7 @@ import asyncio
 import logging
 import socket
 from collections.abc import Iterable
+from contextlib import suppress
 from http import HTTPStatus
 from pathlib import Path
 from typing import ClassVar
@@ -220,12 +221,19 @@ class Station:
             if text is not None:
                 broadcast([connection], text)
         self._browsers[number] = connection
+        self._note_page(number, "opened")
         try:
             await self._listen_to(connection, number)
         except ConnectionClosed:
             pass  # also if it sent too much at once
         finally:
             del self._browsers[number]
+            self._note_page(number, "closed")
+
+    def _note_page(self, number: int, event: str) -> None:
+        """Tell the feed that a page came or went, if it can take that now."""
+        with suppress(rules.RefusedError):
+            self._to_feed(orjson.dumps({"type": "page", "event": event, "from": number}))
 
     async def _listen_to(self, browser: Visitor, number: int) -> None:
         loop = asyncio.get_running_loop()

@@ -55,8 +55,11 @@ def _commands(run: Path, step_s: float) -> dict[str, Any]:
         ):  # the last row may be cut off
             for row in csv.DictReader(stream):
                 if row["kind"] == "command":
-                    _, name, (kind, *numbers), arguments, life_s = json.loads(row["detail"] or "")
-                    at_s = float(row["time_s"]) + FIRST_STEP * step_s
-                    target = {"target": kind, "numbers": numbers}
-                    given.append({"at_s": at_s, "name": name, **target, "arguments": arguments, "life_s": life_s})
+                    at_s, life_s = float(row["time_s"]) + FIRST_STEP * step_s, float(row["life_s"])
+                    numbers = [float(row[name]) for name in ("agent", "x_m", "y_m", "radius_m") if row[name]]
+                    target = {"target": row["target"], "numbers": numbers}
+                    arguments = json.loads(row["arguments"])
+                    given.append(
+                        {"at_s": at_s, "name": row["name"], **target, "arguments": arguments, "life_s": life_s}
+                    )
     return {"command": given} if given else {}

@@ -12,8 +12,9 @@ import tomli_w
 
 from deltaswarm_orchestrator.base import provenance
 from deltaswarm_orchestrator.base.sources import files_of, source_digest
-from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
+from deltaswarm_orchestrator.recording.names import COMMANDS
 from deltaswarm_orchestrator.results.metrics import Outcome, metrics
+from deltaswarm_scenario.person_tables import TABLES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord
 from deltaswarm_wire.files import write_whole
@@ -27,7 +28,6 @@ EVENTS_SO_FAR = "world-events.csv"
 UNMERGED = ("world.csv", "world.json", "operator.csv", "operator.json", "operator-state.json", EVENTS_SO_FAR)
 """Files of world and operator that are merged into the run's tables."""
 
-OPERATOR_TABLE, PROBES = "operator.csv", "probes.csv"
 OPERATOR_COLUMNS = {name: f"operator_{name}" for name in Workload._fields if name not in ("step", "time_s")}
 """The operator's columns of `series.csv`, keyed by their names in `Workload`."""
 
@@ -128,14 +128,12 @@ def write_tables(folder: Path, outcome: Outcome, *, keep_unmerged: bool = False)
     if not keep_unmerged:
         for name in UNMERGED:
             (folder / name).unlink(missing_ok=True)
-        if (folder / ACTIONS).exists():
-            (folder / ACTIONS).rename(folder / OPERATOR_TABLE)
 
 
 def person_tables(folder: Path) -> list[tuple[str, bytes]]:
-    """Return the tables of the person's actions and answers, with their final names; empty without a person."""
-    names = {ACTIONS: OPERATOR_TABLE, PROBES: PROBES}
-    return [(final, (folder / name).read_bytes()) for name, final in names.items() if (folder / name).exists()]
+    """Return the tables about the person at the console, with their names; empty without a person."""
+    files = [folder / f"{name}.csv" for name in TABLES]
+    return [(file.name, file.read_bytes()) for file in files if file.exists()]
 
 
 def write_csv(file: Path, header: Iterable[str], rows: Iterable[Iterable[Any]]) -> None:

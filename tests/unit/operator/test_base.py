@@ -11,6 +11,7 @@ from deltaswarm_operator.core import picture
 from deltaswarm_operator.core.base import MAX_FRAME_BYTES, REPEAT_S, Base
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.commands import (
     ALL,
@@ -122,7 +123,7 @@ def test_in_open_air_there_is_no_pace() -> None:
     console = Console(Briefing(forms=FORMS), in_air=True)
     assert json.loads(console.hello("field"))["speeds"] == []
     for intent in ({"paused": True}, {"steps": 1}, {"speed": 5}):
-        [answer] = console.intend(json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
+        [answer] = carry_out(console, json.dumps({"type": "pace", "from": 1, **intent}).encode(), 0.0)
         assert json.loads(answer)["type"] == "refused"
     assert console.pace.hold_step == -1
 

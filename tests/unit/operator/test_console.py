@@ -1,9 +1,12 @@
 """The operator's console: commands and their fate, what somebody at the station may want, a script, what is asked."""
 
 import csv
+import hashlib
 import json
 import math
+import time
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +16,7 @@ from hypothesis import strategies as st
 
 from deltaswarm_operator.core.command_log import MAX_QUEUE, CommandLog
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import INTENTS, carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_wire.commands import CIRCLE, MAX_IN_TURN, Target, Turn, decode_command, decode_turn, encode_turn
 from deltaswarm_wire.messages import Event
@@ -36,7 +40,7 @@ ON_THE_PAGE = ("agents", "events", "inbox", "unread", "workload")
 
 
 def say(console: Console, kind: Any, wall_s: float = 0.0, **intent: Any) -> list[dict[str, Any]]:
-    answers = console.intend(json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
+    answers = carry_out(console, json.dumps({"type": kind, "from": 3, **intent}).encode(), wall_s)
     return [json.loads(answer) for answer in answers]
 
 
@@ -193,7 +197,7 @@ NASTY = [{}, [1], None, "x", 10**400, -1, math.inf, math.nan, "\ud800", {"kind":
 
 
 @given(
-    st.sampled_from([*Console._intents, "seek", 3]),
+    st.sampled_from([*INTENTS, "seek", 3]),
     st.dictionaries(st.sampled_from(FIELDS), JSON | st.sampled_from(NASTY), max_size=4),
 )
 def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
@@ -208,12 +212,11 @@ def test_no_intent_does_any_harm(kind: Any, fields: dict[str, Any]) -> None:
 
 
 @given(st.binary(max_size=40) | st.sampled_from([b"{", b"[]", b"3", b"null", b'{"type":[]}', b'{"type":"pace"}']))
-def test_what_is_no_intent_is_counted(data: bytes) -> None:
-    """And changes nothing."""
+def test_what_is_no_intent_changes_nothing(data: bytes) -> None:
+    """It is refused, if it can be answered at all."""
     console = Console(briefing())
     before = console.pace
-    console.intend(data, 0.0)
-    assert console.rejected == 1
+    assert {json.loads(answer)["type"] for answer in carry_out(console, data, 0.0)} <= {"refused"}
     assert console.pace == before
 
 
@@ -287,7 +290,7 @@ def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
     tables.write(console)
     with (tmp_path / "actions.csv").open(newline="") as stream:
         rows = list(csv.DictReader(stream))
-    assert [(row["kind"], json.loads(row["detail"])) for row in rows] == [("isa", 2), ("note", text)]
+    assert [(row["kind"], row["value"], row["text"]) for row in rows] == [("isa", "2", ""), ("note", "", text)]
     sizes = tables.sizes
     say(console, "note", text="not saved")
     tables.write(console)
@@ -295,6 +298,92 @@ def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
     say(console, "note", text="x" * 99)
     more.close(console)
     with (tmp_path / "actions.csv").open(newline="") as stream:
-        assert [json.loads(row["detail"]) for row in csv.DictReader(stream)] == [2, text, "x" * 99]
+        assert [row["text"] for row in csv.DictReader(stream)] == ["", text, "x" * 99]
     with (tmp_path / "probes.csv").open(newline="") as stream:
         assert next(csv.DictReader(stream))["value"] == "2"
+
+
+def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
+    """A pause of six seconds is two acts of one step; the wall clock's time is that of the act, not of the writing."""
+    console = Console(briefing())
+    console.attend()
+    tables = ActionLog(tmp_path, has_station=True)
+    close(console, 0)
+    now = time.monotonic()
+    tables.close_step(0, 0.0, now - 20.0)
+    say(console, "pace", now - 16.0, paused=True)
+    say(console, "pace", now - 10.0, paused=False)
+    say(console, "command", now - 9.0, name="test", target={"kind": "tree", "root": 4}, arguments=RIGHT)
+    tables.close(console)
+    before = datetime.now(UTC)
+    *acts, command = rows_of(tmp_path / "actions.csv")
+    assert [(act["kind"], act["name"], act["time_s"], act["by"], act["page"]) for act in acts] == [
+        ("pace", name, "0.0", "person", "3") for name in ("pause", "resume")
+    ]
+    moments = [datetime.fromisoformat(act["utc"]) for act in acts]
+    assert (moments[1] - moments[0]).total_seconds() == pytest.approx(6.0, abs=0.002)
+    assert (before - moments[1]).total_seconds() == pytest.approx(10.0, abs=5.0)
+    assert (command["target"], command["agent"], command["x_m"]) == ("tree", "4", "")
+    assert json.loads(command["arguments"]) == RIGHT
+    [step] = rows_of(tmp_path / "wall_times.csv")
+    assert float(acts[0]["monotonic_s"]) - float(step["monotonic_s"]) == pytest.approx(4.0)
+    assert [row["command"] for row in rows_of(tmp_path / "commands.csv")] == [command["command"]]
+
+
+def rows_of(file: Path) -> list[dict[str, str]]:
+    with file.open(newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_the_inbox_says_what_was_shown_and_read(tmp_path: Path) -> None:
+    """And what was missed, though it was read late; after a restart of the operator too."""
+    console = Console(briefing(operator={"person": {"patience_s": 10.0}}))
+    console.attend()
+    for step in range(30):
+        close(console, step, *([report(step, step)] if step < 3 else []), wall_s=float(step))
+        if step == 1:
+            shown(console, 1.5)
+    say(console, "read", 6.0, items=[0])
+    state = json.loads(json.dumps(console.state()))
+    other = Console(briefing(operator={"person": {"patience_s": 10.0}}))
+    other.attend()
+    other.restore(29, state)
+    shown(other, 7.0)
+    say(other, "read", 8.0, items=[2])
+    person = other.totals["person"]
+    assert (person["items"], person["read"], person["missed"], person["unread"]["last"]) == (3, 2, 3, 1)
+    assert person["acknowledge_s"] == pytest.approx((29 + 27) / 2)
+    assert person["utilisation"] is person["load"] is None
+    ActionLog(tmp_path).close(other)
+    inbox = rows_of(tmp_path / "inbox.csv")
+    assert [row["shown_monotonic_s"] for row in inbox] == ["1.5", "1.5", "7.0"]
+    assert [(row["read_s"], row["read_monotonic_s"]) for row in inbox] == [("29.0", "6.0"), ("", ""), ("29.0", "8.0")]
+    numbers = {row["number"]: row["event"] for row in rows_of(tmp_path / "event_numbers.csv")}
+    assert [numbers[row["events"]] for row in inbox] == ["1", "2", "3"]
+
+
+def test_the_sheet_is_the_planned_one() -> None:
+    """Nobody takes another's place, nobody orders before consent, and the text that was agreed to has a hash."""
+    console = Console(briefing(operator={"probes": {"consent": "Please", "participant": "P001", "condition": "1 A"}}))
+    console.start(0.0)
+    [refused] = say(console, "command", name="go", target={"kind": "all"})
+    assert refused["type"] == "refused"
+    [refused] = say(console, "sheet", consent=True, participant="P999", condition="1 A")
+    assert "P001" in refused["why"]
+    assert console.pace.hold_step == 0
+    assert not say(console, "sheet", 5.0, consent=True, participant="P001", condition="1 A")
+    act = console.actions[-1]
+    assert (act.kind, act.monotonic_s) == ("sheet", 5.0)
+    assert hashlib.sha256(b"Please").hexdigest() in act.text
+
+
+def test_a_run_may_leave_the_pace_and_orders_out() -> None:
+    """The page offers them no more, and the console takes them from nobody."""
+    console = Console(briefing(operator={"page": {"pace": False, "orders": ["go"], "title": "Run B"}}))
+    hello = json.loads(console.hello("run"))
+    assert (hello["title"], hello["speeds"]) == ("Run B", [])
+    assert [form["name"] for form in hello["commands"]] == ["go"]
+    for intent in ({"paused": True}, {"speed": 5}, {"steps": 1}):
+        assert say(console, "pace", **intent)[0]["type"] == "refused"
+    assert say(console, "command", name="test", target={"kind": "all"}, arguments=RIGHT)[0]["type"] == "refused"
+    assert say(console, "command", name="go", target={"kind": "all"})[0]["type"] == "accepted"

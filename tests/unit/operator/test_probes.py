@@ -87,3 +87,40 @@ def test_a_question_that_was_open_when_the_operator_was_killed_is_missing() -> N
     assert successor.open(1.0) is None
     successor.tick(200.0, False, 100.0)
     assert successor.open(100.0)["number"] == 1
+
+
+def test_time_in_which_the_run_is_held_does_not_count() -> None:
+    """Neither against the answer nor in its latency, however often it is held and whenever the question came."""
+    asked = probes(isa_every_s=10, isa_wait_s=30)
+    asked.tick(10.0, False, 100.0)
+    asked.hold(110.0, is_held=True)
+    assert asked.open(500.0) == {"kind": "isa", "number": 0, "asked_s": 10.0, "left_s": 20.0}
+    asked.hold(505.0, is_held=True)
+    asked.hold(510.0, is_held=False)
+    asked.answer_isa(0, 2, 515.0)
+    [row] = asked.rows
+    assert (row.latency_s, row.asked_monotonic_s, row.answered_monotonic_s) == (15.0, 100.0, 515.0)
+    asked.hold(600.0, is_held=True)
+    asked.tick(20.0, False, 610.0)
+    asked.hold(620.0, is_held=False)
+    assert asked.open(649.0)
+    assert asked.open(650.0) is None
+
+
+def test_every_question_that_was_asked_has_a_row() -> None:
+    """Also NASA-TLX that nobody filled in; its scores are there if somebody did."""
+    for tlx_weights in (False, True):
+        asked = probes(tlx=True, tlx_weights=tlx_weights, isa_every_s=0)
+        asked.tick(9.0, True, 5.0)
+        asked.close()
+        asked.close()
+        assert [(row.probe, row.item, row.value) for row in asked.rows] == [("tlx", scale, None) for scale in SCALES]
+        assert asked.outcomes == {"questions": 1, "answers_missing": 1, "tlx": None}
+    asked = probes(tlx=True, tlx_weights=True, isa_every_s=5)
+    asked.tick(5.0, False, 5.0)
+    asked.tick(9.0, True, 6.0)
+    weights = dict(zip(SCALES, (5, 4, 3, 2, 1, 0), strict=True))
+    asked.answer_tlx(dict(zip(SCALES, range(0, 60, 10), strict=True)), weights, 7.0)
+    asked.close()
+    assert asked.outcomes["tlx"] == {"raw": 25.0, "weighted": pytest.approx((0 + 40 + 60 + 60 + 40) / 15)}
+    assert (asked.outcomes["questions"], asked.outcomes["answers_missing"]) == (2, 1)

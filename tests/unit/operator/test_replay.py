@@ -43,7 +43,7 @@ def recorded() -> tuple[Any, list[RecordedStep]]:
         workload = played.close_step(clock)
         steps.append(RecordedStep(clock, workload, played.operator.reports_of_closed_step))
     assert sum(len(step.reports) for step in steps) > 100
-    return played.console._briefing, steps
+    return played.console.briefing, steps
 
 
 def a_replay() -> Replay:
@@ -54,7 +54,7 @@ def seen(console: Console) -> tuple[Any, ...]:
     """What a console knows."""
     picture = console.picture
     known = picture.rows(), picture.inbox, picture.unread, picture.now_s
-    return *known, console.command_log.rows(picture.now_s), console._messages, list(console._history)
+    return *known, console.command_log.rows(picture.now_s), console._messages, list(console.history)
 
 
 @cache

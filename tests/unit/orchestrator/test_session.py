@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.run.options import RunOptions
@@ -95,7 +96,7 @@ def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
     assert console.pace.hold_step == 0
     sheet = json.loads(console.hello("run"))["session"]["sheet"]
     assert sheet == {"consent": "", "participant": "P007", "condition": "1 A"}
-    console.intend(json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
+    carry_out(console, json.dumps({**sheet, "type": "sheet", "from": 1, "consent": True}).encode(), 1.0)
     assert console.pace.hold_step == -1
 
 

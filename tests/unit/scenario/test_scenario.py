@@ -295,4 +295,5 @@ def test_a_table_as_deep_as_you_like_is_a_mistake_like_any_other() -> None:
     for _ in range(5000):
         value = [value]
     [problem] = check(Scenario, {"name": value})[1]
-    assert (problem.path, problem.given) == ("name", "list")
+    assert problem.path == "name"
+    assert problem.given == "list" or problem.given.startswith("[[")  # from Python 3.12 on it can be printed

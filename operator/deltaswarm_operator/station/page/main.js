@@ -10,6 +10,7 @@ import { Link } from "./link.js";
 import { MapPanel } from "./map.js";
 import { Model } from "./model.js";
 import { PacePanel } from "./pace.js";
+import { PageEvents } from "./page_events.js";
 import { SessionPanel } from "./session.js";
 import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
@@ -31,6 +32,7 @@ const app = {
     if (!isSent && intent.type !== "catch_up") app.say("Not sent: there is no connection.");
     return isSent;
   },
+  tell: (intent) => link.send(intent),
   say(text) {
     setText(element("said"), text);
     window.clearTimeout(saidTimer);
@@ -56,6 +58,8 @@ let saidTimer = 0;
 let listsTimer = 0;
 let heardAt_ms = performance.now();
 let isOpen = false;
+/** Whether no hello has come over this connection yet. */
+let isNew = true;
 
 const map = new MapPanel(app);
 const workload = new WorkloadPanel(app);
@@ -67,10 +71,18 @@ const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
+const events = new PageEvents(
+  app,
+  () => tabs.chosen,
+  () => map.view.scale,
+);
 
 /** @param {import("./types.js").Hello} hello */
 function takeHello(hello) {
+  const isFirst = !app.model.hello || isNew;
+  isNew = false;
   if (app.model.takeHello(hello)) app.selection = null;
+  if (isFirst) events.begin();
   setText(element("title"), hello.title);
   document.documentElement.dataset["kind"] = hello.kind;
   element("researcher").hidden = hello.kind !== "researcher";
@@ -78,7 +90,7 @@ function takeHello(hello) {
   map.start();
   workload.start();
   commands.start();
-  session.list();
+  session.start();
   showLists();
 }
 
@@ -164,6 +176,7 @@ function refused(id, why) {
 const link = new Link(take, (nowOpen) => {
   isOpen = nowOpen;
   if (nowOpen) {
+    isNew = true;
     app.model.isCaughtUp = false;
     window.clearTimeout(askTimer);
     askTimer = 0;

@@ -84,6 +84,11 @@ export class MapPanel {
     this.heat.start(hello.run, hello.arena_m);
     if (hello.kind !== this.kind) this.layers.heat.checked = hello.kind !== "researcher";
     this.kind = hello.kind;
+    for (const [name, box] of Object.entries(this.layers)) {
+      const isOffered = hello.layers?.includes(name) ?? true;
+      if (!isOffered) box.checked = false;
+      for (const label of box.labels ?? []) label.hidden = !isOffered;
+    }
     const arena = JSON.stringify([hello.run, hello.arena_m, hello.base_m]);
     if (arena !== this.arenaOf) this.fit();
     this.arenaOf = arena;
@@ -103,7 +108,7 @@ export class MapPanel {
 
   /** @param {Layer} layer */
   toggle(layer) {
-    this.layers[layer].click();
+    if (!this.layers[layer].labels?.[0]?.hidden) this.layers[layer].click();
   }
 
   /** Take a new picture. */

@@ -6,7 +6,11 @@ import { clock } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 
-const DRAFT = "deltaswarm-note";
+/**
+ * A draft belongs to its run: the next participant must not find it.
+ * @param {string} run
+ */
+const draftOf = (run) => `deltaswarm-note/${run}`;
 const NOTES = "deltaswarm-notes";
 
 /** @typedef {{run: string, lines: [number, string][]}} Notes time [s] and text of each */
@@ -17,8 +21,8 @@ export class SessionPanel {
     this.app = app;
     this.question = new Question(app, "sheet", () => this.open());
     this.text = byId("note-text", HTMLTextAreaElement);
-    this.text.value = sessionStorage.getItem(DRAFT) ?? "";
-    this.text.addEventListener("input", () => sessionStorage.setItem(DRAFT, this.text.value));
+    this.draftOf = "";
+    this.text.addEventListener("input", () => sessionStorage.setItem(draftOf(this.run), this.text.value));
     this.text.addEventListener("keydown", (event) => {
       if (event.key === "Enter" && (event.ctrlKey || event.metaKey)) this.note();
     });
@@ -39,7 +43,7 @@ export class SessionPanel {
     sessionStorage.setItem(NOTES, JSON.stringify({ run: this.run, lines }));
     this.list();
     this.text.value = "";
-    sessionStorage.removeItem(DRAFT);
+    sessionStorage.removeItem(draftOf(this.run));
     this.app.say("Noted.");
   }
 
@@ -51,6 +55,17 @@ export class SessionPanel {
   get notes() {
     const notes = JSON.parse(sessionStorage.getItem(NOTES) ?? "null");
     return notes?.run === this.run ? notes : { run: this.run, lines: [] };
+  }
+
+  /** Take a new hello: what was half written for another run stays there. */
+  start() {
+    if (this.draftOf !== this.run) {
+      this.draftOf = this.run;
+      this.text.value = sessionStorage.getItem(draftOf(this.run)) ?? "";
+      for (const field of [input("sheet-participant"), input("sheet-condition")]) field.value = "";
+      input("sheet-agree").checked = false;
+    }
+    this.list();
   }
 
   list() {
@@ -69,8 +84,13 @@ export class SessionPanel {
     setText(element("sheet-consent"), sheet?.consent ?? "");
     element("sheet-agreement").hidden = !sheet?.consent;
     const [participant, condition] = [input("sheet-participant"), input("sheet-condition")];
-    participant.value ||= sheet?.participant ?? "";
-    condition.value ||= sheet?.condition ?? "";
+    for (const [field, planned] of /** @type {const} */ ([
+      [participant, sheet?.participant],
+      [condition, sheet?.condition],
+    ])) {
+      field.value ||= planned ?? "";
+      field.readOnly = Boolean(planned);
+    }
     this.check();
   }
 

@@ -6,6 +6,7 @@ export class Tabs {
   /** @param {() => void} onShow */
   constructor(onShow) {
     this.onShow = onShow;
+    this.chosen = "tab-commands";
     /** @type {HTMLElement[]} */
     this.tabs = Array.from(document.querySelectorAll('[role="tab"]'));
     for (const tab of this.tabs) {
@@ -33,6 +34,7 @@ export class Tabs {
   /** @param {string} id */
   show(id) {
     if (element(id).hidden) return;
+    this.chosen = id;
     for (const tab of this.tabs) {
       const isChosen = tab.id === id;
       tab.setAttribute("aria-selected", String(isChosen));

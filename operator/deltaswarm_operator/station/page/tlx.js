@@ -5,7 +5,11 @@ import { Question } from "./question.js";
 
 /** @typedef {import("./types.js").App} App */
 
-const STORED = "deltaswarm-tlx";
+/**
+ * Half-given answers belong to their run: the next participant must not find them.
+ * @param {string} run
+ */
+const storedOf = (run) => `deltaswarm-tlx/${run}`;
 
 /** @type {[string, string, string, string, string][]} key, title, question, low end, high end */
 const SCALES = [
@@ -52,13 +56,17 @@ export class TlxPanel {
     return Boolean(this.app.model.hello?.session?.asks.weights);
   }
 
+  get stored() {
+    return storedOf(this.app.model.hello?.run ?? "");
+  }
+
   update() {
     this.question.update();
   }
 
   /** Build the form, with the answers from before a reload of the page. */
   open() {
-    this.answers = JSON.parse(sessionStorage.getItem(STORED) ?? "null") ?? { scales: {}, pairs: {} };
+    this.answers = JSON.parse(sessionStorage.getItem(this.stored) ?? "null") ?? { scales: {}, pairs: {} };
     element("tlx-scales").replaceChildren(...SCALES.map((scale) => this.slider(scale)));
     element("tlx-weights").hidden = !this.asksWeights;
     element("tlx-pairs").replaceChildren(
@@ -129,7 +137,7 @@ export class TlxPanel {
 
   /** Store the answers, and show what is missing. */
   note() {
-    sessionStorage.setItem(STORED, JSON.stringify(this.answers));
+    sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
     const open = SCALES.filter(([key]) => this.answers.scales[key] === undefined).map(([, title]) =>
       title.toLowerCase(),
     );
@@ -147,7 +155,7 @@ export class TlxPanel {
       : null;
     if (!this.app.send({ type: "tlx", scales, weights }))
       return setText(element("tlx-missing"), "Not sent: there is no connection. Try again in a moment.");
-    sessionStorage.removeItem(STORED);
+    sessionStorage.removeItem(this.stored);
     this.question.answer(true);
     this.app.say("Thank you: your answers are noted.");
   }
@@ -158,7 +166,7 @@ export class TlxPanel {
    */
   reopen(why) {
     if (!this.question.isSent) return;
-    sessionStorage.setItem(STORED, JSON.stringify(this.answers));
+    sessionStorage.setItem(this.stored, JSON.stringify(this.answers));
     this.question.answer(false);
     setText(element("tlx-missing"), `Not accepted: ${why}.`);
   }

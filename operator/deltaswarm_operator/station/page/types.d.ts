@@ -64,6 +64,8 @@ export interface Hello {
   thresholds_hz: number[];
   commands: Form[];
   speeds: number[];
+  /** Layers of the map that may be switched on; all if there is no list. */
+  layers?: string[];
   session: Session | null;
 }
 
@@ -149,6 +151,8 @@ export interface App {
   selection: Selection | null;
   pick: Pick | null;
   send(intent: Intent): boolean;
+  /** The same without a word to the person if there is no connection. */
+  tell(intent: Intent): boolean;
   say(text: string): void;
   select(selection: Selection | null, reveal?: boolean, forOrder?: boolean): void;
   redraw(): void;

@@ -11,7 +11,8 @@ from tests.support.fields import free_port
 
 pytestmark = pytest.mark.processes
 
-MAX_MB = 33.0
+MAX_MB = 33.0 if sys.version_info < (3, 13) else 37.0
+"""Python 3.13 itself takes 3 MB more."""
 """MiB resident on x86-64, where 31 were measured. An open Zenoh session takes 9.5 more: 40.5, or 42 MB."""
 
 PROGRAM = """
