@@ -24,7 +24,7 @@ class ProbeSettings:
         120.0, "simulated time between ISA questions (workload from 1 to 5); 0: none [s]", low=0, high=1e6
     )
     isa_jitter_s: float = key(0.0, "maximum of an additional uniform time before each [s]", low=0, high=1e6)
-    isa_wait_s: float = key(30.0, "wall time after which an ISA question counts as missing [s]", above=0, high=3600)
+    isa_wait_s: float = key(20.0, "wall time after which an ISA question counts as missing [s]", above=0, high=3600)
     tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
     tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
     consent: str = key("", "text that a participant must agree to before the run begins")

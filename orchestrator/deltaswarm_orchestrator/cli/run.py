@@ -151,6 +151,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         show(arguments, checked.plain(scenario), commented_toml(scenario).rstrip())
         return OK
+    if options.station and (warning := isa_warning(scenario, options.station.speed)):
+        notice(warning)
     return run_and_report(scenario, options, quiet=arguments.quiet, as_json=arguments.json)
 
 
@@ -166,6 +168,18 @@ def check_run(scenario: Scenario, options: "RunOptions") -> None:
     if not options.in_process:
         check_parts_can_start(scenario.agents.count - len(options.boards.agents if options.boards else ()))
     check(scenario, options)
+
+
+def isa_warning(scenario: Scenario, speed: float) -> str | None:
+    """Return a warning if ISA questions come faster than their time to answer passes; None if they do not."""
+    probes = scenario.operator.probes
+    if not probes.isa_every_s or 0 < speed * probes.isa_wait_s <= probes.isa_every_s:
+        return None
+    pace = f"at {speed:g} times real time" if speed else "as fast as possible"
+    return (
+        f"operator.probes.isa_every_s should be at least the speed times isa_wait_s (got {probes.isa_every_s:g} s "
+        f"and {probes.isa_wait_s:g} s {pace}): otherwise a question is nearly always open, and the next comes late"
+    )
 
 
 def run_and_report(scenario: Scenario, options: "RunOptions", *, quiet: bool, as_json: bool = False) -> int:

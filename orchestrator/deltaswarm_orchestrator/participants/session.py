@@ -1,13 +1,10 @@
-"""Sessions: which runs one participant does, in which order. No I/O except reading files.
+"""Sessions: which runs one participant does, in which order. No I/O except reading files."""
 
-The order is a row of a Williams design, a Latin square balanced for carry-over effects: over the rows, each condition
-occurs equally often at each place, and equally often directly after each other condition (Williams 1949).
-"""
-
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from json import dumps
 from pathlib import Path
 
+from deltaswarm_orchestrator.participants.design import order_of
 from deltaswarm_orchestrator.scenarios import load as scenarios
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -15,7 +12,16 @@ from deltaswarm_wire.checked import Problem, SettingsError, key
 from deltaswarm_wire.seeds import agent_seed
 
 MAX_CONDITIONS, MAX_PARTICIPANT = 50, 9999
+MAX_RUNS = (MAX_PARTICIPANT + 2) * (MAX_CONDITIONS + 1)
 TRAINING = "training"
+MAX_SEED = 2**53
+"""Seeds stay below it, so that programs that read numbers as floating point lose no digit."""
+
+RANDOM, IN_TURN = "random", "in turn"
+CROSSED, OWN = "crossed", "own"
+
+DEFAULTS = ("operator.page.pace=false",)
+"""Scenario keys of all runs, which a condition's `set` may change: a participant must not pause or speed up a run."""
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,16 @@ class SessionSettings:
 
     seed: int = key(1, "the seeds of all runs are derived from it", low=0, high=2**63 - 1)
     speed: float = key(1.0, "simulated per wall second; 0: as fast as possible", low=0, high=1000)
+    allocation: str = key(
+        RANDOM,
+        "random: participants take the rows of the design in an order drawn from the seed; in turn: 1, 2, ...",
+        choices=(RANDOM, IN_TURN),
+    )
+    arrivals: str = key(
+        CROSSED,
+        "crossed: one stream of arrivals per condition, balanced over conditions and places; own: new ones each run",
+        choices=(CROSSED, OWN),
+    )
     consent: str = key("", "a text file that a participant must agree to before the first run")
     training: ConditionSettings = key(
         ConditionSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
@@ -66,19 +82,17 @@ class PlannedRun:
     folder: str
     """The folder's name."""
     scenario: Scenario
+    """That of the first attempt."""
+    position: int
+    """Its place among the participant's runs; the training is 0."""
+    stream: int | None
+    """The stream of arrivals; None: one of its own."""
+    seeds: tuple[int, int]
+    """The session's seed, and the number from which the run's seed is derived."""
 
-
-def square(count: int) -> list[list[int]]:
-    """Return the rows of a Williams design of `count` conditions: `count` rows if that is even, else twice as many."""
-    first = [0, *(place // 2 + 1 if place % 2 == 0 else count - place // 2 - 1 for place in range(count - 1))]
-    rows = [[(condition + shift) % count for condition in first] for shift in range(count)]
-    return rows if count % 2 == 0 else rows + [row[::-1] for row in rows]
-
-
-def order_of(participant: int, count: int) -> list[int]:
-    """Return the order in which a participant (1, 2, ...) does `count` conditions."""
-    rows = square(count)
-    return rows[(participant - 1) % len(rows)]
+    def attempt(self, number: int) -> Scenario:
+        """Return the scenario of an attempt (1, 2, ...): a repeated run has other arrivals."""
+        return replace(self.scenario, seed=_seed(*self.seeds, number))
 
 
 def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> list[PlannedRun]:
@@ -87,25 +101,34 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
     Raises:
         SettingsError: a scenario is invalid, or the consent text cannot be read.
     """
-    order = order_of(participant, len(settings.condition))
-    conditions = [settings.training, *(settings.condition[index] for index in order)]
+    count = len(settings.condition)
+    order = order_of(participant, count, settings.seed if settings.allocation == RANDOM else None)
+    runs_of = [(settings.training, None), *((settings.condition[index], stream) for index, stream in order)]
     consent = _text(settings.consent, beside)
     runs = []
-    for place, condition in enumerate(conditions):
+    for place, (condition, stream) in enumerate(runs_of):
         name, label = condition.scenario, condition.label
         if name not in scenarios.BUILT_IN:
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
-        overrides = [*condition.set, *(f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items())]
-        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, participant, place))
-        runs.append(PlannedRun(label, f"{place}-{label.replace(' ', '-')}", scenario))
+        overrides = [*DEFAULTS, f"operator.page.title={dumps(label)}", *condition.set]
+        overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
+        if place == 0:
+            number = 0  # all train with the same arrivals
+        elif settings.arrivals == CROSSED and stream is not None:
+            number = stream + 1
+        else:
+            number, stream = participant * (MAX_CONDITIONS + 1) + place, None
+        scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
+        folder = f"{place}-{label.replace(' ', '-')}"
+        runs.append(PlannedRun(label, folder, scenario, place, stream, (settings.seed, number)))
         consent = ""  # asked for once
     return runs
 
 
-def _seed(seed: int, participant: int, place: int) -> int:
-    """Derive a run's seed: all participants train with the same arrivals; every other run has its own."""
-    return agent_seed(seed, 0 if place == 0 else participant * (MAX_CONDITIONS + 1) + place)
+def _seed(seed: int, number: int, attempt: int) -> int:
+    """Derive the seed of an attempt at a run."""
+    return agent_seed(seed, number + (attempt - 1) * MAX_RUNS) % MAX_SEED
 
 
 def _text(name: str, beside: Path) -> str:

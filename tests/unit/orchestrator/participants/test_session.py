@@ -1,21 +1,19 @@
 """Sessions: the order of conditions is balanced, and each run is one of `deltaswarm run --station`."""
 
 import json
-from collections import Counter
-from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import run as cli_run
+from deltaswarm_orchestrator.participants.design import order_of
+from deltaswarm_orchestrator.participants.session import MAX_SEED, load_session, plan
+from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_orchestrator.run.options import RunOptions
-from deltaswarm_orchestrator.run.session import load_session, order_of, plan, square
-from deltaswarm_orchestrator.scenarios.load import to_toml
+from deltaswarm_orchestrator.scenarios.load import load_scenario, to_toml
 from deltaswarm_orchestrator.studies.load import load_study
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings, ProbeSettings
 from deltaswarm_scenario.scenario import Scenario
@@ -36,8 +34,6 @@ set = ["run.duration_s=60"]
 """
 CONDITION = '\n[[session.condition]]\nlabel = "{0}"\nscenario = "smoke"\nset = ["control.delta={1}"]\n'
 
-counts = st.integers(1, 12)
-
 
 def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
     """A session's file, and its text of consent."""
@@ -48,44 +44,33 @@ def a_file(folder: Path, conditions: int = 3, more: str = "") -> Path:
     return file
 
 
-@given(counts)
-def test_each_row_has_every_condition_once(count: int) -> None:
-    """Whoever takes part does each once."""
-    rows = square(count)
-    assert len(rows) == (count if count % 2 == 0 else 2 * count)
-    assert all(sorted(row) == list(range(count)) for row in rows)
-
-
-@given(counts)
-def test_places_and_successions_are_balanced(count: int) -> None:
-    """Each condition comes equally often at each place, and equally often right after each other one."""
-    rows = square(count)
-    places = Counter((place, condition) for row in rows for place, condition in enumerate(row))
-    assert set(places.values()) == {len(rows) // count}
-    pairs = Counter(pair for row in rows for pair in pairwise(row))
-    assert len(pairs) == count * (count - 1)
-    assert set(pairs.values()) <= {1 if count % 2 == 0 else 2}
-
-
-@given(st.integers(1, 500), counts)
-def test_participants_go_through_the_rows_in_turn(participant: int, count: int) -> None:
-    """The same participant has always the same order, and the next one the next row."""
-    rows = square(count)
-    order = rows[(participant - 1) % len(rows)]
-    assert order_of(participant, count) == order_of(participant + len(rows), count) == order
-
-
 def test_a_plan_begins_with_training_and_asks_for_consent_once(tmp_path: Path) -> None:
     """The sheet is prefilled, files are found beside the session's, and no two runs have the same seed but training."""
     settings, beside = load_session(str(a_file(tmp_path)))
     seven, eight = plan(settings, 7, beside), plan(settings, 8, beside)
-    assert [run.label for run in seven] == ["training", *("ABC"[index] for index in order_of(7, 3))]
+    assert [run.label for run in seven] == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
     sheets = [run.scenario.operator.probes for run in seven]
     assert [sheet.participant for sheet in sheets] == ["P007"] * 4
     assert ["You may stop" in sheet.consent for sheet in sheets] == [True, False, False, False]
     seeds = [[run.scenario.seed for run in runs] for runs in (seven, eight)]
     assert seeds[0][0] == seeds[1][0]
-    assert len({*seeds[0], *seeds[1]}) == 7
+    assert [len(set(of_one)) for of_one in seeds] == [4, 4]
+    assert len({*seeds[0], *seeds[1]}) == 4, "three streams, and the training"
+    repeated = {run.attempt(number).seed for run in seven for number in (1, 2, 3)}
+    assert len(repeated) == 12
+    assert max(repeated) < MAX_SEED
+    pages = [run.scenario.operator.page for run in seven]
+    assert [(page.title, page.pace) for page in pages] == [(run.label, False) for run in seven]
+
+
+def test_arrivals_may_be_new_in_each_run(tmp_path: Path) -> None:
+    """Of all participants: only the training's are the same."""
+    file = a_file(tmp_path)
+    file.write_text(file.read_text().replace("speed = 5.0", 'speed = 5.0\narrivals = "own"\nallocation = "in turn"'))
+    settings, beside = load_session(str(file))
+    plans = [plan(settings, participant, beside) for participant in (1, 2)]
+    assert len({run.scenario.seed for runs in plans for run in runs}) == 7
+    assert [run.label for run in plans[0][1:]] == ["ABC"[index] for index, _ in order_of(1, 3)]
 
 
 def test_the_sheet_is_prefilled_and_holds_the_run_back() -> None:
@@ -128,9 +113,11 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
 ) -> None:
     """By the command for runs; what is complete is not done again, and the record says all."""
     done: list[str] = []
+    seeds: list[int] = []
 
     def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
         folder = options.out
+        seeds.append(scenario.seed)
         assert options.station
         assert options.station.speed == 5.0
         done.append(folder.name)
@@ -144,10 +131,13 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     monkeypatch.setattr(cli_run, "run_and_report", pretend)
     command = ["session", str(a_file(tmp_path)), "--participant", "7", "--out", str(tmp_path / "out")]
     assert main([*command, "--plan"]) == 0
-    order = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
+    concealed = [line.split()[1] for line in capsys.readouterr().out.splitlines()]
+    assert concealed == ["training", "A", "B", "C"]
     assert main(command) == 1
-    assert "to go on" in capsys.readouterr().err
     capsys.readouterr()
+    assert main([*command, "--plan", "--json"]) == 0
+    order = json.loads(capsys.readouterr().out)
+    assert order == ["training", *("ABC"[index] for index, _ in order_of(7, 3, seed=1))]
     assert main([*command, "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
     second = f"1-{order[1]}"
@@ -157,6 +147,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     assert printed == {"folder": str(folder), **record}
     assert [run["condition"] for run in record["runs"]] == order
     assert [len(run["attempts"]) for run in record["runs"]] == [1, 2, 1, 1]
+    assert len(set(seeds)) == 5, "the repeated run has other arrivals"
     assert main(command) == 0
     assert len(done) == 5
 
@@ -165,7 +156,7 @@ def test_a_session_does_all_runs_and_goes_on_after_one_that_was_cut_off(
     ("old", "new", "said"),
     [
         ("run.duration_s=20", "run.duration_s=40", "run.duration_s"),
-        ("seed = 1", "seed = 2", "seed"),
+        ("seed = 1", "seed = 2", "must be"),
         ("Do you agree?", "Do you agree to everything?", "operator.probes.consent"),
         ('label = "C"', 'label = "D"', "must be of the runs"),
     ],
@@ -201,3 +192,52 @@ def test_runs_of_another_design_do_not_pass_for_the_planned_ones(
     assert said in capsys.readouterr().err
     assert len(done) == 4
     assert (tmp_path / "out" / "participant-001" / "session.json").read_text() == record
+
+
+def test_a_participant_has_one_session_at_a_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """The second one does nothing; that of another participant begins."""
+    command = ["session", str(a_file(tmp_path)), "--out", str(tmp_path / "out"), "--participant"]
+    folder = tmp_path / "out" / "participant-001"
+    folder.mkdir(parents=True)
+    monkeypatch.setattr(cli_run, "run_and_report", lambda *_, **__: 1)
+    lock = FolderLock(folder)
+    assert main([*command, "1"]) == 2
+    assert "under way" in capsys.readouterr().err
+    assert main([*command, "2"]) == 1
+    lock.release()
+    assert main([*command, "1"]) == 1
+
+
+def test_a_run_whose_questions_lack_answers_is_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed
+) -> None:
+    """On the terminal at once, and in the record."""
+
+    def pretend(scenario: Scenario, options: RunOptions, *, quiet: bool) -> int:
+        options.out.mkdir()
+        (options.out / "scenario.toml").write_text(to_toml(scenario))
+        summary = {"complete": True, "digest": "d", "person": {"answers_missing": int("B" in options.out.name)}}
+        (options.out / "summary.json").write_text(json.dumps(summary))
+        return 0
+
+    monkeypatch.setattr(cli_run, "run_and_report", pretend)
+    out = tmp_path / "out"
+    assert main(["session", str(a_file(tmp_path)), "--participant", "1", "--out", str(out)]) == 0
+    assert ", B: 1;" in capsys.readouterr().err
+    runs = json.loads((out / "participant-001" / "session.json").read_text())["runs"]
+    missing = {run["condition"]: run["attempts"][0]["answers_missing"] for run in runs}
+    assert missing == {"training": 0, "A": 0, "B": 1, "C": 0}
+
+
+@pytest.mark.parametrize(
+    ("speed", "every_s", "wait_s", "warns"),
+    [(5, 120, 20, False), (5, 99, 20, True), (0, 120, 20, True), (0, 0, 1, False)],
+)
+def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float, wait_s: float, warns: bool) -> None:
+    """The interval is simulated time, the time to answer wall time."""
+    scenario = load_scenario(
+        "smoke", [f"operator.probes.isa_every_s={every_s}", f"operator.probes.isa_wait_s={wait_s}"]
+    )
+    assert bool(cli_run.isa_warning(scenario, speed)) == warns

@@ -1,0 +1,54 @@
+"""The page on sessions: its code reads the tables, and its model finds an effect that is in them."""
+
+import json
+import re
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from deltaswarm_orchestrator.cli import main
+from deltaswarm_orchestrator.participants.design import order_of
+from deltaswarm_orchestrator.participants.record import RECORD
+from tests.support.pages import ROOT
+
+PAGE = (ROOT / "docs" / "SESSION.md").read_text()
+EFFECT, PARTICIPANTS = 10.0, 12
+
+
+def a_study(out: Path, rng: Random) -> None:
+    """Condition B raises the workload by 10; people and streams of arrivals differ, and so does each answer."""
+    streams = [rng.gauss(0, 5) for _ in range(2)]
+    for participant in range(1, PARTICIPANTS + 1):
+        person = rng.gauss(40, 10)
+        folder = out / f"participant-{participant:03}"
+        runs = []
+        for place, (condition, stream) in enumerate(order_of(participant, 2, seed=1), 1):
+            label = "AB"[condition]
+            workload = person + EFFECT * condition + streams[stream] + rng.gauss(0, 2)
+            summary = {"complete": True, "waiting_time_s": {"restricted_mean": 20.0}}
+            run = folder / f"{place}-{label}"
+            run.mkdir(parents=True)
+            (run / "summary.json").write_text(json.dumps({**summary, "person": {"tlx": {"raw": workload}, "isa": 3.0}}))
+            attempt = {"folder": run.name, "complete": True, "answers_missing": 0}
+            runs.append({"place": place, "condition": label, "stream": stream, "attempts": [attempt]})
+        (folder / RECORD).write_text(json.dumps({"participant": participant, "runs": runs}))
+
+
+def test_the_model_of_the_page_finds_the_effect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Within three standard errors, and no effect of what has none."""
+    a_study(tmp_path / "sessions" / "deltas", Random(4))
+    monkeypatch.chdir(tmp_path)
+    [file] = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+    Path("deltas.toml").write_text(file)
+    [command] = re.findall(r"^`deltaswarm (session .*--table.*)`$", PAGE, re.MULTILINE)
+    assert main(command.split()) == 0
+    code = "".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    found: dict[str, object] = {}
+    exec(code.replace("print(smf", "model = (smf").replace(".summary())", ")"), found)
+    model = found["model"]
+    effect, error = (getattr(model, name)["C(condition)[T.B]"] for name in ("params", "bse"))
+    assert error < 3.0
+    assert abs(effect - EFFECT) < 3 * error
+    position, its_error = (getattr(model, name)["position"] for name in ("params", "bse"))
+    assert abs(position) < 3 * its_error
