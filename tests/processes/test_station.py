@@ -261,6 +261,7 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
         assert person.hear("refused")
         person.say("tlx", scales=scales)
         swarm.end_well()
+        assert person.hear("ended")
     rows = table(swarm.out / "probes.csv")
     assert [(row["probe"], row["value"]) for row in rows] == [
         ("isa", "4"),

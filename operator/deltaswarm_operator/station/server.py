@@ -130,7 +130,9 @@ class Station:
             loop.add_reader(self._feed.fileno(), self._hear_feed)
             say_ready(self._url(server))
             await self._stop.wait()
-            loop.remove_reader(self._feed.fileno())
+            if not self._has_ended:
+                loop.remove_reader(self._feed.fileno())
+                self._hear_feed()  # which may have closed just before
 
     def stop(self) -> None:
         """Stop serving soon."""

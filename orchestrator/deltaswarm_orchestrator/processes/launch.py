@@ -233,6 +233,8 @@ class Swarm:
             if part.is_stopped:
                 part.ends_as_planned = True
                 part.send(signal.SIGKILL)  # a stopped process cannot act on SIGTERM
+        for page in self._pages:
+            page.operators_end.close()  # so that stations can tell a run that is over from an operator that restarts
         try:
             if not at_once:
                 for part in wait_for(self.parts, 0):
