@@ -13,6 +13,7 @@ import { aim, argument as said, clock, fate, order } from "./words.js";
 const KINDS = { all: "all agents", circle: "a circle", tree: "a tree", agent: "one agent", place: "a place" };
 /** A second click within this time is ignored. */
 const TWICE_MS = 500;
+const ANSWER_WITHIN_MS = 5000;
 const FIELDS = { x: "command-x", y: "command-y", radius: "command-radius" };
 
 export class CommandPanel {
@@ -208,9 +209,18 @@ export class CommandPanel {
           ? "Sending …"
           : "Not sent: there is no connection.",
       );
+      window.setTimeout(() => this.isLate(id), ANSWER_WITHIN_MS);
     } catch (error) {
       this.answer(`Not sent: ${error instanceof Error ? error.message : error}.`, true);
     }
+  }
+
+  /**
+   * Say that an order has no answer yet: whether it was taken is not known.
+   * @param {string} id
+   */
+  isLate(id) {
+    if (this.waiting.has(id)) this.answer("No answer yet. If the order is in the list below, it was sent.", true);
   }
 
   /**

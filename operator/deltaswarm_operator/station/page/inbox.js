@@ -70,7 +70,8 @@ export class InboxPanel {
     if (!this.list.querySelector('[tabindex="0"]')) this.list.querySelector("li")?.setAttribute("tabindex", "0");
     button("inbox-all-read").hidden = model.hello?.kind !== "live";
     const unread = model.picture?.unread ?? 0;
-    setText(element("inbox-count"), unread ? `${unread} unread` : "all read");
+    const isElsewhere = model.hello?.kind === "researcher";
+    setText(element("inbox-count"), unread ? `${unread} unread` : isElsewhere ? "" : "all read");
     const hidden = wanted.length - MAX_SHOWN;
     setText(
       element("inbox-note"),
@@ -78,7 +79,9 @@ export class InboxPanel {
         ? `${hidden} more are not listed. Filter or sort for others, or select an agent and show its messages alone.`
         : wanted.length
           ? ""
-          : "No messages.",
+          : isElsewhere
+            ? "The participant's page has the inbox."
+            : "No messages.",
     );
     document.title = `${unread ? `(${unread}) ` : ""}${model.hello?.title ?? "station"}`;
   }

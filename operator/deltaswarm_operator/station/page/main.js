@@ -86,6 +86,7 @@ function takeHello(hello) {
   setText(element("title"), hello.title);
   document.documentElement.dataset["kind"] = hello.kind;
   element("researcher").hidden = hello.kind !== "researcher";
+  if (hello.kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
   tabs.offer("tab-notes", hello.kind === "live");
   map.start();
   workload.start();

@@ -139,7 +139,7 @@ export class Model {
     }
     this.newest = [...this.inbox.keys()].at(-1) ?? -1;
     this.history = this.history.filter((row) => row[0] <= time_s);
-    if (this.newest >= this.inbox.size && this.inbox.size < MAX_INBOX / 2) this.isCaughtUp = false;
+    this.isCaughtUp = false; // a jump forward may have dropped what came before
   }
 
   /** Forget everything, since time went back or another run began. */

@@ -1,0 +1,117 @@
+"""The page as an instrument: nothing passes from one run to the next, and what happens to it is noted."""
+
+from typing import Any
+
+import pytest
+
+from tests.support.station_page import NEEDS_BROWSER, Page
+
+pytestmark = NEEDS_BROWSER
+
+
+def hello(page: Page, **changes: Any) -> None:
+    page.feed.send(page.player.swarm.hello(**changes))
+
+
+def asks(page: Page, kind: str) -> None:
+    page.player.swarm.probe = {"kind": kind}
+    page.player.show(101.0)
+    page.until(lambda: page.at(kind).is_displayed())
+
+
+def screen(page: Page, width: int, height: int, scale: float = 1.0) -> None:
+    metrics = {"width": width, "height": height, "deviceScaleFactor": scale, "mobile": False}
+    page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+    page.until(lambda: page.driver.execute_script("return innerWidth") == width)
+
+
+@pytest.mark.parametrize(("width", "height"), [(1366, 768), (683, 384), (768, 1024), (390, 844)])
+def test_every_answer_to_isa_is_within_the_window(page: Page, width: int, height: int) -> None:
+    """Also at 200 % of a usual screen, and on a telephone."""
+    screen(page, width, height)
+    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    page.player.show(101.0)
+    page.until(lambda: page.at("isa").is_displayed())
+    rects = [answer.rect for answer in page.all("#isa [data-answer]")]
+    shown = page.driver.execute_script("return document.documentElement.scrollWidth")
+    page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
+    assert len(rects) == 5
+    assert all(rect["x"] >= 0 and rect["x"] + rect["width"] <= width for rect in rects)
+    assert all(rect["width"] >= 40 for rect in rects), rects
+    assert shown <= width
+
+
+def test_no_draft_reaches_the_next_participant(page: Page) -> None:
+    """A note and sliders that were moved and not sent stay with their run; there they are after a reload."""
+    questions = {"sheet": None, "asks": {"isa": True, "tlx": True, "weights": False}}
+    hello(page, run="first", session=questions)
+    page.at("tab-notes").click()
+    page.at("note-text").send_keys("tired")
+    asks(page, "tlx")
+    page.driver.execute_script(
+        "const s = document.getElementById('tlx-mental'); s.value = 95; s.dispatchEvent(new Event('input'))"
+    )
+    page.player.swarm.probe = None
+    hello(page, run="second", session=questions)
+    page.player.show(1.0)
+    page.until(lambda: not page.at("tlx").is_displayed() and page.at("note-text").get_property("value") == "")
+    asks(page, "tlx")
+    assert page.at("tlx-mental").get_attribute("data-answered") == "false"
+    assert page.at("tlx-mental").get_property("value") == "50"
+    page.player.swarm.probe = None
+    hello(page, run="first", session=questions)
+    page.player.show(1.0)
+    page.until(lambda: page.at("note-text").get_property("value") == "tired")
+    asks(page, "tlx")
+    assert page.at("tlx-mental").get_property("value") == "95"
+
+
+def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
+    """Participant and condition are as planned."""
+    sheet = {"consent": "Yes", "participant": "P001", "condition": "1 A"}
+    hello(page, run="planned", session={"sheet": sheet, "asks": {"isa": True, "tlx": False, "weights": False}})
+    asks(page, "sheet")
+    for name in ("participant", "condition"):
+        field = page.at(f"sheet-{name}")
+        field.send_keys("9")
+        assert field.get_property("value") == sheet[name]
+    page.at("sheet-agree").click()
+    page.at("sheet-begin").click()
+    assert page.asked("sheet") == {"type": "sheet", "participant": "P001", "condition": "1 A", "consent": True}
+
+
+def test_what_a_run_leaves_out_is_not_on_the_page(page: Page) -> None:
+    """The pace, a layer of the map, an order."""
+    hello(page, run="bare", speeds=[], layers=["trees"])
+    page.player.show(1.0)
+    page.until(lambda: not page.at("pause").is_displayed())
+    assert not page.at("speed").is_displayed()
+    assert not page.at("layer-heat").is_displayed()
+    assert page.at("layer-trees").is_displayed()
+    page.press("h")
+    assert page.at("layer-heat").get_property("checked") is False
+
+
+def test_what_happens_to_the_page_is_noted(page: Page) -> None:
+    """Loaded, its size, what is selected, which tab, how far it is zoomed; once each, when it changes."""
+
+    def noted(event: str) -> str:
+        intent = page.player.heard(lambda intent: intent["type"] == "page" and intent["event"] == event)
+        return str(intent.get("text", ""))
+
+    assert noted("loaded") == "navigate"
+    size = page.driver.execute_script("return `${innerWidth}x${innerHeight}`")
+    assert noted("size") == size
+    before = noted("zoom")
+    page.at("map-in").click()
+    assert noted("zoom") != before
+    assert noted("tab") == "tab-commands"
+    page.at("tab-events").click()
+    assert noted("tab") == "tab-events"
+    assert noted("selected") == ""
+    page.all("#events-list li button, #events-list li")[0].click()
+    assert noted("selected").startswith("event ")
+    page.driver.refresh()
+    assert noted("closed") == ""
+    assert noted("opened") == ""
+    assert noted("loaded") == "reload"
