@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from deltaswarm_scenario.downlink import CommandSettings
+from deltaswarm_scenario.questions import SITUATION, FormSettings
 from deltaswarm_scenario.radio import Place
 from deltaswarm_wire.checked import Problem, key
 from deltaswarm_wire.commands import CommandForm
@@ -27,9 +28,21 @@ class ProbeSettings:
     isa_wait_s: float = key(20.0, "wall time after which an ISA question counts as missing [s]", above=0, high=3600)
     tlx: bool = key(False, "ask NASA-TLX at the end: six scales from 0 to 100")
     tlx_weights: bool = key(False, "ask for the 15 pairwise weights of NASA-TLX too")
+    sagat_at_s: tuple[float, ...] = key(
+        (), "times at which the run is held and asks about the situation (SAGAT) [s]", above=0, high=1e9
+    )
+    sagat_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about", choices=tuple(SITUATION))
+    form: tuple[FormSettings, ...] = key((), "forms before and after the run")
     consent: str = key("", "text that a participant must agree to before the run begins")
     participant: str = key("", "participant's code, filled in on the session's sheet")
     condition: str = key("", "condition, filled in on the session's sheet")
+
+    def problems(self) -> list[Problem]:
+        """Forms have different names, which no other question has."""
+        names = [form.name for form in self.form]
+        if len({*names, "isa", "tlx", "sagat"}) == len(names) + 3:
+            return []
+        return [Problem("form", ", ".join(names), "must have different names, none of them isa, tlx or sagat")]
 
     @property
     def has_sheet(self) -> bool:

@@ -24,7 +24,7 @@ class OperatorAction(NamedTuple):
     """An act at the console, in `actions.csv`."""
 
     time_s: Annotated[float, Column("s", "time of the newest closed step at the act")]
-    kind: Annotated[str, Column("", "command, read, pace, isa, tlx, note, sheet or page")]
+    kind: Annotated[str, Column("", "command, read, pace, isa, tlx, form, note, sheet or page")]
     by: Annotated[str, Column("", "who acted: person, simulated or script")] = PERSON
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
@@ -46,16 +46,28 @@ class OperatorAction(NamedTuple):
 class ProbeRow(NamedTuple):
     """An answer, or its absence, in `probes.csv`."""
 
-    probe: Annotated[str, Column("", "the question: isa or tlx")]
+    probe: Annotated[str, Column("", "the question: isa, tlx, sagat, or the name of a form")]
     number: Annotated[int, Column("", "number of the question among those of its kind, from 0")]
-    item: Annotated[str, Column("", "isa, or a scale of NASA-TLX, or its weight")]
-    value: Annotated[int | None, Column("", "the answer; empty: none was given")]
+    item: Annotated[str, Column("", "isa, a scale of NASA-TLX or its weight, or the name of a form's question")]
+    value: Annotated[str | float | None, Column("", "the answer; empty: none was given")]
     asked_s: Annotated[float, Column("s", "time of the question")]
-    latency_s: Annotated[float | None, Column(_MONOTONIC, "time until the answer, without pauses of the run")]
+    latency_s: Annotated[float | None, Column(_MONOTONIC, "time until the answer, for isa without pauses of the run")]
     asked_utc: Utc = ""
     asked_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the question")] = None
     answered_utc: Utc = ""
     answered_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the answer")] = None
+
+
+class SituationRow(NamedTuple):
+    """An answer about the situation beside the truth, in `situation.csv`."""
+
+    number: Annotated[int, Column("", "number of the question, as in probes.csv")]
+    item: Annotated[str, Column("", "what was asked")]
+    asked_s: Annotated[float, Column("s", "time of the question")]
+    answer: Annotated[str, Column("", "the answer; empty: none was given")]
+    truth: Annotated[str, Column("", "the right answer, or several with or between them")]
+    is_right: Annotated[int | None, Column("", "1: the answer is right")]
+    error: Annotated[float | None, Column("", "a number that was answered minus the right one")]
 
 
 class InboxRow(NamedTuple):
@@ -107,6 +119,7 @@ class WallTimeRow(NamedTuple):
 TABLES: dict[str, type[NamedTuple]] = {
     "actions": OperatorAction,
     "probes": ProbeRow,
+    "situation": SituationRow,
     "inbox": InboxRow,
     "commands": CommandRow,
     "event_numbers": EventNumberRow,

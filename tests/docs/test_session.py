@@ -2,6 +2,7 @@
 
 import json
 import re
+import tomllib
 from pathlib import Path
 from random import Random
 
@@ -10,6 +11,9 @@ import pytest
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.participants.design import order_of
 from deltaswarm_orchestrator.participants.record import RECORD
+from deltaswarm_orchestrator.participants.session import load_session, plan
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.checked import load
 from tests.support.pages import ROOT
 
 PAGE = (ROOT / "docs" / "SESSION.md").read_text()
@@ -39,8 +43,7 @@ def test_the_model_of_the_page_finds_the_effect(tmp_path: Path, monkeypatch: pyt
     """Within three standard errors, and no effect of what has none."""
     a_study(tmp_path / "sessions" / "deltas", Random(4))
     monkeypatch.chdir(tmp_path)
-    [file] = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-    Path("deltas.toml").write_text(file)
+    Path("deltas.toml").write_text("".join(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)))
     [command] = re.findall(r"^`deltaswarm (session .*--table.*)`$", PAGE, re.MULTILINE)
     assert main(command.split()) == 0
     code = "".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
@@ -52,3 +55,19 @@ def test_the_model_of_the_page_finds_the_effect(tmp_path: Path, monkeypatch: pyt
     assert abs(effect - EFFECT) < 3 * error
     position, its_error = (getattr(model, name)["position"] for name in ("params", "bse"))
     assert abs(position) < 3 * its_error
+
+
+def test_the_session_of_the_page_can_be_planned(tmp_path: Path) -> None:
+    """With its forms, each in the runs that it belongs to."""
+    (tmp_path / "deltas.toml").write_text("".join(re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)))
+    (tmp_path / "consent.txt").write_text("You may stop at any time.")
+    planned = plan(load_session(str(tmp_path / "deltas.toml"))[0], 1, tmp_path)
+    forms = [[form.name for form in run.scenario.operator.probes.form] for run in planned]
+    assert forms == [["you"], ["trust"], ["trust"]]
+
+
+def test_the_forms_of_the_station_page_are_a_scenario() -> None:
+    """As they stand there."""
+    [text] = re.findall(r"```toml\n(.*?)```", (ROOT / "docs" / "STATION.md").read_text(), re.DOTALL)
+    scenario = load(Scenario, {"name": "forms", **tomllib.loads(text)})
+    assert [question.name for question in scenario.operator.probes.form[0].question] == ["reliable", "why"]

@@ -3,6 +3,7 @@
 from typing import Any
 
 import pytest
+from selenium.webdriver.common.keys import Keys
 
 from tests.support.station_page import NEEDS_BROWSER, Page
 
@@ -115,3 +116,49 @@ def test_what_happens_to_the_page_is_noted(page: Page) -> None:
     assert noted("closed") == ""
     assert noted("opened") == ""
     assert noted("loaded") == "reload"
+
+
+SITUATION = {
+    "name": "sagat",
+    "title": "What is the situation?",
+    "question": [
+        {"name": "trees", "text": "How many trees?", "kind": "number", "low": 0, "high": 99},
+        {"name": "most", "text": "Where?", "kind": "choice", "choices": ["left", "right"]},
+        {"name": "sure", "text": "How sure are you?", "kind": "likert", "low": 1, "high": 7, "low_text": "not at all"},
+        {"name": "why", "text": "Why?", "kind": "text", "required": False},
+    ],
+}
+DEFAULTS = {"low": 1, "high": 7, "low_text": "", "high_text": "", "choices": [], "required": True}
+
+
+def a_form(number: int) -> dict[str, Any]:
+    questions = [{**DEFAULTS, **question} for question in SITUATION["question"]]  # type: ignore[arg-type]
+    return {"kind": "form", "number": number, "hides": True, "form": {**SITUATION, "question": questions}}
+
+
+def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Page) -> None:
+    """Nothing is sent before all that is required is answered; the next form is empty, a reload keeps answers."""
+    page.player.swarm.probe = a_form(0)
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed())
+    assert not page.at("map").is_displayed()
+    assert not page.at("inbox-list").is_displayed()
+    assert page.text("form-title") == "What is the situation?"
+    page.at("form-send").click()
+    page.until(lambda: page.text("form-missing") == "Still to answer: How many trees? Where? How sure are you?")
+    page.at("question-0").send_keys("12", Keys.TAB, Keys.SPACE, Keys.TAB, Keys.SPACE, Keys.ARROW_RIGHT)
+    page.driver.refresh()
+    page.until(lambda: page.at("form").is_displayed() and page.at("question-0").get_property("value") == "12")
+    page.at("question-3").send_keys("a guess")
+    page.press(Keys.TAB, Keys.ENTER)
+    assert page.asked("form") == {
+        "type": "form",
+        "form": "sagat",
+        "answers": {"trees": 12, "most": "left", "sure": 2, "why": "a guess"},
+    }
+    page.player.swarm.probe = a_form(1)
+    page.player.show(102.0)
+    page.until(lambda: page.at("form").is_displayed() and page.at("question-0").get_property("value") == "")
+    page.player.swarm.probe = None
+    page.player.show(103.0)
+    page.until(lambda: page.at("map").is_displayed() and not page.at("form").is_displayed())

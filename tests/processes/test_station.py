@@ -283,6 +283,33 @@ def test_a_person_is_asked_during_the_run_and_after_it(tmp_path: Path) -> None:
     assert person["items"] == len(table(swarm.out / "inbox.csv"))
 
 
+def test_a_run_is_held_exactly_for_questions_about_the_situation(tmp_path: Path) -> None:
+    """As fast as it runs, no step is done meanwhile; the answers are compared with the truth; the digest stays."""
+    given = sets(CONSENT, "operator.probes.isa_every_s=0", "run.duration_s=60", "run.step_s=0.5")
+    held = sets("operator.probes.sagat_at_s=[20.0, 40.0]", "operator.probes.sagat_questions=['open_events', 'trees']")
+    with at_the_station(tmp_path / "run", *given, *held) as (swarm, person):
+        person.begin(speed=0.0)
+        for number, answers in enumerate(({"open_events": 2, "trees": 0}, {"open_events": 5, "trees": 9})):
+            picture = person.see(lambda picture, number=number: (picture["probe"] or {}).get("number") == number)  # type: ignore[misc]
+            assert picture["pace"]["paused"]
+            assert person.ask("pace", paused=False)["type"] == "refused"
+            person.say("form", form="sagat", answers=answers)
+        swarm.end_well()
+    records = {float(row["time_s"]): row for row in table(swarm.out / "series.csv")}
+    rows = table(swarm.out / "situation.csv")
+    assert [(row["item"], float(row["asked_s"])) for row in rows] == [
+        (item, time_s) for time_s in (20.0, 40.0) for item in ("open_events", "trees")
+    ]
+    columns = {"open_events": "events_open", "trees": "trees"}
+    assert [row["truth"] for row in rows] == [records[float(row["asked_s"])][columns[row["item"]]] for row in rows]
+    times = table(swarm.out / "wall_times.csv")
+    closed = {float(row["time_s"]): float(row["monotonic_s"]) for row in times}
+    for probe in table(swarm.out / "probes.csv"):
+        assert closed[float(probe["asked_s"])] <= float(probe["answered_monotonic_s"])
+        assert closed[float(probe["asked_s"]) + 0.5] >= float(probe["answered_monotonic_s"])
+    assert swarms.run(tmp_path / "plain", *given, "--in-process")["digest"] == swarm.summary()["digest"]
+
+
 def test_questions_without_an_answer_are_named(tmp_path: Path) -> None:
     """The run is complete, and the summary says what is missing; each scale has a row."""
     given = sets("operator.probes.tlx=true", "operator.probes.isa_every_s=0", "run.duration_s=20")

@@ -6,13 +6,14 @@ Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` desc
 import json
 from collections import deque
 from collections.abc import Mapping, Sequence
+from math import ceil
 from random import Random
 from typing import Any
 
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_row
-from deltaswarm_operator.core.probes import ISA, Probes
+from deltaswarm_operator.core.probes import ISA, SAGAT, Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
@@ -60,6 +61,8 @@ class Console:
         self.person = _person(briefing)
         self.attention: Attention | None = None
         """What the person at the station reads and misses; None without a station."""
+        self.is_attended = False
+        """Whether there is a station now."""
         self.pace = Pace(briefing.speed, -1)
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
@@ -82,14 +85,33 @@ class Console:
 
     def attend(self) -> None:
         """Note that there is a station, at which somebody may sit."""
-        if self.person is None:
+        self.is_attended = self.person is None
+        if self.is_attended:
             self.attention = Attention(self.briefing.operator.person.patience_s)
 
     def start(self, wall_s: float) -> None:
         """Before the first step, open the session's sheet, which holds the run back until it is filled in."""
         self.probes.start(wall_s)
-        if self.probes.open(wall_s):
+        if self.probes.holds_run:
             self.pace = self.pace._replace(hold_step=0)
+        elif self.pace.hold_step < 0:
+            self.pace = self.pace._replace(hold_step=self.next_hold_step)
+
+    @property
+    def next_hold_step(self) -> int:
+        """The step before which the run is held next for questions about the situation; -1: none."""
+        due_s = self.probes.next_sagat_s if self.is_attended else None
+        return -1 if due_s is None else max(self.step, ceil(due_s / self.briefing.step_s - 1e-9)) + 1
+
+    def go_on(self, wall_s: float) -> None:
+        """Let the run go on, unless another question holds it."""
+        if not self.probes.holds_run and self.is_held:
+            self.set_pace(self.pace._replace(hold_step=self.next_hold_step), wall_s)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether the next step may not begin."""
+        return 0 <= self.pace.hold_step <= self.step + 1
 
     def close_step(self, clock: Clock, workload: Workload, reports: Sequence[Report], wall_s: float) -> Turn:
         """Take in a closed step; return the operator's turn."""
@@ -102,7 +124,7 @@ class Console:
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
-        self.probes.tick(clock.time_s, clock.last, wall_s)
+        self.probes.tick(clock.time_s, clock.last, wall_s, can_hold=self.is_attended and self.is_held)
         if self.attention is not None:
             self.attention.close_step(self.picture)
         self._follow_script(clock.step + self._first_step)
@@ -166,7 +188,7 @@ class Console:
     def set_pace(self, pace: Pace, wall_s: float) -> None:
         """Change the pace; time in which the run is held does not count against a question."""
         self.pace = pace
-        self.probes.hold(wall_s, is_held=self.pace.hold_step >= 0)
+        self.probes.hold(wall_s, is_held=self.is_held)
 
     def note(self, by: str, kind: str, **columns: Any) -> None:
         """Note an act."""
@@ -206,6 +228,8 @@ class Console:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
         self.probes.restore(state["probes"])
+        if (state["probes"]["open"] or [""])[0] == SAGAT:  # it is missing, and nobody would let the run go on
+            self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
     # The station
 
@@ -261,7 +285,7 @@ class Console:
                 "above_s": above_s,
             },
             commands=self.command_log.rows(picture.now_s),
-            pace={"paused": self.pace.hold_step >= 0, "speed": self.pace.speed},
+            pace={"paused": self.is_held, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
         )
         return compact(**{**told, **more})

@@ -9,7 +9,7 @@ from hashlib import sha256
 from typing import Any
 
 from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, item_rows
-from deltaswarm_operator.core.probes import ISA, TLX
+from deltaswarm_operator.core.probes import FORM, ISA, TLX
 from deltaswarm_scenario.person_tables import PERSON
 from deltaswarm_wire.commands import make_target
 
@@ -62,8 +62,10 @@ def _pace(console: Console, raw: Raw, at: Raw) -> list[Raw]:
         raise ValueError("in open air the pace cannot be set")
     if not console.briefing.operator.page.pace:
         raise ValueError("in this run the pace cannot be set")
-    if console.probes.is_sheet_open and "speed" not in raw:
-        raise ValueError(NO_CONSENT)
+    if console.probes.holds_run and "speed" not in raw:
+        raise ValueError(
+            NO_CONSENT if console.probes.is_sheet_open else "the run goes on once the question is answered"
+        )
     value = None
     if "speed" in raw:
         name, value = "speed", float(raw["speed"])
@@ -75,10 +77,11 @@ def _pace(console: Console, raw: Raw, at: Raw) -> list[Raw]:
         if not 1 <= steps <= 10_000:
             raise ValueError(f"the number of steps must be from 1 to 10,000 (got {steps})")
         value = float(steps)
-        pace = console.pace._replace(hold_step=console.step + 1 + steps)
+        ends = (console.step + 1 + steps, console.next_hold_step)
+        pace = console.pace._replace(hold_step=min(end for end in ends if end >= 0))
     else:
         name = "pause" if raw["paused"] else "resume"
-        pace = console.pace._replace(hold_step=console.step + 1 if raw["paused"] else -1)
+        pace = console.pace._replace(hold_step=console.step + 1 if raw["paused"] else console.next_hold_step)
     console.set_pace(pace, at["monotonic_s"])
     console.note(PERSON, "pace", name=name, value=value, **at)
     return []
@@ -107,6 +110,13 @@ def _tlx(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     return []
 
 
+def _form(console: Console, raw: Raw, at: Raw) -> list[Raw]:
+    console.probes.answer_form(raw["form"], raw["answers"], at["monotonic_s"])
+    console.note(PERSON, FORM, name=raw["form"], **at)
+    console.go_on(at["monotonic_s"])
+    return []
+
+
 def _note(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     console.note(PERSON, "note", text=str(raw["text"])[:MAX_NOTE], **at)
     return []
@@ -126,11 +136,11 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     for name, value in given.items():
         if (planned := getattr(probes, name)) and value != planned:
             raise ValueError(f"the {name} must be {planned}, as planned (got {value!r})")
-    console.probes.take_sheet()
+    console.probes.take_sheet(at["monotonic_s"])
     if probes.consent:
         given["consent_sha256"] = sha256(probes.consent.encode()).hexdigest()
     console.note(PERSON, "sheet", text="; ".join(f"{name}={value}" for name, value in given.items()), **at)
-    console.set_pace(console.pace._replace(hold_step=-1), at["monotonic_s"])
+    console.go_on(at["monotonic_s"])
     return []
 
 
@@ -147,6 +157,7 @@ INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Raw]]] = {
     "read": _read,
     "isa": _isa,
     "tlx": _tlx,
+    "form": _form,
     "note": _note,
     "page": _page,
     "sheet": _sheet,

@@ -1,36 +1,49 @@
-"""Questions to the person at the station: ISA during the run, NASA-TLX at its end.
+"""Questions to the person at the station: ISA and SAGAT during the run, NASA-TLX and forms.
 
 ISA (instantaneous self-assessment): workload from 1 to 5, at intervals of simulated time with optional jitter. An
-answer that does not come in time is missing. NASA-TLX: six scales from 0 to 100, raw, and optionally 15 pairwise
-weights.
+answer that does not come in time is missing. SAGAT (situation awareness global assessment technique): at given times
+the run is held, the page hides the situation and asks about it. NASA-TLX: six scales from 0 to 100, raw, and optionally
+15 pairwise weights.
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping
 from random import Random
 from typing import Any, NamedTuple
 
 from deltaswarm_scenario.operator_settings import ProbeSettings
 from deltaswarm_scenario.person_tables import ProbeRow
+from deltaswarm_scenario.questions import AFTER, BEFORE, SITUATION, FormSettings
+from deltaswarm_wire.checked import plain
 
-ISA, TLX, SHEET = "isa", "tlx", "sheet"
+ISA, TLX, SHEET, SAGAT, FORM = "isa", "tlx", "sheet", "sagat", "form"
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 PAIRS = 15
 
 
 class _Asked(NamedTuple):
+    """A question that is open, or waits for the one before it."""
+
     kind: str
     number: int
     asked_s: float
     asked_wall_s: float
+    form: FormSettings | None = None
     held_s: float = 0.0
     """Wall time since then in which the run was held [s]."""
 
-    def row(self, item: str, value: int | None = None, latency_s: float | None = None) -> ProbeRow:
+    def row(self, item: str, value: Any = None, latency_s: float | None = None) -> ProbeRow:
         """Make the row of an answer to an item, or of its absence."""
-        return ProbeRow(
-            self.kind, self.number, item, value, self.asked_s, latency_s, asked_monotonic_s=self.asked_wall_s
-        )
+        probe = self.form.name if self.form else self.kind
+        return ProbeRow(probe, self.number, item, value, self.asked_s, latency_s, asked_monotonic_s=self.asked_wall_s)
+
+    @property
+    def items(self) -> tuple[str, ...]:
+        """Return what is asked for."""
+        if self.form is not None:
+            return tuple(question.name for question in self.form.question)
+        return SCALES if self.kind == TLX else (self.kind,)
 
 
 class Probes:
@@ -38,35 +51,69 @@ class Probes:
 
     def __init__(self, settings: ProbeSettings, rng: Random) -> None:
         self.rows: list[ProbeRow] = []
-        self._settings = settings
-        self._rng = rng
         self.answers: list[int] = []
         """The answers to ISA."""
-        self._missing = 0
+        self._settings = settings
+        self._rng = rng
+        self._questions = self._missing = 0
         self._tlx: dict[str, float] = {}
         """The scores of NASA-TLX, once it is answered."""
-        self._isa_number = 0
+        self._isa_number = self._sagat_number = 0
         self._isa_due_s = self._next_isa_s(0.0)
+        self._sagat_due_s = sorted(settings.sagat_at_s)
         self._asked: _Asked | None = None
+        self._waiting: deque[_Asked] = deque()
         self._is_over = False
-        self._is_consented = False
+        self._has_begun = False
         self._held_since_wall_s: float | None = None
 
     def _next_isa_s(self, after_s: float) -> float:
         every_s = self._settings.isa_every_s
         if not every_s:
-            return float("inf")
+            return math.inf
         return after_s + every_s + self._rng.uniform(0.0, self._settings.isa_jitter_s)
 
     def start(self, wall_s: float) -> None:
-        """Ask for the session's sheet, if there is one not yet filled in."""
-        if self._settings.has_sheet and not self._is_consented:
-            self._asked = _Asked(SHEET, 0, 0.0, wall_s)
+        """Ask for the session's sheet, if there is one, and for the forms before the run, unless that is done."""
+        if self._has_begun:
+            return
+        if self._settings.has_sheet:
+            self._ask(_Asked(SHEET, 0, 0.0, wall_s))
+        self._ask_forms(BEFORE, 0.0, wall_s)
+        self._has_begun = self._asked is None
+
+    def _ask_forms(self, when: str, now_s: float, wall_s: float) -> None:
+        for form in self._settings.form:
+            if form.when == when:
+                self._ask(_Asked(FORM, 0, now_s, wall_s, form))
+
+    def _ask(self, asked: _Asked) -> None:
+        """Ask a question, or let it wait until the open ones are closed."""
+        self._questions += asked.kind != SHEET
+        if self._asked is None:
+            self._asked = asked
+        else:
+            self._waiting.append(asked)
+
+    def _close(self, wall_s: float) -> None:
+        """Close the open question, and ask the next one that waits."""
+        self._asked = self._waiting.popleft()._replace(asked_wall_s=wall_s) if self._waiting else None
+        self._has_begun |= self._asked is None
 
     @property
     def is_sheet_open(self) -> bool:
         """Whether the session's sheet must still be filled in."""
         return self._asked is not None and self._asked.kind == SHEET
+
+    @property
+    def holds_run(self) -> bool:
+        """Whether the run waits for an answer."""
+        return not self._is_over and self._asked is not None and self._asked.kind != ISA
+
+    @property
+    def next_sagat_s(self) -> float | None:
+        """The time at which the run must be held next, if any [s]."""
+        return self._sagat_due_s[self._sagat_number] if self._sagat_number < len(self._sagat_due_s) else None
 
     def hold(self, wall_s: float, *, is_held: bool) -> None:
         """Note that the run is held, or goes on: meanwhile the time for an answer does not pass."""
@@ -76,41 +123,55 @@ class Probes:
         self._held_since_wall_s = wall_s if is_held else None
 
     def _waited_s(self, asked: _Asked, wall_s: float) -> float:
-        """Return how long a question has been open, without the time in which the run was held [wall s]."""
+        """Return how long a question has been open, for ISA without the time in which the run was held [wall s]."""
+        if asked.kind != ISA:
+            return wall_s - asked.asked_wall_s
         held = self._held_since_wall_s
         held_s = 0.0 if held is None else wall_s - max(held, asked.asked_wall_s)
         return wall_s - asked.asked_wall_s - asked.held_s - held_s
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
-        due_s = self._isa_due_s if math.isfinite(self._isa_due_s) else None
-        open_isa_s = self._asked.asked_s if self._asked is not None and self._asked.kind == ISA else None
+        asked = self._asked
+        is_lost = asked is not None and (asked.kind in (ISA, SAGAT))
         return {
             "isa_number": self._isa_number,
-            "isa_due_s": due_s,
-            "open_isa_s": open_isa_s,
-            "consented": self._is_consented,
+            "isa_due_s": self._isa_due_s if math.isfinite(self._isa_due_s) else None,
+            "sagat_number": self._sagat_number,
+            "open": [asked.kind, asked.number, asked.asked_s] if asked is not None and is_lost else None,
+            "begun": self._has_begun,
             "answers": self.answers,
+            "questions": self._questions,
             "missing": self._missing,
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`; an ISA question open at that time is missing."""
-        self._isa_number, self._is_consented = state["isa_number"], state["consented"]
-        if state["open_isa_s"] is not None:
-            self.rows.append(ProbeRow(ISA, self._isa_number - 1, ISA, None, state["open_isa_s"], None))
+        """Resume from another object's `state`; a question of the run that was open at that time is missing."""
+        self._isa_number, self._sagat_number = state["isa_number"], state["sagat_number"]
+        self._has_begun = state["begun"]
         self.answers, self._missing = list(state["answers"]), state["missing"]
+        self._questions = state["questions"] if self._has_begun else 0
+        if state["open"] is not None:
+            kind, number, asked_s = state["open"]
+            self._miss(_Asked(kind, number, asked_s, 0.0, _situation(self._settings) if kind == SAGAT else None))
+            self.rows = [row._replace(asked_monotonic_s=None) for row in self.rows]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
-    def tick(self, now_s: float, is_last: bool, wall_s: float) -> None:
-        """Ask the question that is due at a simulated time; a question not answered in time is missing."""
+    def tick(self, now_s: float, is_last: bool, wall_s: float, *, can_hold: bool = False) -> None:
+        """Ask the question that is due at a simulated time; `can_hold`: the run can be held for an answer."""
         self._expire(wall_s, at_once=is_last)
         if is_last:
             if self._settings.tlx and not self._is_over:
-                self._asked = _Asked(TLX, 0, now_s, wall_s)
+                self._ask(_Asked(TLX, 0, now_s, wall_s))
+            if not self._is_over:
+                self._ask_forms(AFTER, now_s, wall_s)
             self._is_over = True
-        elif now_s >= self._isa_due_s and self._asked is None:
-            self._asked = _Asked(ISA, self._isa_number, now_s, wall_s)
+            return
+        if (due_s := self.next_sagat_s) is not None and now_s >= due_s and can_hold:
+            self._ask(_Asked(SAGAT, self._sagat_number, now_s, wall_s, _situation(self._settings)))
+            self._sagat_number += 1
+        if now_s >= self._isa_due_s and self._asked is None:
+            self._ask(_Asked(ISA, self._isa_number, now_s, wall_s))
             self._isa_number += 1
             self._isa_due_s = self._next_isa_s(max(self._isa_due_s, now_s))
 
@@ -120,17 +181,18 @@ class Probes:
             return
         if at_once or self._waited_s(asked, wall_s) >= self._settings.isa_wait_s:
             self._miss(asked)
+            self._close(wall_s)
 
     def _miss(self, asked: _Asked) -> None:
-        items = SCALES if asked.kind == TLX else (asked.kind,)
-        self.rows += [asked.row(item) for item in items]
+        self.rows += [asked.row(item) for item in asked.items]
         self._missing += 1
-        self._asked = None
 
     def close(self) -> None:
-        """At the end, whoever still is asked has not answered."""
-        if self._asked is not None and self._asked.kind != SHEET:
-            self._miss(self._asked)
+        """At the end, whatever still is asked has no answer."""
+        for asked in (self._asked, *self._waiting):
+            if asked is not None and asked.kind != SHEET:
+                self._miss(asked)
+        self._asked, self._waiting = None, deque()
 
     def open(self, wall_s: float) -> dict[str, Any] | None:
         """Return the open question in the page's format, or None."""
@@ -138,6 +200,8 @@ class Probes:
         asked = self._asked
         if asked is None:
             return None
+        if asked.form is not None:
+            return {"kind": FORM, "number": asked.number, "hides": asked.kind == SAGAT, "form": plain(asked.form)}
         if asked.kind != ISA:
             return {"kind": asked.kind}
         left_s = self._settings.isa_wait_s - self._waited_s(asked, wall_s)
@@ -171,24 +235,43 @@ class Probes:
         if self._settings.tlx_weights:
             self._tlx["weighted"] = sum(scales[scale] * weights[scale] for scale in SCALES) / PAIRS
 
+    def answer_form(self, name: Any, answers: Any, wall_s: float) -> str:
+        """Take a form's answers by question; return the kind of the form.
+
+        Raises:
+            ValueError: the form is not open, or not filled in correctly.
+        """
+        asked = self._asked
+        if asked is None or asked.form is None or asked.form.name != name:
+            raise ValueError("this form is not open")
+        if not isinstance(answers, Mapping) or not answers.keys() <= set(asked.items):
+            raise ValueError("an answer is of no question of this form")
+        for question in asked.form.question:
+            question.check(answers.get(question.name))
+        self._add(asked, {item: answers.get(item) for item in asked.items}, wall_s)
+        return asked.kind
+
     @property
     def outcomes(self) -> dict[str, Any]:
         """Numbers of questions and of missing answers, and the scores of NASA-TLX, for JSON."""
-        asked = self._isa_number + bool(self._tlx) + (self._is_over and self._settings.tlx and not self._tlx)
-        return {"questions": asked, "answers_missing": self._missing, "tlx": self._tlx or None}
+        return {"questions": self._questions, "answers_missing": self._missing, "tlx": self._tlx or None}
 
-    def take_sheet(self) -> None:
+    def take_sheet(self, wall_s: float) -> None:
         """Note that the session's sheet is filled in. Raises ValueError: it is not open."""
         if not self.is_sheet_open:
             raise ValueError("the session's sheet is not open")
-        self._asked = None
-        self._is_consented = True
+        self._close(wall_s)
 
-    def _add(self, asked: _Asked, answers: Mapping[str, int], wall_s: float) -> None:
+    def _add(self, asked: _Asked, answers: Mapping[str, Any], wall_s: float) -> None:
         latency_s = round(self._waited_s(asked, wall_s), 3)
         for item, value in answers.items():
             self.rows.append(asked.row(item, value, latency_s)._replace(answered_monotonic_s=wall_s))
-        self._asked = None
+        self._close(wall_s)
+
+
+def _situation(settings: ProbeSettings) -> FormSettings:
+    questions = tuple(SITUATION[name] for name in settings.sagat_questions)
+    return FormSettings(SAGAT, "What is the situation?", question=questions)
 
 
 def _check_table(table: Any, most: int, problem: str) -> None:

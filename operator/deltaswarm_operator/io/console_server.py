@@ -111,6 +111,7 @@ class ConsoleServer:
             return False
         if intent is None:
             self._channel = None
+            console.is_attended = False
             if console.pace.hold_step >= 0:  # nobody could resume the run
                 console.pace = console.pace._replace(hold_step=-1)
         else:

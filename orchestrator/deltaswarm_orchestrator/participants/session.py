@@ -6,6 +6,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.participants.design import order_of
 from deltaswarm_orchestrator.scenarios import load as scenarios
+from deltaswarm_scenario.questions import AFTER, BEFORE, FormSettings, QuestionSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
@@ -39,6 +40,29 @@ class ConditionSettings:
         return [Problem("label", repr(self.label), "must be a name that a folder can have")]
 
 
+FIRST, EACH, LAST = "before", "between", "after"
+
+
+@dataclass(frozen=True)
+class SessionFormSettings:
+    """A table `[[session.form]]`."""
+
+    name: str = key("", "name of the form in probes.csv")
+    title: str = key("", "its heading")
+    when: str = key(
+        EACH, "before the training, after each run but the training, or after the last run", choices=(FIRST, EACH, LAST)
+    )
+    question: tuple[QuestionSettings, ...] = key((), "its questions")
+
+    def problems(self) -> list[Problem]:
+        """Check what is checked of each form."""
+        return self.at(AFTER).problems()
+
+    def at(self, when: str) -> FormSettings:
+        """Return the form as a run has it, before it or after it."""
+        return FormSettings(self.name, self.title, when, self.question)
+
+
 @dataclass(frozen=True)
 class SessionSettings:
     """The table `[session]` of a session's file or of a study's file."""
@@ -56,6 +80,7 @@ class SessionSettings:
         choices=(CROSSED, OWN),
     )
     consent: str = key("", "a text file that a participant must agree to before the first run")
+    form: tuple[SessionFormSettings, ...] = key((), "forms that are filled in besides the runs")
     training: ConditionSettings = key(
         ConditionSettings(TRAINING, "smoke"), "a run before the others, the same for everybody"
     )
@@ -70,6 +95,9 @@ class SessionSettings:
             problems.append(Problem("condition", f"{len(self.condition)}", allowed))
         if len(set(labels)) < len(labels):
             problems.append(Problem("condition", ", ".join(labels), "must have different labels"))
+        forms = [form.name for form in self.form]
+        if len(set(forms)) < len(forms):
+            problems.append(Problem("form", ", ".join(forms), "must have different names"))
         return problems
 
 
@@ -120,10 +148,21 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         else:
             number, stream = participant * (MAX_CONDITIONS + 1) + place, None
         scenario = scenarios.load_scenario(name, overrides, _seed(settings.seed, number, 1))
+        scenario = _with_forms(scenario, settings, is_first=place == 0, is_last=place == count)
         folder = f"{place}-{label.replace(' ', '-')}"
         runs.append(PlannedRun(label, folder, scenario, place, stream, (settings.seed, number)))
         consent = ""  # asked for once
     return runs
+
+
+def _with_forms(scenario: Scenario, settings: SessionSettings, *, is_first: bool, is_last: bool) -> Scenario:
+    """Add the session's forms that are filled in before or after this run."""
+    times = {FIRST: BEFORE if is_first else None, EACH: None if is_first else AFTER, LAST: AFTER if is_last else None}
+    forms = tuple(form.at(when) for form in settings.form if (when := times[form.when]))
+    probes = replace(scenario.operator.probes, form=scenario.operator.probes.form + forms)
+    if problems := probes.problems():
+        raise SettingsError(problems)
+    return replace(scenario, operator=replace(scenario.operator, probes=probes))
 
 
 def _seed(seed: int, number: int, attempt: int) -> int:

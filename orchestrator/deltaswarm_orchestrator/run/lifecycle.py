@@ -29,6 +29,7 @@ from deltaswarm_orchestrator.results import resume, run_tables
 from deltaswarm_orchestrator.results.folder import ResumedFolder, RunFolder
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.resume import Resumed
+from deltaswarm_orchestrator.results.situation import write_situation
 from deltaswarm_orchestrator.run.observer import Observer
 from deltaswarm_orchestrator.run.options import STOPPED_BY, RunOptions, RunResult, check
 from deltaswarm_orchestrator.run.reporter import Reporter
@@ -176,6 +177,7 @@ class _Run:
         assert self.outcome is not None
         can_go_on = self._can_go_on(folder)
         run_tables.write_tables(folder, self.outcome, keep_unmerged=can_go_on)
+        write_situation(folder, self.outcome, self.scenario)
         if not can_go_on:
             shutil.rmtree(folder / checkpoint.FOLDER, ignore_errors=True)
 

@@ -1,12 +1,9 @@
 """The operator's console: commands and their fate, what somebody at the station may want, a script, what is asked."""
 
 import csv
-import hashlib
 import json
 import math
-import time
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -301,89 +298,3 @@ def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
         assert [row["text"] for row in csv.DictReader(stream)] == ["", text, "x" * 99]
     with (tmp_path / "probes.csv").open(newline="") as stream:
         assert next(csv.DictReader(stream))["value"] == "2"
-
-
-def test_an_act_has_its_time_by_both_clocks(tmp_path: Path) -> None:
-    """A pause of six seconds is two acts of one step; the wall clock's time is that of the act, not of the writing."""
-    console = Console(briefing())
-    console.attend()
-    tables = ActionLog(tmp_path, has_station=True)
-    close(console, 0)
-    now = time.monotonic()
-    tables.close_step(0, 0.0, now - 20.0)
-    say(console, "pace", now - 16.0, paused=True)
-    say(console, "pace", now - 10.0, paused=False)
-    say(console, "command", now - 9.0, name="test", target={"kind": "tree", "root": 4}, arguments=RIGHT)
-    tables.close(console)
-    before = datetime.now(UTC)
-    *acts, command = rows_of(tmp_path / "actions.csv")
-    assert [(act["kind"], act["name"], act["time_s"], act["by"], act["page"]) for act in acts] == [
-        ("pace", name, "0.0", "person", "3") for name in ("pause", "resume")
-    ]
-    moments = [datetime.fromisoformat(act["utc"]) for act in acts]
-    assert (moments[1] - moments[0]).total_seconds() == pytest.approx(6.0, abs=0.002)
-    assert (before - moments[1]).total_seconds() == pytest.approx(10.0, abs=5.0)
-    assert (command["target"], command["agent"], command["x_m"]) == ("tree", "4", "")
-    assert json.loads(command["arguments"]) == RIGHT
-    [step] = rows_of(tmp_path / "wall_times.csv")
-    assert float(acts[0]["monotonic_s"]) - float(step["monotonic_s"]) == pytest.approx(4.0)
-    assert [row["command"] for row in rows_of(tmp_path / "commands.csv")] == [command["command"]]
-
-
-def rows_of(file: Path) -> list[dict[str, str]]:
-    with file.open(newline="") as stream:
-        return list(csv.DictReader(stream))
-
-
-def test_the_inbox_says_what_was_shown_and_read(tmp_path: Path) -> None:
-    """And what was missed, though it was read late; after a restart of the operator too."""
-    console = Console(briefing(operator={"person": {"patience_s": 10.0}}))
-    console.attend()
-    for step in range(30):
-        close(console, step, *([report(step, step)] if step < 3 else []), wall_s=float(step))
-        if step == 1:
-            shown(console, 1.5)
-    say(console, "read", 6.0, items=[0])
-    state = json.loads(json.dumps(console.state()))
-    other = Console(briefing(operator={"person": {"patience_s": 10.0}}))
-    other.attend()
-    other.restore(29, state)
-    shown(other, 7.0)
-    say(other, "read", 8.0, items=[2])
-    person = other.totals["person"]
-    assert (person["items"], person["read"], person["missed"], person["unread"]["last"]) == (3, 2, 3, 1)
-    assert person["acknowledge_s"] == pytest.approx((29 + 27) / 2)
-    assert person["utilisation"] is person["load"] is None
-    ActionLog(tmp_path).close(other)
-    inbox = rows_of(tmp_path / "inbox.csv")
-    assert [row["shown_monotonic_s"] for row in inbox] == ["1.5", "1.5", "7.0"]
-    assert [(row["read_s"], row["read_monotonic_s"]) for row in inbox] == [("29.0", "6.0"), ("", ""), ("29.0", "8.0")]
-    numbers = {row["number"]: row["event"] for row in rows_of(tmp_path / "event_numbers.csv")}
-    assert [numbers[row["events"]] for row in inbox] == ["1", "2", "3"]
-
-
-def test_the_sheet_is_the_planned_one() -> None:
-    """Nobody takes another's place, nobody orders before consent, and the text that was agreed to has a hash."""
-    console = Console(briefing(operator={"probes": {"consent": "Please", "participant": "P001", "condition": "1 A"}}))
-    console.start(0.0)
-    [refused] = say(console, "command", name="go", target={"kind": "all"})
-    assert refused["type"] == "refused"
-    [refused] = say(console, "sheet", consent=True, participant="P999", condition="1 A")
-    assert "P001" in refused["why"]
-    assert console.pace.hold_step == 0
-    assert not say(console, "sheet", 5.0, consent=True, participant="P001", condition="1 A")
-    act = console.actions[-1]
-    assert (act.kind, act.monotonic_s) == ("sheet", 5.0)
-    assert hashlib.sha256(b"Please").hexdigest() in act.text
-
-
-def test_a_run_may_leave_the_pace_and_orders_out() -> None:
-    """The page offers them no more, and the console takes them from nobody."""
-    console = Console(briefing(operator={"page": {"pace": False, "orders": ["go"], "title": "Run B"}}))
-    hello = json.loads(console.hello("run"))
-    assert (hello["title"], hello["speeds"]) == ("Run B", [])
-    assert [form["name"] for form in hello["commands"]] == ["go"]
-    for intent in ({"paused": True}, {"speed": 5}, {"steps": 1}):
-        assert say(console, "pace", **intent)[0]["type"] == "refused"
-    assert say(console, "command", name="test", target={"kind": "all"}, arguments=RIGHT)[0]["type"] == "refused"
-    assert say(console, "command", name="go", target={"kind": "all"})[0]["type"] == "accepted"

@@ -2,6 +2,7 @@
 
 import { CommandPanel } from "./commands.js";
 import { choice, element, setText } from "./dom.js";
+import { FormPanel } from "./form.js";
 import { InboxPanel } from "./inbox.js";
 import { IsaPanel } from "./isa.js";
 import { Keys } from "./keys.js";
@@ -71,6 +72,7 @@ const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
+const form = new FormPanel(app);
 const events = new PageEvents(
   app,
   () => tabs.chosen,
@@ -104,6 +106,7 @@ function takePicture(picture) {
   isa.update();
   tlx.update();
   session.update();
+  form.update();
   map.update();
   listsTimer ||= window.setTimeout(showLists, LISTS_EVERY_MS);
   showStatus();
@@ -171,6 +174,7 @@ function refused(id, why) {
   app.say(`Not accepted: ${why}.`);
   if (id === null || id === "isa") isa.reopen();
   tlx.reopen(why);
+  form.reopen(why);
   session.reopen(why);
 }
 

@@ -7,7 +7,7 @@ import { dialog } from "./dom.js";
 export class Question {
   /**
    * @param {App} app
-   * @param {"sheet" | "tlx"} kind of the probe, and the dialog's name
+   * @param {"sheet" | "tlx" | "form"} kind of the probe, and the dialog's name
    * @param {() => void} fill prepares the form before it opens
    */
   constructor(app, kind, fill) {
@@ -16,13 +16,19 @@ export class Question {
     this.fill = fill;
     this.dialog = dialog(kind);
     this.isSent = false;
+    /** which question is asked; one form may follow another */
+    this.of = "";
     this.dialog.addEventListener("keydown", (event) => event.key === "Escape" && event.preventDefault());
     this.dialog.addEventListener("close", () => this.update());
   }
 
   update() {
-    const isAsked = this.app.model.picture?.probe?.kind === this.kind;
-    if (!isAsked) this.isSent = false;
+    const probe = this.app.model.picture?.probe;
+    const isAsked = probe?.kind === this.kind;
+    const of = `${this.app.model.hello?.run}/${probe?.kind === "form" ? `${probe.form.name}/${probe.number}` : ""}`;
+    if (!isAsked || of !== this.of) this.isSent = false;
+    if (isAsked && of !== this.of && this.dialog.open) this.fill();
+    if (isAsked) this.of = of;
     const isWanted = isAsked && !this.isSent;
     if (isWanted === this.dialog.open) return;
     if (!isWanted) return this.dialog.close();

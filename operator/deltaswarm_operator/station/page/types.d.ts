@@ -78,8 +78,24 @@ export interface Workload {
   above_s: number[];
 }
 
+export interface FormQuestion {
+  name: string;
+  text: string;
+  kind: "likert" | "number" | "text" | "choice";
+  low: number;
+  high: number;
+  low_text: string;
+  high_text: string;
+  choices: string[];
+  required: boolean;
+}
+
 export type Probe =
-  { kind: "isa"; number: number; asked_s: number; left_s: number } | { kind: "tlx" } | { kind: "sheet" };
+  | { kind: "isa"; number: number; asked_s: number; left_s: number }
+  | { kind: "tlx" }
+  | { kind: "sheet" }
+  /** `hides`: whether what is known must not be seen meanwhile. */
+  | { kind: "form"; number: number; hides: boolean; form: { name: string; title: string; question: FormQuestion[] } };
 
 export interface Truth {
   agents: [number, number, number, string, number, number, number][];

@@ -241,3 +241,39 @@ def test_questions_that_come_too_fast_are_warned_of(speed: float, every_s: float
         "smoke", [f"operator.probes.isa_every_s={every_s}", f"operator.probes.isa_wait_s={wait_s}"]
     )
     assert bool(cli_run.isa_warning(scenario, speed)) == warns
+
+
+FORMS = """
+[[session.form]]
+name = "you"
+when = "before"
+question = [{ name = "age", text = "How old are you?", kind = "number", low = 18, high = 99 }]
+
+[[session.form]]
+name = "trust"
+when = "between"
+question = [{ name = "reliable", text = "The swarm is reliable." }, { name = "why", text = "Why?", kind = "text" }]
+
+[[session.form]]
+name = "end"
+when = "after"
+question = [{ name = "best", text = "Which run was best?", kind = "choice", choices = ["first", "second"] }]
+"""
+
+
+def test_forms_come_before_between_and_after_the_runs(tmp_path: Path) -> None:
+    """Each run has those that belong to it; two of one name, or a wrong question, are refused before anything runs."""
+    settings, beside = load_session(str(a_file(tmp_path, 2, FORMS)))
+    forms = [
+        [(form.name, form.when) for form in run.scenario.operator.probes.form] for run in plan(settings, 3, beside)
+    ]
+    assert forms == [[("you", "before")], [("trust", "after")], [("trust", "after"), ("end", "after")]]
+    for wrong, path in (
+        (FORMS.replace('"trust"', '"you"'), "session.form"),
+        (FORMS.replace("high = 99", "high = 9"), "session.form[0].question[0].high"),
+        (FORMS.replace('name = "why"', 'name = "reliable"'), "session.form[1].question"),
+        (FORMS.replace('"you"', '"tlx"'), "form"),
+    ):
+        with pytest.raises(SettingsError) as told:
+            plan(load_session(str(a_file(tmp_path, 2, wrong)))[0], 1, beside)
+        assert path in [problem.path for problem in told.value.problems]

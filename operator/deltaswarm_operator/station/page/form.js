@@ -1,0 +1,113 @@
+/** Forms: Likert scales, numbers, texts and choices; a form about the situation hides what is known meanwhile. */
+
+import { byId, element, make, setText } from "./dom.js";
+import { Question } from "./question.js";
+
+/** @typedef {import("./types.js").App} App */
+/** @typedef {import("./types.js").FormQuestion} FormQuestion */
+/** @typedef {string | number | null} Answer */
+
+export class FormPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.question = new Question(app, "form", () => this.open());
+    this.form = byId("form-form", HTMLFormElement);
+    this.form.addEventListener("input", () => sessionStorage.setItem(this.stored, JSON.stringify(this.answers())));
+    this.form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.send();
+    });
+  }
+
+  get asked() {
+    const probe = this.app.model.picture?.probe;
+    return probe?.kind === "form" ? probe : null;
+  }
+
+  /** Half-given answers belong to their run and form. */
+  get stored() {
+    return `deltaswarm-form/${this.app.model.hello?.run}/${this.asked?.form.name}/${this.asked?.number}`;
+  }
+
+  update() {
+    document.documentElement.toggleAttribute("data-hides", Boolean(this.asked?.hides));
+    this.question.update();
+  }
+
+  /** Build the form, with the answers from before a reload of the page. */
+  open() {
+    if (!this.asked) return;
+    /** @type {Record<string, Answer>} */
+    const before = JSON.parse(sessionStorage.getItem(this.stored) ?? "{}");
+    const { form } = this.asked;
+    setText(element("form-title"), form.title || form.name);
+    element("form-questions").replaceChildren(
+      ...form.question.map((question, at) => field(question, at, before[question.name] ?? null)),
+    );
+    setText(element("form-missing"), "");
+  }
+
+  answers() {
+    const given = new FormData(this.form);
+    /** @type {Record<string, Answer>} */
+    const answers = {};
+    for (const [at, { name, kind }] of (this.asked?.form.question ?? []).entries()) {
+      const value = given.get(`question-${at}`);
+      if (typeof value !== "string" || value.trim() === "") continue;
+      answers[name] = kind === "number" || kind === "likert" ? Number(value) : value;
+    }
+    return answers;
+  }
+
+  send() {
+    if (!this.asked) return;
+    const answers = this.answers();
+    const { form } = this.asked;
+    const missing = form.question.filter(({ name, required }) => required && answers[name] === undefined);
+    if (missing.length) return setText(element("form-missing"), `Still to answer: ${missing.map(({ text }) => text).join(" ")}`);
+    if (!this.app.send({ type: "form", form: form.name, answers }))
+      return setText(element("form-missing"), "Not sent: there is no connection. Try again in a moment.");
+    this.question.answer(true);
+  }
+
+  /**
+   * Ask again, since the answers were not accepted.
+   * @param {string} why
+   */
+  reopen(why) {
+    if (!this.question.isSent) return;
+    this.question.answer(false);
+    setText(element("form-missing"), `Not accepted: ${why}.`);
+  }
+}
+
+/**
+ * @param {FormQuestion} question
+ * @param {number} at
+ * @param {Answer} before
+ */
+function field(question, at, before) {
+  const { kind, text, low, high } = question;
+  const name = `question-${at}`;
+  if (kind === "likert" || kind === "choice") {
+    const points = Array.from({ length: high - low + 1 }, (_, point) => String(low + point));
+    const radios = (kind === "likert" ? points : question.choices).map((value) => {
+      const radio = make("input", { type: "radio", name, value });
+      radio.checked = String(before) === value;
+      return make("label", {}, radio, value);
+    });
+    const ends = make("div", { class: "ends" }, make("span", {}, question.low_text), make("span", {}, question.high_text));
+    const parts = kind === "likert" ? [make("div", { class: "points" }, ...radios), ends] : radios;
+    return make("fieldset", { class: `question ${kind}` }, make("legend", {}, text), ...parts);
+  }
+  /** @type {HTMLInputElement | HTMLTextAreaElement} */
+  let made;
+  if (kind === "text") made = make("textarea", { name, id: name, rows: "3", maxlength: "2000" });
+  else {
+    const limits = { min: String(low), max: String(high), step: "any", autocomplete: "off" };
+    made = make("input", { type: "number", name, id: name, ...limits });
+  }
+  made.value = String(before ?? "");
+  return make("div", { class: "question" }, make("label", { for: name }, text), made);
+}
