@@ -55,6 +55,7 @@ class PageSettings:
     """What the page shows and offers to the person at the station."""
 
     title: str = key("", "heading of the page; empty: the scenario and the mode, which a participant should not read")
+    end_text: str = key("", "what the page says once the run has ended; empty: that it may be closed")
     pace: bool = key(True, "whether the person may pause the run, do single steps and change its speed")
     orders: tuple[str, ...] = key((), "orders that the page offers; none: all that the controller accepts")
     layers: tuple[str, ...] = key(LAYERS, "layers of the map that the person may switch on", choices=LAYERS)

@@ -253,6 +253,7 @@ class Console:
             commands=[plain(form) for form in briefing.forms if form.name in (page.orders or (form.name,))],
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
+            end_text=page.end_text,
             session={
                 "sheet": {name: getattr(probes, name) for name in SHEET_FIELDS} if probes.has_sheet else None,
                 "asks": {"isa": probes.isa_every_s > 0, "tlx": probes.tlx, "weights": probes.tlx_weights},

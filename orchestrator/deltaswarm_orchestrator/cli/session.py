@@ -1,6 +1,7 @@
 """The command `deltaswarm session`."""
 
 import argparse
+import secrets
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
@@ -27,7 +28,7 @@ from deltaswarm_orchestrator.participants.record import (
 )
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
 from deltaswarm_orchestrator.participants.tables import write_tables
-from deltaswarm_orchestrator.processes.station import LOOPBACK, Station
+from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address
 from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
@@ -73,8 +74,10 @@ def session(arguments: argparse.Namespace) -> int:
     planned = plan(settings, participant, beside)
     folder = out / f"participant-{participant:03}"
 
-    def options_for(run: PlannedRun) -> RunOptions:
-        station = Station(settings.speed, arguments.station_listen)
+    address, token = free_address(arguments.station_listen), secrets.token_urlsafe(24)
+
+    def options_for(run: PlannedRun, *, is_first: bool = True) -> RunOptions:
+        station = Station(settings.speed, address, token, opens_browser=is_first)
         return RunOptions(free_folder(folder / run.folder), station=station, researcher=arguments.researcher)
 
     for run in planned:  # before a participant has done the first
@@ -103,17 +106,18 @@ def _do_runs(
     arguments: argparse.Namespace,
     folder: Path,
     planned: list[PlannedRun],
-    options_for: Callable[[PlannedRun], RunOptions],
+    options_for: Callable[..., RunOptions],
 ) -> int:
     """Do the runs that are not complete; keep the record."""
     participant: int = arguments.participant
     _check_design(folder, planned)
     write_json(folder / RECORD, record_of(folder, participant, planned))
+    is_first = True
     for run in planned:
         if any(summary["complete"] for summary in summaries(folder, run).values()):
             continue
         notice(f"run {run.position} of {len(planned) - 1}: {run.label}")
-        options = options_for(run)
+        options, is_first = options_for(run, is_first=is_first), False
         scenario = run.attempt(attempt_number(options.out.name, run))
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
             code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)

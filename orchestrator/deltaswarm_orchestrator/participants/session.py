@@ -21,6 +21,9 @@ MAX_SEED = 2**53
 RANDOM, IN_TURN = "random", "in turn"
 CROSSED, OWN = "crossed", "own"
 
+MORE = "Please wait: the next run follows by itself."
+THANKS = "Thank you: that was the last run."
+
 DEFAULTS = ("operator.page.pace=false",)
 """Scenario keys of all runs, which a condition's `set` may change: a participant must not pause or speed up a run."""
 
@@ -139,7 +142,12 @@ def plan(settings: SessionSettings, participant: int, beside: Path = Path()) -> 
         if name not in scenarios.BUILT_IN:
             name = str((beside / name).resolve())
         sheet = {"participant": f"P{participant:03}", "condition": f"{place} {label}", "consent": consent}
-        overrides = [*DEFAULTS, f"operator.page.title={dumps(label)}", *condition.set]
+        shown = {"title": label, "end_text": MORE if place < count else THANKS}
+        overrides = [
+            *DEFAULTS,
+            *(f"operator.page.{key}={dumps(value)}" for key, value in shown.items()),
+            *condition.set,
+        ]
         overrides += [f"operator.probes.{key}={dumps(value)}" for key, value in sheet.items()]
         if place == 0:
             number = 0  # all train with the same arrivals

@@ -34,6 +34,8 @@ class Station:
     listen: str = LOOPBACK
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """The secret part of the page's URL."""
+    opens_browser: bool = True
+    """Whether to open the page in a browser, if there is a display."""
     operators_end: socket.socket = field(init=False)
     stations_end: socket.socket = field(init=False)
 
@@ -46,6 +48,19 @@ class Station:
         self.stations_end.close()
 
 
+def free_address(listen: str) -> str:
+    """Return HOST:PORT with a free port in place of port 0, at which one station after another can listen."""
+    host, _, port = listen.rpartition(":")
+    if int(port):
+        return listen
+    bare = host.strip("[]")
+    try:
+        with socket.create_server((bare, 0), family=socket.AF_INET6 if ":" in bare else socket.AF_INET) as server:
+            return f"{host}:{server.getsockname()[1]}"
+    except OSError:  # the station itself says what is wrong with the address
+        return listen
+
+
 def write_briefing(folder: Path, scenario: Scenario, station: Station | None) -> Path:
     """Write what the operator may know of a scenario into the run folder; return the file."""
     forms = forms_of(find_controller(scenario.control.mode))
@@ -55,12 +70,13 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
     return file
 
 
-def announce(folder: Path, url: str) -> None:
-    """Write the page's address into the run folder, readable by this user alone, and open the page in a browser."""
+def announce(folder: Path, url: str, *, opens_browser: bool) -> None:
+    """Write the page's address into the run folder, readable by this user alone; maybe open it in a browser."""
     file = folder / ADDRESS
     file.touch(mode=0o600)
     file.write_text(json.dumps({"url": url}) + "\n", encoding="utf-8")
-    open_browser(url)
+    if opens_browser:
+        open_browser(url)
 
 
 def open_browser(url: str) -> None:

@@ -2,6 +2,8 @@
 
 const FIRST_WAIT_MS = 250;
 const LONGEST_WAIT_MS = 5000;
+/** After a run has ended, another one may begin at the same address. */
+const NEXT_RUN_WAIT_MS = 1000;
 
 /** @typedef {import("./types.js").Message} Message */
 /** @typedef {import("./types.js").Intent} Intent */
@@ -33,8 +35,7 @@ export class Link {
     socket.onmessage = (event) => this.take(event.data);
     socket.onclose = () => {
       this.onChange(false);
-      if (this.hasEnded) return;
-      window.setTimeout(() => this.connect(), this.wait_ms);
+      window.setTimeout(() => this.connect(), this.hasEnded ? NEXT_RUN_WAIT_MS : this.wait_ms);
       this.wait_ms = Math.min(LONGEST_WAIT_MS, this.wait_ms * 2);
     };
   }
@@ -43,6 +44,7 @@ export class Link {
   take(data) {
     const message = /** @type {Message} */ (JSON.parse(String(data)));
     if (message.type === "ended") this.hasEnded = true;
+    if (message.type === "picture") this.hasEnded = false;
     this.onMessage(message);
   }
 

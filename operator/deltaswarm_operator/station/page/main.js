@@ -140,7 +140,10 @@ function showStatus() {
   const isSilent = performance.now() - heardAt_ms > SILENT_MS;
   let [state, words] = ["live", hello?.kind === "replay" ? "replay" : "live"];
   if (!picture) [state, words] = ["silent", "waiting for the run"];
-  if (link.hasEnded) [state, words] = ["ended", "the run has ended; this page may be closed"];
+  const atEnd = hello?.end_text ?? "";
+  element("ended").hidden = !link.hasEnded || !atEnd;
+  setText(element("ended"), atEnd);
+  if (link.hasEnded) [state, words] = ["ended", "the run has ended" + (atEnd ? "" : "; this page may be closed")];
   else if (picture?.over && hello?.kind !== "replay") [state, words] = ["ended", "the run is over"];
   else if (!isOpen) [state, words] = ["lost", hello ? "connection lost, trying again" : "connecting"];
   else if (picture?.over) [state, words] = ["ended", "the run is over"];

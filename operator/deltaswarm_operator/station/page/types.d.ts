@@ -64,6 +64,8 @@ export interface Hello {
   thresholds_hz: number[];
   commands: Form[];
   speeds: number[];
+  /** What the page says once the run has ended. */
+  end_text?: string;
   /** Layers of the map that may be switched on; all if there is no list. */
   layers?: string[];
   session: Session | null;
