@@ -13,7 +13,7 @@ from deltaswarm_orchestrator.cli import COMMANDS, main, parser
 from deltaswarm_orchestrator.studies.load import COLLECTIONS
 from tests.support.complaints import Printed
 from tests.support.swarms import COMMAND
-from tests.unit.orchestrator.test_session import a_file
+from tests.unit.orchestrator.participants.test_session import a_file
 
 WITHOUT_JSON = {"completion", "replay"}
 """Commands without a result, as the page of commands says."""
