@@ -129,8 +129,11 @@ def _do_runs(
                 f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
             )
             return code
-        if missing := record["runs"][run.position]["attempts"][-1]["answers_missing"]:
-            complain(f"answers missing in run {run.position}, {run.label}: {missing}; ask now, and note them by hand")
+        for attempt in record["runs"][run.position]["attempts"][-1:]:
+            if missing := attempt["answers_missing"]:
+                complain(
+                    f"answers missing in run {run.position}, {run.label}: {missing}; ask now, and note them by hand"
+                )
     show(arguments, {"folder": str(folder), **record_of(folder, participant, planned)}, str(folder))
     return OK
 
