@@ -161,6 +161,15 @@ def test_a_repeat_replaces_what_has_not_been_read() -> None:
     assert one.totals["replaced"] == 1
 
 
+@pytest.mark.parametrize(("later", "replaced"), [((1, 2), 1), ((1, 2, 3), 1), ((1,), 0), ((1, 3), 0), ((), 0)])
+def test_only_an_item_that_names_all_the_same_events_replaces_another(later: tuple[int, ...], replaced: int) -> None:
+    """The same events or more."""
+    one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0))
+    told = [([(3, (9,), True), (0, (1, 2), True)], 0.0), ([(0, later, False)], 0.0), *[([], 0.0)] * 8]
+    live(one, told)
+    assert one.totals["replaced"] == replaced
+
+
 def test_what_waits_too_long_is_missed() -> None:
     """Nobody reads it any more."""
     one = person(PersonSettings(policy=NONE, sigma=0.0, slowing=0.0, new_s=50.0, patience_s=30.0))
