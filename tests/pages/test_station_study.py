@@ -118,6 +118,25 @@ def test_what_happens_to_the_page_is_noted(page: Page) -> None:
     assert noted("loaded") == "reload"
 
 
+SMALL = """
+const seen = [...document.querySelectorAll("button, select, input, textarea, [role=tab]")].filter((e) => e.offsetParent);
+return seen
+    .map((e) => [e.id || e.className, (e.closest("label") || e).getBoundingClientRect()])
+    .filter(([, box]) => box.width < 24 || box.height < 24)
+    .map(([name]) => name);
+"""
+
+
+def test_no_target_is_too_small(page: Page) -> None:
+    """24 by 24 pixels at least (WCAG 2.2, 2.5.8), in every tab and in a form."""
+    for tab in ("commands", "agents", "events", "notes"):
+        page.at(f"tab-{tab}").click()
+        page.until(lambda: page.driver.execute_script(SMALL) == [])
+    page.player.swarm.probe = a_form(0)
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed() and page.driver.execute_script(SMALL) == [])
+
+
 SITUATION = {
     "name": "sagat",
     "title": "What is the situation?",
