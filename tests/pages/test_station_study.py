@@ -119,8 +119,9 @@ def test_what_happens_to_the_page_is_noted(page: Page) -> None:
 
 
 SMALL = """
-const seen = [...document.querySelectorAll("button, select, input, textarea, [role=tab]")].filter((e) => e.offsetParent);
-return seen
+const targets = [...document.querySelectorAll("button, select, input, textarea, [role=tab]")];
+return targets
+    .filter((e) => e.offsetParent)
     .map((e) => [e.id || e.className, (e.closest("label") || e).getBoundingClientRect()])
     .filter(([, box]) => box.width < 24 || box.height < 24)
     .map(([name]) => name);
