@@ -182,3 +182,19 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
     page.player.swarm.probe = None
     page.player.show(103.0)
     page.until(lambda: page.at("map").is_displayed() and not page.at("form").is_displayed())
+
+
+def test_agents_at_one_place_are_told_apart(page: Page) -> None:
+    """On the map: four at one event look like four, and each can be selected by a click."""
+    together = [[agent, 50.0, 50.0, "attending", -1, -1, 100, 1, 0] for agent in range(4)]
+    page.player.show(101.0, agents=together[:1], events=[])
+    page.until(lambda: page.texts("#agents-list li") and len(page.all("#agents-list li")) == 1)
+    one = page.drawn()
+    page.player.show(101.0, agents=together, events=[])
+    page.until(lambda: len(page.all("#agents-list li")) == 4)
+    assert page.drawn() != one
+    chosen = set()
+    for x_m, y_m in ((50.0, 53.0), (53.0, 50.0), (50.0, 47.0), (47.0, 50.0)):
+        page.click_map(x_m, y_m)
+        chosen.add(page.text("map-info").partition(":")[0])
+    assert len(chosen) == 4

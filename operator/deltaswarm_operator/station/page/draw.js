@@ -2,12 +2,14 @@
 
 import { label, Labels } from "./labels.js";
 import { heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { spread } from "./spread.js";
 import { age, number } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Hello} Hello */
 /** @typedef {import("./view.js").View} View */
 /** @typedef {CanvasRenderingContext2D} Canvas */
+/** @typedef {Map<number, [number, number]>} Places positions of agents [px] */
 /** @typedef {{heat: boolean, labels: boolean, trees: boolean}} Layers */
 
 const OLD_S = 30;
@@ -34,11 +36,12 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   if (layers.trees) trees(on, view, app);
   const labels = layers.labels ? new Labels() : null;
   for (const event of app.model.events) drawEvent(on, view, event, app, labels);
-  for (const agent of app.model.agents) drawAgent(on, view, agent, app, labels);
+  const places = spread(app.model.agents, view);
+  for (const agent of app.model.agents) drawAgent(on, view, agent, places, app, labels);
   on.globalAlpha = 1;
   ordered(on, view, app);
   labels?.draw(on);
-  picked(on, view, app, hasFocus);
+  picked(on, view, app, places, hasFocus);
   ruler(on, view);
 }
 
@@ -199,11 +202,12 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
  * @param {Canvas} on
  * @param {View} view
  * @param {import("./types.js").AgentRow} agent
+ * @param {Places} places
  * @param {App} app
  * @param {Labels | null} labels
  */
-function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, selection }, labels) {
-  const [x, y] = view.toScreen(x_m, y_m);
+function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], places, { model, selection }, labels) {
+  const [x, y] = places.get(id) ?? view.toScreen(x_m, y_m);
   const age_s = model.now_s - said_s;
   on.globalAlpha = strength(age_s);
   mark(on, role, x, y, Boolean(own), view.marker_px);
@@ -219,9 +223,10 @@ function drawAgent(on, view, [id, x_m, y_m, role, , , said_s, own], { model, sel
  * @param {Canvas} on
  * @param {View} view
  * @param {App} app
+ * @param {Places} places
  * @param {boolean} hasFocus
  */
-function picked(on, view, { pick, model }, hasFocus) {
+function picked(on, view, { pick, model }, places, hasFocus) {
   if (!pick) return;
   const { accent } = inks();
   on.strokeStyle = accent;
@@ -243,7 +248,7 @@ function picked(on, view, { pick, model }, hasFocus) {
   }
   for (const [id, at_x_m, at_y_m, , , root] of model.agents) {
     if (id === target.agent || (target.root !== undefined && (root === target.root || id === target.root)))
-      ring(on, ...view.toScreen(at_x_m, at_y_m), view.marker_px);
+      ring(on, ...(places.get(id) ?? view.toScreen(at_x_m, at_y_m)), view.marker_px);
   }
   if (hasFocus) {
     on.setLineDash([3, 3]);

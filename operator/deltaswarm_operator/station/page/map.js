@@ -4,6 +4,7 @@ import { byId, element, input, make, setText } from "./dom.js";
 import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
 import { HEAT, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { spread } from "./spread.js";
 import { LEAST_MARKER_PX as MARKER_PX, View } from "./view.js";
 import { aboutAgent, aboutEvent, place } from "./words.js";
 
@@ -203,6 +204,7 @@ export class MapPanel {
     /** @type {Selection | null} */
     let near = null;
     const { agents, events } = this.app.model;
+    const places = spread(agents, this.view);
     for (const [kind, rows] of /** @type {["agent" | "event", [number, number, number][]][]} */ (
       /** @type {unknown} */ ([
         ["event", events],
@@ -210,7 +212,7 @@ export class MapPanel {
       ])
     )) {
       for (const [id, x_m, y_m] of rows) {
-        const [at_x, at_y] = this.view.toScreen(x_m, y_m);
+        const [at_x, at_y] = (kind === "agent" && places.get(id)) || this.view.toScreen(x_m, y_m);
         const distance = Math.hypot(at_x - x, at_y - y);
         if (distance <= least) [least, near] = [distance, { kind, id }];
       }
