@@ -18,6 +18,7 @@ from websockets.datastructures import Headers
 from websockets.exceptions import ConnectionClosed
 from websockets.extensions.permessage_deflate import ServerPerMessageDeflateFactory
 from websockets.http11 import Request, Response
+from websockets.protocol import State
 
 from deltaswarm_operator.station import rules
 from deltaswarm_wire.ready import say_ready
@@ -39,6 +40,9 @@ SEND_BUFFER_BYTES = 128 * 1024
 
 MAX_DATAGRAM_BYTES = 1024 * 1024
 MAX_DATAGRAMS_AT_ONCE = 64
+OPEN_WITHIN_S = 5.0
+"""Time that a connection has to ask for something [s]."""
+
 LINGER_S = 5.0
 """Time that the station stays after its feed has closed, for a page that is still loading [s]."""
 
@@ -60,21 +64,22 @@ COMPRESSION = [ServerPerMessageDeflateFactory(server_max_window_bits=15, compres
 class Visitor(ServerConnection):
     """A connection; their number is limited."""
 
-    all: ClassVar[set["Visitor"]] = set()
-    """All connections of the process, which has one station."""
+    all: ClassVar[dict["Visitor", None]] = {}
+    """All connections of the process, which has one station, oldest first."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Admit the connection, or drop it at once."""
+        """Admit the connection; if there are too many, drop the oldest that has not asked for anything."""
         super().connection_made(transport)
-        self.all.add(self)
+        self.all[self] = None
         transport.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        if len(self.all) > MAX_CONNECTIONS and isinstance(transport, asyncio.Transport):
-            transport.abort()
+        if len(self.all) > MAX_CONNECTIONS:
+            idle = next(other for other in self.all if other is self or other.protocol.state is State.CONNECTING)
+            idle.transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Make room for another connection."""
         super().connection_lost(exc)
-        self.all.discard(self)
+        self.all.pop(self, None)
 
     @property
     def waiting_bytes(self) -> int:
@@ -122,7 +127,7 @@ class Station:
             extensions=COMPRESSION,
             compression=None,
             max_size=rules.MAX_INTENT_BYTES,
-            open_timeout=5.0,
+            open_timeout=OPEN_WITHIN_S,
             close_timeout=1.0,
             server_header=None,
             logger=_quiet_logger(),
