@@ -61,16 +61,21 @@ class FormSettings:
 
     name: str = key("", "name of the form in probes.csv")
     title: str = key("", "its heading")
+    text: str = key("", "what is said above the questions; a form may have a text alone, such as instructions")
     when: str = key(AFTER, "before the run begins, or after its end", choices=(BEFORE, AFTER))
     question: tuple[QuestionSettings, ...] = key((), "its questions")
 
     def problems(self) -> list[Problem]:
-        """A form has questions of different names."""
+        """A form has questions of different names, or a text."""
         names = [question.name for question in self.question]
-        if self.name and names and len(set(names)) == len(names):
+        if self.name and (names or self.text) and len(set(names)) == len(names):
             return []
         return [
-            Problem("question", ", ".join(names) or "none", "must be questions of different names, in a named form")
+            Problem(
+                "question",
+                ", ".join(names) or "none",
+                "must be questions of different names, or a text, in a named form",
+            )
         ]
 
 

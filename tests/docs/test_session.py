@@ -63,7 +63,7 @@ def test_the_session_of_the_page_can_be_planned(tmp_path: Path) -> None:
     (tmp_path / "consent.txt").write_text("You may stop at any time.")
     planned = plan(load_session(str(tmp_path / "deltas.toml"))[0], 1, tmp_path)
     forms = [[form.name for form in run.scenario.operator.probes.form] for run in planned]
-    assert forms == [["you"], ["trust"], ["trust"]]
+    assert forms == [["instructions", "you"], ["trust"], ["trust"]]
 
 
 def test_the_forms_of_the_station_page_are_a_scenario() -> None:

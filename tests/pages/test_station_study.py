@@ -141,6 +141,7 @@ def test_no_target_is_too_small(page: Page) -> None:
 SITUATION = {
     "name": "sagat",
     "title": "What is the situation?",
+    "text": "",
     "question": [
         {"name": "trees", "text": "How many trees?", "kind": "number", "low": 0, "high": 99},
         {"name": "most", "text": "Where?", "kind": "choice", "choices": ["left", "right"]},

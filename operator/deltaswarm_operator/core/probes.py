@@ -89,7 +89,7 @@ class Probes:
 
     def _ask(self, asked: _Asked) -> None:
         """Ask a question, or let it wait until the open ones are closed."""
-        self._questions += asked.kind != SHEET
+        self._questions += asked.kind != SHEET and bool(asked.items)
         if self._asked is None:
             self._asked = asked
         else:
@@ -185,7 +185,7 @@ class Probes:
 
     def _miss(self, asked: _Asked) -> None:
         self.rows += [asked.row(item) for item in asked.items]
-        self._missing += 1
+        self._missing += bool(asked.items)
 
     def close(self) -> None:
         """At the end, whatever still is asked has no answer."""

@@ -52,6 +52,7 @@ class SessionFormSettings:
 
     name: str = key("", "name of the form in probes.csv")
     title: str = key("", "its heading")
+    text: str = key("", "what is said above the questions; a form may have a text alone, such as instructions")
     when: str = key(
         EACH, "before the training, after each run but the training, or after the last run", choices=(FIRST, EACH, LAST)
     )
@@ -63,7 +64,7 @@ class SessionFormSettings:
 
     def at(self, when: str) -> FormSettings:
         """Return the form as a run has it, before it or after it."""
-        return FormSettings(self.name, self.title, when, self.question)
+        return FormSettings(self.name, self.title, self.text, when, self.question)
 
 
 @dataclass(frozen=True)

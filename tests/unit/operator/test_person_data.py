@@ -157,6 +157,7 @@ def test_forms_come_one_after_another() -> None:
     likert = {"name": "trust", "text": "I trust the swarm."}
     forms = [
         {"name": "you", "when": "before", "question": [{"name": "age", "text": "Age?", "kind": "number", "high": 99}]},
+        {"name": "read", "when": "before", "text": "Your task is to watch."},
         {"name": "free", "when": "before", "question": [{"name": "t", "text": "?", "kind": "text", "required": False}]},
         {"name": "end", "when": "after", "question": [likert]},
     ]
@@ -168,6 +169,8 @@ def test_forms_come_one_after_another() -> None:
     assert say(console, "form", form="end", answers={"trust": 1})[0]["type"] == "refused"
     say(console, "form", 3.0, form="you", answers={"age": 30.5})
     assert console.pace.hold_step == 0
+    assert shown(console)["probe"]["form"]["text"] == "Your task is to watch."
+    assert not say(console, "form", 3.0, form="read", answers={})
     assert not say(console, "form", 4.0, form="free", answers={})
     assert console.pace.hold_step == -1
     close(console, 0, last=True)

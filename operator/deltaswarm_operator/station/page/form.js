@@ -42,6 +42,9 @@ export class FormPanel {
     const before = JSON.parse(sessionStorage.getItem(this.stored) ?? "{}");
     const { form } = this.asked;
     setText(element("form-title"), form.title || form.name);
+    setText(element("form-text"), form.text);
+    element("form-text").hidden = !form.text;
+    setText(element("form-send"), form.question.length ? "Send answers" : "Continue");
     element("form-questions").replaceChildren(
       ...form.question.map((question, at) => field(question, at, before[question.name] ?? null)),
     );

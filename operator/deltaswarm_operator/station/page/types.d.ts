@@ -97,7 +97,7 @@ export type Probe =
   | { kind: "tlx" }
   | { kind: "sheet" }
   /** `hides`: whether what is known must not be seen meanwhile. */
-  | { kind: "form"; number: number; hides: boolean; form: { name: string; title: string; question: FormQuestion[] } };
+  | { kind: "form"; number: number; hides: boolean; form: { name: string; title: string; text: string; question: FormQuestion[] } };
 
 export interface Truth {
   agents: [number, number, number, string, number, number, number][];
