@@ -90,6 +90,9 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
     if scenario.operator.person.commands and named(forms, SET_DELTA) is None:
         wrong = f"needs a controller that accepts {SET_DELTA!r} ({scenario.control.mode} accepts: {names})"
         problems.append(Problem("operator.person.policy", repr(policy), wrong))
+    if unknown := [order for order in scenario.operator.page.orders if named(forms, order) is None]:
+        wrong = f"must be orders that {scenario.control.mode} accepts: {names}"
+        problems.append(Problem("operator.page.orders", ", ".join(unknown), wrong))
     for number, command in enumerate(scenario.command):
         form = named(forms, command.name)
         wrong = f"must be a command that {scenario.control.mode} accepts: {names}"

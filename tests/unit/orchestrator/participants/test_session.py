@@ -277,3 +277,15 @@ def test_forms_come_before_between_and_after_the_runs(tmp_path: Path) -> None:
         with pytest.raises(SettingsError) as told:
             plan(load_session(str(a_file(tmp_path, 2, wrong)))[0], 1, beside)
         assert path in [problem.path for problem in told.value.problems]
+
+
+def test_a_page_offers_only_orders_that_there_are() -> None:
+    """A name that the controller does not know would leave the participant without it, in silence."""
+    assert load_scenario("smoke", ['operator.page.orders=["hold", "recall"]']).operator.page.orders == (
+        "hold",
+        "recall",
+    )
+    with pytest.raises(SettingsError) as told:
+        load_scenario("smoke", ['operator.page.orders=["hold", "recal"]'])
+    [problem] = told.value.problems
+    assert (problem.path, problem.given) == ("operator.page.orders", "recal")
