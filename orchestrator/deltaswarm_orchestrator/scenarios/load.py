@@ -80,8 +80,8 @@ def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
 
 
 def _command_problems(scenario: Scenario) -> list[Problem]:
-    """Return a problem for each scripted or simulated command that the controller does not accept."""
-    if not scenario.has_commander:
+    """Return a problem for each command of script, simulation or page that the controller does not accept."""
+    if not scenario.has_commander and not scenario.operator.page.orders:
         return []
     forms = forms_of(find_controller(scenario.control.mode))
     names = ", ".join(form.name for form in forms) or "none"
