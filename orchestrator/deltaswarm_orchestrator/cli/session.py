@@ -86,10 +86,17 @@ def session(arguments: argparse.Namespace) -> int:
         if warning:
             notice(warning)
     if arguments.plan or arguments.dry_run:
+        has_begun = (folder / RECORD).exists()
         labels = [settings.training.label, *(condition.label for condition in settings.condition)]
-        if (folder / RECORD).exists():
+        if has_begun:
             labels = [run.label for run in planned]
-        show(arguments, labels, "\n".join(f"{n} {label}" for n, label in enumerate(labels)))
+        lines = [f"{place} {label}" for place, label in enumerate(labels[: None if has_begun else 1])]
+        lines += (
+            []
+            if has_begun
+            else [f"then, in an order that is shown once the session has begun: {', '.join(labels[1:])}"]
+        )
+        show(arguments, labels, "\n".join(lines))
         return OK
     folder.mkdir(parents=True, exist_ok=True)
     try:
