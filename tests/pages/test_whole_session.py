@@ -46,9 +46,12 @@ label = "{}"
 scenario = "smoke"
 set = [
     "control.delta={}", "run.duration_s=40", "run.start_timeout_s=240", "operator.probes.tlx=true",
-    "operator.probes.isa_every_s=15", "operator.probes.sagat_at_s=[25]", "operator.probes.sagat_questions=['trees']",
+    "operator.probes.isa_every_s=25", "operator.probes.isa_wait_s=200", "operator.probes.sagat_at_s=[26]",
+    "operator.probes.sagat_questions=['trees']",
 ]
 """
+"""The run is held soon after the question of ISA, so that there is time to answer it on a slow machine, too."""
+
 ANSWERS = {"age": 30, "reliable": 5, "trees": 2}
 TLX = """
 for (const slider of document.querySelectorAll("#tlx input[type=range]")) {
