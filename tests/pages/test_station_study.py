@@ -67,6 +67,20 @@ def test_no_draft_reaches_the_next_participant(page: Page) -> None:
     assert page.at("tlx-mental").get_property("value") == "95"
 
 
+def test_the_first_question_of_the_next_run_is_asked(page: Page) -> None:
+    """Though it has the number of one that was answered in the run before."""
+    for run in ("first", "second"):
+        hello(page, run=run)
+        page.player.swarm.probe = {"kind": "isa", "number": 0, "asked_s": 90.0, "left_s": 21.0}
+        page.player.show(101.0)
+        page.until(lambda: page.at("isa").is_displayed())
+        page.press("2")
+        assert page.asked("isa")["answer"] == 2
+        page.player.swarm.probe = None
+        page.player.show(102.0)
+        page.until(lambda: not page.at("isa").is_displayed())
+
+
 def test_the_sheet_of_a_session_cannot_be_changed(page: Page) -> None:
     """Participant and condition are as planned."""
     sheet = {"consent": "Yes", "participant": "P001", "condition": "1 A"}

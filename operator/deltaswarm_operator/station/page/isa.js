@@ -60,7 +60,12 @@ export class IsaPanel {
 
   /** Ask again while there is time, since the answer was not accepted. */
   reopen() {
-    this.answered = -1;
+    this.forget();
     this.update();
+  }
+
+  /** Forget what was answered: another run numbers its questions anew. */
+  forget() {
+    this.answered = -1;
   }
 }

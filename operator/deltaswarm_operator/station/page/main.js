@@ -83,7 +83,10 @@ const events = new PageEvents(
 function takeHello(hello) {
   const isFirst = !app.model.hello || isNew;
   isNew = false;
-  if (app.model.takeHello(hello)) app.selection = null;
+  if (app.model.takeHello(hello)) {
+    app.selection = null;
+    isa.forget();
+  }
   if (isFirst) events.begin();
   setText(element("title"), hello.title);
   document.documentElement.dataset["kind"] = hello.kind;
