@@ -228,7 +228,7 @@ class Console:
             self._script.popleft()
         self.pace = Pace(*state["pace"])
         self.probes.restore(state["probes"])
-        if (state["probes"]["open"] or [""])[0] == SAGAT:  # it is missing, and nobody would let the run go on
+        if any(kind == SAGAT for kind, *_ in state["probes"]["open"]):  # it is missing: nobody would let the run go on
             self.pace = self.pace._replace(hold_step=self.next_hold_step)
 
     # The station

@@ -132,13 +132,12 @@ class Probes:
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
-        asked = self._asked
-        is_lost = asked is not None and (asked.kind in (ISA, SAGAT))
+        lost = [asked for asked in (self._asked, *self._waiting) if asked is not None and asked.kind in (ISA, SAGAT)]
         return {
             "isa_number": self._isa_number,
             "isa_due_s": self._isa_due_s if math.isfinite(self._isa_due_s) else None,
             "sagat_number": self._sagat_number,
-            "open": [asked.kind, asked.number, asked.asked_s] if asked is not None and is_lost else None,
+            "open": [[asked.kind, asked.number, asked.asked_s] for asked in lost],
             "begun": self._has_begun,
             "answers": self.answers,
             "questions": self._questions,
@@ -146,15 +145,14 @@ class Probes:
         }
 
     def restore(self, state: Mapping[str, Any]) -> None:
-        """Resume from another object's `state`; a question of the run that was open at that time is missing."""
+        """Resume from another object's `state`; questions of the run that were open at that time are missing."""
         self._isa_number, self._sagat_number = state["isa_number"], state["sagat_number"]
         self._has_begun = state["begun"]
         self.answers, self._missing = list(state["answers"]), state["missing"]
         self._questions = state["questions"] if self._has_begun else 0
-        if state["open"] is not None:
-            kind, number, asked_s = state["open"]
+        for kind, number, asked_s in state["open"]:
             self._miss(_Asked(kind, number, asked_s, 0.0, _situation(self._settings) if kind == SAGAT else None))
-            self.rows = [row._replace(asked_monotonic_s=None) for row in self.rows]
+        self.rows = [row._replace(asked_monotonic_s=None) for row in self.rows]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
     def tick(self, now_s: float, is_last: bool, wall_s: float, *, can_hold: bool = False) -> None:
@@ -235,8 +233,8 @@ class Probes:
         if self._settings.tlx_weights:
             self._tlx["weighted"] = sum(scales[scale] * weights[scale] for scale in SCALES) / PAIRS
 
-    def answer_form(self, name: Any, answers: Any, wall_s: float) -> str:
-        """Take a form's answers by question; return the kind of the form.
+    def answer_form(self, name: Any, answers: Any, wall_s: float) -> None:
+        """Take a form's answers by question.
 
         Raises:
             ValueError: the form is not open, or not filled in correctly.
@@ -249,7 +247,6 @@ class Probes:
         for question in asked.form.question:
             question.check(answers.get(question.name))
         self._add(asked, {item: answers.get(item) for item in asked.items}, wall_s)
-        return asked.kind
 
     @property
     def outcomes(self) -> dict[str, Any]:

@@ -142,6 +142,23 @@ def test_a_run_is_held_for_questions_about_the_situation() -> None:
     assert other.probes.outcomes["answers_missing"] == 1
 
 
+def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> None:
+    """The run was held for it while ISA was open: both have their rows, and the run goes on."""
+    asks = {"probes": {"sagat_at_s": [5.0], "isa_every_s": 4}}
+    console, other = Console(briefing(operator=asks)), Console(briefing(operator=asks))
+    for one in (console, other):
+        one.attend()
+    console.start(0.0)
+    for step in range(6):
+        close(console, step)
+    assert shown(console)["probe"]["kind"] == "isa"
+    other.restore(5, json.loads(json.dumps(console.state())))
+    other.start(0.0)
+    assert (other.is_held, shown(other)["probe"]) == (False, None)
+    assert [(row.probe, row.value) for row in other.probes.rows] == [("isa", None), *[("sagat", None)] * 4]
+    assert (other.probes.outcomes["questions"], other.probes.outcomes["answers_missing"]) == (2, 2)
+
+
 def test_nobody_is_asked_where_nobody_sits() -> None:
     """Without a station nothing would let the run go on; a station that goes releases it."""
     console = Console(briefing(operator={"probes": {"sagat_at_s": [2.0]}}))
