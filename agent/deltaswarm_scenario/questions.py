@@ -39,7 +39,7 @@ class QuestionSettings:
         return problems
 
     def check(self, answer: Any) -> None:
-        """Raise ValueError if an answer is none of this question's; the text is for the person."""
+        """Raise ValueError, with a text for the person, if the question does not take this answer."""
         if answer is None or answer == "":
             if self.required:
                 raise ValueError(f"an answer is needed: {self.text}")

@@ -15,8 +15,8 @@ class Attention:
 
     def __init__(self, patience_s: float) -> None:
         self.measures = Measures()
-        self.shown_wall_s: dict[int, float] = {}
-        """When each item was first shown."""
+        self.shown_wall_s: list[float] = []
+        """When each item was first shown, by its number."""
         self.read_at: dict[int, tuple[float, float]] = {}
         """When each item was read: simulated and wall time."""
         self._patience_s = patience_s
@@ -25,8 +25,7 @@ class Attention:
 
     def show(self, picture: Picture, wall_s: float) -> None:
         """Note that all items have been shown by now."""
-        for number in range(len(self.shown_wall_s), len(picture.inbox)):
-            self.shown_wall_s[number] = wall_s
+        self.shown_wall_s += [wall_s] * (len(picture.inbox) - len(self.shown_wall_s))
 
     def read(self, picture: Picture, numbers: Iterable[int], wall_s: float) -> None:
         """Note that items were read."""
@@ -53,7 +52,7 @@ class Attention:
         """Return all that is needed to resume, for JSON."""
         return {
             "measures": self.measures.state(),
-            "shown": list(self.shown_wall_s.values()),
+            "shown": self.shown_wall_s,
             "read": [[number, *times] for number, times in self.read_at.items()],
             "judged": self._judged,
         }
@@ -61,6 +60,6 @@ class Attention:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`."""
         self.measures.restore(state["measures"])
-        self.shown_wall_s = dict(enumerate(state["shown"]))
+        self.shown_wall_s = list(state["shown"])
         self.read_at = {number: (time_s, wall_s) for number, time_s, wall_s in state["read"]}
         self._judged = state["judged"]

@@ -100,7 +100,7 @@ def _inbox(console: Console) -> Iterable[InboxRow]:
         events = " ".join(map(str, item.events))
         row = InboxRow(item.number, item.time_s, item.agent, item.role, item.followers, events, int(item.is_new))
         if attention is not None:
-            shown = attention.shown_wall_s.get(item.number)
+            shown = attention.shown_wall_s[item.number] if item.number < len(attention.shown_wall_s) else None
             read_s, read = attention.read_at.get(item.number, (None, None))
             row = row._replace(
                 shown_utc=utc_of(shown),

@@ -35,13 +35,13 @@ def record_of(folder: Path, participant: int, planned: Sequence[PlannedRun]) -> 
 
 def read_record(folder: Path) -> dict[str, Any]:
     """Return the record in a participant's folder. Raises CommandError: it cannot be read."""
-    return _read(folder / RECORD, "runs")
+    return read_file(folder / RECORD, "runs")
 
 
 def summaries(folder: Path, run: PlannedRun) -> dict[str, dict[str, Any]]:
     """Return the summaries of all attempts at a run, by folder name, in order. Raises CommandError, as above."""
     files = {name: folder / name / "summary.json" for name in attempts(folder, run)}
-    return {name: _read(file, "complete") for name, file in files.items() if file.exists()}
+    return {name: read_file(file, "complete") for name, file in files.items() if file.exists()}
 
 
 def attempts(folder: Path, run: PlannedRun) -> list[str]:
@@ -56,7 +56,8 @@ def attempt_number(name: str, run: PlannedRun) -> int:
     return 1 if name == run.folder else int(number) if number != name and number.isdecimal() else 0
 
 
-def _read(file: Path, needed: str) -> dict[str, Any]:
+def read_file(file: Path, needed: str) -> dict[str, Any]:
+    """Return a JSON file that has this key. Raises CommandError: it cannot be read, or was cut off."""
     try:
         content = dict(json.loads(file.read_text(encoding="utf-8")))
         content[needed]

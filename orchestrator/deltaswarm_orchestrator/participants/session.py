@@ -6,7 +6,7 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.participants.design import order_of
 from deltaswarm_orchestrator.scenarios import load as scenarios
-from deltaswarm_scenario.questions import AFTER, BEFORE, FormSettings, QuestionSettings
+from deltaswarm_scenario.questions import AFTER, BEFORE, FormSettings
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
 from deltaswarm_wire.checked import Problem, SettingsError, key
@@ -47,20 +47,12 @@ FIRST, EACH, LAST = "before", "between", "after"
 
 
 @dataclass(frozen=True)
-class SessionFormSettings:
-    """A table `[[session.form]]`."""
+class SessionFormSettings(FormSettings):
+    """A table `[[session.form]]`: a form with the times of a session."""
 
-    name: str = key("", "name of the form in probes.csv")
-    title: str = key("", "its heading")
-    text: str = key("", "what is said above the questions; a form may have a text alone, such as instructions")
     when: str = key(
         EACH, "before the training, after each run but the training, or after the last run", choices=(FIRST, EACH, LAST)
     )
-    question: tuple[QuestionSettings, ...] = key((), "its questions")
-
-    def problems(self) -> list[Problem]:
-        """Check what is checked of each form."""
-        return self.at(AFTER).problems()
 
     def at(self, when: str) -> FormSettings:
         """Return the form as a run has it, before it or after it."""

@@ -4,13 +4,12 @@ Each table has a row per observation and a column per variable; by the columns o
 """
 
 import csv
-import json
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.record import RECORD, read_record
+from deltaswarm_orchestrator.participants.record import RECORD, read_file, read_record
 from deltaswarm_scenario.person_tables import TABLES, Column, columns_of
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
@@ -99,7 +98,7 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         for number, attempt in enumerate(run["attempts"], 1):
             place = folder / attempt["folder"]
-            summary = _json(place / "summary.json") | {"attempt": number, "stream": run.get("stream")}
+            summary = read_file(place / "summary.json", "complete") | {"attempt": number, "stream": run.get("stream")}
             values = {name: _value(summary, variable.path) for name, variable in RUN.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
 
@@ -125,13 +124,6 @@ def _rows(file: Path) -> Iterator[dict[str, Any]]:
     if file.exists():
         with file.open(newline="", encoding="utf-8") as stream:
             yield from csv.DictReader(stream)
-
-
-def _json(file: Path) -> dict[str, Any]:
-    try:
-        return dict(json.loads(file.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        raise CommandError(f"{file} must be a readable summary: {error}") from None
 
 
 _TOLD = ("type", "unit", "meaning")
