@@ -193,7 +193,8 @@ def test_a_part_that_is_stopped_ends_as_asked(tmp_path: Path) -> None:
 @contextmanager
 def swarm_of(line: str, folder: Path) -> Iterator[tuple[launch.Swarm, subprocess.Popen[bytes]]]:
     """A swarm with one part, which runs this line and waits for signals."""
-    source = f"import signal\n{line}\nprint(flush=True)\nsignal.pause()"
+    # Some kernels wake it from its pause when it is stopped and sent on.
+    source = f"import signal\n{line}\nprint(flush=True)\nwhile True: signal.pause()"
     with subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
         assert process.stdout.readline()

@@ -31,7 +31,7 @@ from deltaswarm_world.core.retransmit_buffer import AHEAD_STEPS
 from tests.support.swarms import started, wait_until
 
 PATIENCE_S = 60.0
-UNTIL_KILLED = "import signal; signal.pause()"
+UNTIL_KILLED = "import signal\nwhile True: signal.pause()"
 
 
 class Told:
