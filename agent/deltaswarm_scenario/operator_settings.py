@@ -13,6 +13,10 @@ from deltaswarm_wire.obstacles import ObstacleSettings
 
 OURS = "our reading"
 
+ISA, TLX, SAGAT, SPAM = "isa", "tlx", "sagat", "spam"
+PROBES = (ISA, TLX, SAGAT, SPAM)
+"""Questions that the station knows, besides forms."""
+
 LAYERS = ("heat", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
 
@@ -32,17 +36,34 @@ class ProbeSettings:
         (), "times at which the run is held and asks about the situation (SAGAT) [s]", above=0, high=1e9
     )
     sagat_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about", choices=tuple(SITUATION))
+    spam_at_s: tuple[float, ...] = key(
+        (),
+        "times at which one question about the situation is asked while the run goes on (SPAM) [s]",
+        above=0,
+        high=1e9,
+    )
+    spam_questions: tuple[str, ...] = key(tuple(SITUATION), "what it asks about, in turn", choices=tuple(SITUATION))
+    spam_wait_s: float = key(30.0, "wall time after which a SPAM question counts as missing [s]", above=0, high=3600)
     form: tuple[FormSettings, ...] = key((), "forms before and after the run")
     consent: str = key("", "text that a participant must agree to before the run begins")
     participant: str = key("", "participant's code, filled in on the session's sheet")
     condition: str = key("", "condition, filled in on the session's sheet")
 
     def problems(self) -> list[Problem]:
-        """Forms have different names, which no other question has."""
+        """Forms have different names, which no other question has; who asks about the situation asks something."""
+        problems = [
+            Problem(f"{probe}_questions", "none", f"must be at least one question, since {probe}_at_s has times")
+            for probe, times_s, questions in (
+                (SAGAT, self.sagat_at_s, self.sagat_questions),
+                (SPAM, self.spam_at_s, self.spam_questions),
+            )
+            if times_s and not questions
+        ]
         names = [form.name for form in self.form]
-        if len({*names, "isa", "tlx", "sagat"}) == len(names) + 3:
-            return []
-        return [Problem("form", ", ".join(names), "must have different names, none of them isa, tlx or sagat")]
+        if len({*names, *PROBES}) < len(names) + len(PROBES):
+            allowed = f"must have different names, none of them {', '.join(PROBES)}"
+            problems.append(Problem("form", ", ".join(names), allowed))
+        return problems
 
     @property
     def has_sheet(self) -> bool:

@@ -46,12 +46,12 @@ class OperatorAction(NamedTuple):
 class ProbeRow(NamedTuple):
     """An answer, or its absence, in `probes.csv`."""
 
-    probe: Annotated[str, Column("", "the question: isa, tlx, sagat, or the name of a form")]
+    probe: Annotated[str, Column("", "the question: isa, tlx, sagat, spam, or the name of a form")]
     number: Annotated[int, Column("", "number of the question among those of its kind, from 0")]
     item: Annotated[str, Column("", "isa, a scale of NASA-TLX or its weight, or the name of a form's question")]
     value: Annotated[str | float | None, Column("", "the answer; empty: none was given")]
     asked_s: Annotated[float, Column("s", "time of the question")]
-    latency_s: Annotated[float | None, Column(_MONOTONIC, "time until the answer, for isa without pauses of the run")]
+    latency_s: Annotated[float | None, Column(_MONOTONIC, "time until the answer, for isa and spam without pauses")]
     asked_utc: Utc = ""
     asked_monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the question")] = None
     answered_utc: Utc = ""
@@ -61,6 +61,7 @@ class ProbeRow(NamedTuple):
 class SituationRow(NamedTuple):
     """An answer about the situation beside the truth, in `situation.csv`."""
 
+    probe: Annotated[str, Column("", "sagat or spam")]
     number: Annotated[int, Column("", "number of the question, as in probes.csv")]
     item: Annotated[str, Column("", "what was asked")]
     asked_s: Annotated[float, Column("s", "time of the question")]

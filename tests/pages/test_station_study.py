@@ -168,7 +168,8 @@ DEFAULTS = {"low": 1, "high": 7, "low_text": "", "high_text": "", "choices": [],
 
 def a_form(number: int) -> dict[str, Any]:
     questions = [{**DEFAULTS, **question} for question in SITUATION["question"]]  # type: ignore[arg-type]
-    return {"kind": "form", "number": number, "hides": True, "form": {**SITUATION, "question": questions}}
+    form = {**SITUATION, "question": questions}
+    return {"kind": "form", "number": number, "hides": True, "left_s": None, "form": form}
 
 
 def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Page) -> None:
@@ -197,6 +198,19 @@ def test_a_form_is_filled_in_by_keyboard_while_the_situation_is_hidden(page: Pag
     page.player.swarm.probe = None
     page.player.show(103.0)
     page.until(lambda: page.at("map").is_displayed() and not page.at("form").is_displayed())
+
+
+def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:
+    """The map and the shortcuts stay in use beside it, and it goes once its time is over."""
+    page.player.swarm.probe = {**a_form(0), "hides": False, "left_s": 20.0}
+    page.player.show(101.0)
+    page.until(lambda: page.at("form").is_displayed() and page.text("form-left") == "20 s left")
+    page.click_map(50.0, 50.0)
+    page.press("u")
+    assert page.asked("read")["items"]
+    page.player.swarm.probe = None
+    page.player.show(102.0)
+    page.until(lambda: not page.at("form").is_displayed())
 
 
 def test_agents_at_one_place_are_told_apart(page: Page) -> None:

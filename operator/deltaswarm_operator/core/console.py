@@ -13,10 +13,10 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_row
-from deltaswarm_operator.core.probes import ISA, SAGAT, Probes
+from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator
 from deltaswarm_scenario.downlink import FIRST_STEP
-from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
+from deltaswarm_scenario.operator_settings import DELTA, ISA, SAGAT, SET_DELTA, Briefing
 from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, OperatorAction
 from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, Pace, Target, Turn, named
@@ -124,7 +124,7 @@ class Console:
         for index, threshold_hz in enumerate(self._thresholds):
             self._steps_above[index] += workload.rate_60s_hz > threshold_hz
         self.history.append((clock.time_s, round(workload.rate_1s_hz, 3), round(workload.rate_60s_hz, 3)))
-        self.probes.tick(clock.time_s, clock.last, wall_s, can_hold=self.is_attended and self.is_held)
+        self.probes.tick(clock.time_s, clock.last, wall_s, is_attended=self.is_attended, is_held=self.is_held)
         if self.attention is not None:
             self.attention.close_step(self.picture)
         self._follow_script(clock.step + self._first_step)

@@ -9,7 +9,8 @@ from hashlib import sha256
 from typing import Any
 
 from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, item_rows
-from deltaswarm_operator.core.probes import FORM, ISA, TLX
+from deltaswarm_operator.core.probes import FORM
+from deltaswarm_scenario.operator_settings import ISA, TLX
 from deltaswarm_scenario.person_tables import PERSON
 from deltaswarm_wire.commands import make_target
 

@@ -1,9 +1,10 @@
-"""Questions to the person at the station: ISA and SAGAT during the run, NASA-TLX and forms.
+"""Questions to the person at the station: ISA, SAGAT and SPAM during the run, NASA-TLX and forms.
 
-ISA (instantaneous self-assessment): workload from 1 to 5, at intervals of simulated time with optional jitter. An
-answer that does not come in time is missing. SAGAT (situation awareness global assessment technique): at given times
-the run is held, the page hides the situation and asks about it. NASA-TLX: six scales from 0 to 100, raw, and optionally
-15 pairwise weights.
+ISA (instantaneous self-assessment): workload from 1 to 5, at intervals of simulated time with optional jitter. SAGAT
+(situation awareness global assessment technique): at given times the run is held, the page hides the situation and asks
+about it. SPAM (situation present assessment method): one question about the situation while the run goes on and all
+stays in view. An answer to ISA or SPAM that does not come in time is missing. NASA-TLX: six scales from 0 to 100, raw,
+and optionally 15 pairwise weights.
 """
 
 import math
@@ -12,12 +13,14 @@ from collections.abc import Mapping
 from random import Random
 from typing import Any, NamedTuple
 
-from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.operator_settings import ISA, SAGAT, SPAM, TLX, ProbeSettings
 from deltaswarm_scenario.person_tables import ProbeRow
 from deltaswarm_scenario.questions import AFTER, BEFORE, SITUATION, FormSettings
 from deltaswarm_wire.checked import plain
 
-ISA, TLX, SHEET, SAGAT, FORM = "isa", "tlx", "sheet", "sagat", "form"
+SHEET, FORM = "sheet", "form"
+IN_PASSING = (ISA, SPAM)
+"""Questions that do not hold the run, and whose time to answer ends."""
 SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
 PAIRS = 15
 
@@ -58,9 +61,9 @@ class Probes:
         self._questions = self._missing = 0
         self._tlx: dict[str, float] = {}
         """The scores of NASA-TLX, once it is answered."""
-        self._isa_number = self._sagat_number = 0
+        self._isa_number = self._sagat_number = self._spam_number = 0
         self._isa_due_s = self._next_isa_s(0.0)
-        self._sagat_due_s = sorted(settings.sagat_at_s)
+        self._sagat_due_s, self._spam_due_s = sorted(settings.sagat_at_s), sorted(settings.spam_at_s)
         self._asked: _Asked | None = None
         self._waiting: deque[_Asked] = deque()
         self._is_over = False
@@ -108,7 +111,7 @@ class Probes:
     @property
     def holds_run(self) -> bool:
         """Whether the run waits for an answer."""
-        return not self._is_over and self._asked is not None and self._asked.kind != ISA
+        return not self._is_over and self._asked is not None and self._asked.kind not in IN_PASSING
 
     @property
     def next_sagat_s(self) -> float | None:
@@ -123,8 +126,8 @@ class Probes:
         self._held_since_wall_s = wall_s if is_held else None
 
     def _waited_s(self, asked: _Asked, wall_s: float) -> float:
-        """Return how long a question has been open, for ISA without the time in which the run was held [wall s]."""
-        if asked.kind != ISA:
+        """Return how long a question has been open; one in passing, without the time in which the run was held."""
+        if asked.kind not in IN_PASSING:
             return wall_s - asked.asked_wall_s
         held = self._held_since_wall_s
         held_s = 0.0 if held is None else wall_s - max(held, asked.asked_wall_s)
@@ -132,11 +135,13 @@ class Probes:
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
-        lost = [asked for asked in (self._asked, *self._waiting) if asked is not None and asked.kind in (ISA, SAGAT)]
+        of_the_run = (*IN_PASSING, SAGAT)
+        lost = [asked for asked in (self._asked, *self._waiting) if asked is not None and asked.kind in of_the_run]
         return {
             "isa_number": self._isa_number,
             "isa_due_s": self._isa_due_s if math.isfinite(self._isa_due_s) else None,
             "sagat_number": self._sagat_number,
+            "spam_number": self._spam_number,
             "open": [[asked.kind, asked.number, asked.asked_s] for asked in lost],
             "begun": self._has_begun,
             "answers": self.answers,
@@ -147,16 +152,19 @@ class Probes:
     def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`; questions of the run that were open at that time are missing."""
         self._isa_number, self._sagat_number = state["isa_number"], state["sagat_number"]
+        self._spam_number = state["spam_number"]
         self._has_begun = state["begun"]
         self.answers, self._missing = list(state["answers"]), state["missing"]
         self._questions = state["questions"] if self._has_begun else 0
         for kind, number, asked_s in state["open"]:
-            self._miss(_Asked(kind, number, asked_s, 0.0, _situation(self._settings) if kind == SAGAT else None))
+            self._miss(_Asked(kind, number, asked_s, 0.0, self._situation(kind, number)))
         self.rows = [row._replace(asked_monotonic_s=None) for row in self.rows]
         self._isa_due_s = math.inf if state["isa_due_s"] is None else state["isa_due_s"]
 
-    def tick(self, now_s: float, is_last: bool, wall_s: float, *, can_hold: bool = False) -> None:
-        """Ask the question that is due at a simulated time; `can_hold`: the run can be held for an answer."""
+    def tick(
+        self, now_s: float, is_last: bool, wall_s: float, *, is_attended: bool = False, is_held: bool = False
+    ) -> None:
+        """Ask the question that is due at a simulated time; about the situation only if a person sits there."""
         self._expire(wall_s, at_once=is_last)
         if is_last:
             if self._settings.tlx and not self._is_over:
@@ -165,9 +173,15 @@ class Probes:
                 self._ask_forms(AFTER, now_s, wall_s)
             self._is_over = True
             return
-        if (due_s := self.next_sagat_s) is not None and now_s >= due_s and can_hold:
-            self._ask(_Asked(SAGAT, self._sagat_number, now_s, wall_s, _situation(self._settings)))
+        if (due_s := self.next_sagat_s) is not None and now_s >= due_s and is_attended and is_held:
+            form = self._situation(SAGAT, self._sagat_number)
+            self._ask(_Asked(SAGAT, self._sagat_number, now_s, wall_s, form))
             self._sagat_number += 1
+        number = self._spam_number
+        is_due = number < len(self._spam_due_s) and now_s >= self._spam_due_s[number]
+        if is_due and is_attended and self._asked is None:
+            self._ask(_Asked(SPAM, number, now_s, wall_s, self._situation(SPAM, number)))
+            self._spam_number += 1
         if now_s >= self._isa_due_s and self._asked is None:
             self._ask(_Asked(ISA, self._isa_number, now_s, wall_s))
             self._isa_number += 1
@@ -175,11 +189,26 @@ class Probes:
 
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked
-        if asked is None or asked.kind != ISA:
+        if asked is None or asked.kind not in IN_PASSING:
             return
-        if at_once or self._waited_s(asked, wall_s) >= self._settings.isa_wait_s:
+        if at_once or self._left_s(asked, wall_s) <= 0:
             self._miss(asked)
             self._close(wall_s)
+
+    def _left_s(self, asked: _Asked, wall_s: float) -> float:
+        """Return how much time is left to answer a question in passing [wall s]."""
+        wait_s = self._settings.isa_wait_s if asked.kind == ISA else self._settings.spam_wait_s
+        return wait_s - self._waited_s(asked, wall_s)
+
+    def _situation(self, kind: str, number: int) -> FormSettings | None:
+        """Return the form about the situation that a question has, if it has one."""
+        if kind == SAGAT:
+            questions = tuple(SITUATION[name] for name in self._settings.sagat_questions)
+            return FormSettings(SAGAT, "What is the situation?", question=questions)
+        if kind == SPAM:
+            names = self._settings.spam_questions
+            return FormSettings(SPAM, "What is the situation?", question=(SITUATION[names[number % len(names)]],))
+        return None
 
     def _miss(self, asked: _Asked) -> None:
         self.rows += [asked.row(item) for item in asked.items]
@@ -198,12 +227,13 @@ class Probes:
         asked = self._asked
         if asked is None:
             return None
+        left_s = round(self._left_s(asked, wall_s), 1) if asked.kind in IN_PASSING else None
         if asked.form is not None:
-            return {"kind": FORM, "number": asked.number, "hides": asked.kind == SAGAT, "form": plain(asked.form)}
+            shown = {"hides": asked.kind == SAGAT, "left_s": left_s, "form": plain(asked.form)}
+            return {"kind": FORM, "number": asked.number, **shown}
         if asked.kind != ISA:
             return {"kind": asked.kind}
-        left_s = self._settings.isa_wait_s - self._waited_s(asked, wall_s)
-        return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": round(left_s, 1)}
+        return {"kind": ISA, "number": asked.number, "asked_s": asked.asked_s, "left_s": left_s}
 
     def answer_isa(self, number: Any, answer: Any, wall_s: float) -> None:
         """Take an ISA answer. Raises ValueError: the question is not open, or the answer is not from 1 to 5."""
@@ -239,6 +269,7 @@ class Probes:
         Raises:
             ValueError: the form is not open, or not filled in correctly.
         """
+        self._expire(wall_s, at_once=False)
         asked = self._asked
         if asked is None or asked.form is None or asked.form.name != name:
             raise ValueError("this form is not open")
@@ -264,11 +295,6 @@ class Probes:
         for item, value in answers.items():
             self.rows.append(asked.row(item, value, latency_s)._replace(answered_monotonic_s=wall_s))
         self._close(wall_s)
-
-
-def _situation(settings: ProbeSettings) -> FormSettings:
-    questions = tuple(SITUATION[name] for name in settings.sagat_questions)
-    return FormSettings(SAGAT, "What is the situation?", question=questions)
 
 
 def _check_table(table: Any, most: int, problem: str) -> None:

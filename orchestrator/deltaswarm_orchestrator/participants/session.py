@@ -24,8 +24,11 @@ CROSSED, OWN = "crossed", "own"
 MORE = "Please wait: the next run follows by itself."
 THANKS = "Thank you: that was the last run."
 
-DEFAULTS = ("operator.page.pace=false",)
-"""Scenario keys of all runs, which a condition's `set` may change: a participant must not pause or speed up a run."""
+DEFAULTS = ("operator.page.pace=false", "operator.probes.isa_jitter_s=30")
+"""Scenario keys of all runs, which a condition's `set` may change.
+
+A participant must not pause or speed up a run, nor foresee a question.
+"""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Compare answers about the situation (SAGAT) with the truth of the moment: `situation.csv`."""
+"""Compare answers about the situation (SAGAT, SPAM) with the truth of the moment: `situation.csv`."""
 
 import csv
 from collections import Counter
@@ -7,12 +7,13 @@ from pathlib import Path
 
 from deltaswarm_orchestrator.results.metrics import Outcome
 from deltaswarm_orchestrator.results.run_tables import write_csv
+from deltaswarm_scenario.operator_settings import SAGAT, SPAM
 from deltaswarm_scenario.person_tables import SituationRow
 from deltaswarm_scenario.questions import IN_TREES, MOST_EVENTS, OPEN_EVENTS, QUARTERS, TREES
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_scenario.truth import EventState, StepRecord
 
-SITUATION, PROBES, SAGAT = "situation.csv", "probes.csv", "sagat"
+SITUATION, PROBES = "situation.csv", "probes.csv"
 
 
 def write_situation(folder: Path, outcome: Outcome, scenario: Scenario) -> None:
@@ -21,7 +22,7 @@ def write_situation(folder: Path, outcome: Outcome, scenario: Scenario) -> None:
     if not file.exists():
         return
     with file.open(newline="", encoding="utf-8") as stream:
-        answers = [row for row in csv.DictReader(stream) if row["probe"] == SAGAT]
+        answers = [row for row in csv.DictReader(stream) if row["probe"] in (SAGAT, SPAM)]
     if answers:
         rows = score(answers, outcome.step_records, outcome.events, scenario)
         write_csv(folder / SITUATION, SituationRow._fields, rows)
@@ -44,11 +45,8 @@ def score(
         value, is_number = answer["value"], answer["item"] != MOST_EVENTS
         error = float(value) - float(truths[0]) if value and is_number else None
         is_right = None if not value else int(error == 0) if is_number else int(value in truths)
-        rows.append(
-            SituationRow(
-                int(answer["number"]), answer["item"], record.time_s, value, " or ".join(truths), is_right, error
-            )
-        )
+        asked = (answer["probe"], int(answer["number"]), answer["item"], record.time_s)
+        rows.append(SituationRow(*asked, value, " or ".join(truths), is_right, error))
     return rows
 
 

@@ -159,6 +159,31 @@ def test_a_question_that_waits_for_another_is_missing_after_a_restart_too() -> N
     assert (other.probes.outcomes["questions"], other.probes.outcomes["answers_missing"]) == (2, 2)
 
 
+def test_questions_in_passing_let_the_run_go_on() -> None:
+    """One question at a time, in turn; not beside another, and missing after its time."""
+    spam = {"spam_at_s": [2.0, 4.0, 6.0], "spam_questions": ["trees", "open_events"], "spam_wait_s": 10.0}
+    console = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
+    console.attend()
+    console.start(0.0)
+    for step in range(3):
+        close(console, step)
+    probe = shown(console)["probe"]
+    assert (probe["form"]["name"], probe["hides"], probe["left_s"]) == ("spam", False, 10.0)
+    assert [question["name"] for question in probe["form"]["question"]] == ["trees"]
+    assert (console.pace.hold_step, console.probes.holds_run) == (-1, False)
+    assert not say(console, "form", 3.5, form="spam", answers={"trees": 2})
+    for step in (3, 4, 5):
+        close(console, step, wall_s=20.0)
+    assert shown(console, 21.0)["probe"]["form"]["question"][0]["name"] == "open_events"
+    assert say(console, "form", 40.0, form="spam", answers={"open_events": 2})[0]["type"] == "refused"
+    close(console, 6, wall_s=41.0)
+    rows = [(row.probe, row.number, row.item, row.value, row.latency_s) for row in console.probes.rows]
+    assert rows == [("spam", 0, "trees", 2, 3.5), ("spam", 1, "open_events", None, None)]
+    other = Console(briefing(operator={"probes": {**spam, "isa_every_s": 5}}))
+    other.restore(6, json.loads(json.dumps(console.state())))
+    assert [(row.probe, row.value) for row in other.probes.rows] == [("spam", None)]
+
+
 def test_nobody_is_asked_where_nobody_sits() -> None:
     """Without a station nothing would let the run go on; a station that goes releases it."""
     console = Console(briefing(operator={"probes": {"sagat_at_s": [2.0]}}))

@@ -17,7 +17,7 @@ def test_what_is_open_is_what_the_truth_calls_open() -> None:
             assert sum(is_open(event, record.time_s) for event in events) == record.events_open
         at = records[-1]
         asked = [
-            {"number": "0", "item": item, "asked_s": str(at.time_s), "value": value}
+            {"probe": "spam", "number": "0", "item": item, "asked_s": str(at.time_s), "value": value}
             for item, value in (
                 ("open_events", str(at.events_open + 2)),
                 ("trees", str(at.trees)),

@@ -1,4 +1,4 @@
-/** Forms: Likert scales, numbers, texts and choices; a form about the situation hides what is known meanwhile. */
+/** Forms: Likert scales, numbers, texts and choices. One about the situation hides what is known, or has a time limit. */
 
 import { byId, element, make, setText } from "./dom.js";
 import { Question } from "./question.js";
@@ -33,6 +33,8 @@ export class FormPanel {
   update() {
     document.documentElement.toggleAttribute("data-hides", Boolean(this.asked?.hides));
     this.question.update();
+    const left_s = this.asked?.left_s ?? null;
+    setText(element("form-left"), left_s === null ? "" : `${Math.ceil(left_s)} s left`);
   }
 
   /** Build the form, with the answers from before a reload of the page. */

@@ -44,7 +44,7 @@ export class Keys {
   /** @param {KeyboardEvent} event */
   take(event) {
     if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (document.querySelector("dialog[open]")) return;
+    if (document.querySelector("dialog:modal")) return;
     const { target } = event;
     if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     const shortcut = this.byKey.get(event.key);

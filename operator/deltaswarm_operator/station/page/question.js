@@ -33,7 +33,8 @@ export class Question {
     if (isWanted === this.dialog.open) return;
     if (!isWanted) return this.dialog.close();
     this.fill();
-    this.dialog.showModal();
+    if (probe?.kind === "form" && probe.left_s !== null) this.dialog.show();
+    else this.dialog.showModal();
   }
 
   /** @param {boolean} isSent */

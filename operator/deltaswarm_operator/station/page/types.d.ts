@@ -96,8 +96,8 @@ export type Probe =
   | { kind: "isa"; number: number; asked_s: number; left_s: number }
   | { kind: "tlx" }
   | { kind: "sheet" }
-  /** `hides`: whether what is known must not be seen meanwhile. */
-  | { kind: "form"; number: number; hides: boolean; form: { name: string; title: string; text: string; question: FormQuestion[] } };
+  /** `hides`: whether what is known must not be seen meanwhile; `left_s`: time left to answer, null: any. */
+  | { kind: "form"; number: number; hides: boolean; left_s: number | null; form: { name: string; title: string; text: string; question: FormQuestion[] } };
 
 export interface Truth {
   agents: [number, number, number, string, number, number, number][];
