@@ -4,14 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from deltaswarm_scenario.autonomy import OPERATOR, AutonomySettings
 from deltaswarm_scenario.downlink import CommandSettings
 from deltaswarm_scenario.questions import SITUATION, FormSettings
 from deltaswarm_scenario.radio import Place
-from deltaswarm_wire.checked import Problem, key
+from deltaswarm_wire.checked import OURS, Problem, key
 from deltaswarm_wire.commands import CommandForm
 from deltaswarm_wire.obstacles import ObstacleSettings
-
-OURS = "our reading"
 
 ISA, TLX, SAGAT, SPAM = "isa", "tlx", "sagat", "spam"
 PROBES = (ISA, TLX, SAGAT, SPAM)
@@ -86,7 +85,7 @@ OFF, NONE, THRESHOLD = "off", "none", "threshold"
 POLICIES = (OFF, NONE, THRESHOLD)
 
 SET_DELTA, DELTA = "set delta", "delta"
-"""The command of the policy `threshold`, and its argument; a controller may accept it."""
+"""The command that changes delta, and its argument; a controller may accept it."""
 
 
 @dataclass(frozen=True)
@@ -151,6 +150,12 @@ class OperatorSettings:
     probes: ProbeSettings = key(ProbeSettings, "what a person at the station is asked")
     page: PageSettings = key(PageSettings, "what the station's page shows and offers")
     person: PersonSettings = key(PersonSettings, "a simulated person at the console")
+    autonomy: AutonomySettings = key(AutonomySettings, "who sets delta during the run")
+
+    @property
+    def commands(self) -> bool:
+        """Whether a simulated person or the system may give commands, so that the operator's turns are waited for."""
+        return self.person.commands or self.autonomy.is_ours
 
 
 @dataclass(frozen=True)
@@ -175,7 +180,15 @@ class Briefing:
     @property
     def is_awaited(self) -> bool:
         """Whether each step waits for the operator's turn."""
-        return bool(self.command) or self.operator.person.commands
+        return bool(self.command) or self.operator.commands
+
+    @property
+    def offered(self) -> tuple[CommandForm, ...]:
+        """The orders that the person at the station may give."""
+        operator = self.operator
+        names = operator.page.orders or [form.name for form in self.forms]
+        withheld = SET_DELTA if operator.autonomy.sets_delta != OPERATOR else ""
+        return tuple(form for form in self.forms if form.name in names and form.name != withheld)
 
 
 def begun_with(forms: tuple[CommandForm, ...], options: Mapping[str, Any]) -> tuple[CommandForm, ...]:

@@ -17,15 +17,15 @@ class Column(NamedTuple):
 Utc = Annotated[str, Column("", "the same by the wall clock, in UTC to the millisecond; empty: no person was there")]
 _MONOTONIC = "wall s"
 
-PERSON, SIMULATED, SCRIPT = "person", "simulated", "script"
+PERSON, SIMULATED, SCRIPT, SYSTEM = "person", "simulated", "script", "system"
 
 
 class OperatorAction(NamedTuple):
     """An act at the console, in `actions.csv`."""
 
     time_s: Annotated[float, Column("s", "time of the newest closed step at the act")]
-    kind: Annotated[str, Column("", "command, read, pace, isa, tlx, form, note, sheet or page")]
-    by: Annotated[str, Column("", "who acted: person, simulated or script")] = PERSON
+    kind: Annotated[str, Column("", "command, proposal, veto, read, pace, isa, tlx, form, note, sheet or page")]
+    by: Annotated[str, Column("", "who acted: person, simulated, script or system")] = PERSON
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
     name: Annotated[str, Column("", "the command; pause, resume, step or speed; what happened to the page")] = ""
@@ -37,7 +37,9 @@ class OperatorAction(NamedTuple):
     radius_m: Annotated[float | None, Column("m", "radius of the circle that the command is for")] = None
     life_s: Annotated[float | None, Column("s", "how long agents pass the command on")] = None
     arguments: Annotated[str, Column("", "arguments of the command, as a JSON object")] = ""
-    value: Annotated[float | None, Column("", "a command's first argument, the speed, the steps or the answer")] = None
+    value: Annotated[
+        float | None, Column("", "a command's first argument, delta, the speed, the steps or the answer")
+    ] = None
     items: Annotated[str, Column("", "numbers of the items that were read, separated by spaces")] = ""
     text: Annotated[str, Column("", "a note, the participant and condition of a sheet, or details of the page")] = ""
     page: Annotated[int | None, Column("", "number of the page that acted, in the order in which pages opened")] = None
@@ -99,6 +101,7 @@ class CommandRow(NamedTuple):
     refused: Annotated[int, Column("", "number of agents that reported that they cannot carry it out")]
     superseded: Annotated[int, Column("", "number of agents that reported that a later command replaced it")]
     state: Annotated[str, Column("", "sent, heard, done or expired")]
+    by: Annotated[str, Column("", "who gave it: person, simulated, script or system")]
 
 
 class EventNumberRow(NamedTuple):

@@ -129,8 +129,8 @@ class Scenario:
 
     @property
     def has_commander(self) -> bool:
-        """Whether a scripted or simulated operator may give commands, so that its turns are waited for."""
-        return bool(self.command) or self.operator.person.commands
+        """Whether a script, a simulated person or the system may give commands, so that turns are waited for."""
+        return bool(self.command) or self.operator.commands
 
     @property
     def has_console(self) -> bool:

@@ -26,7 +26,7 @@ def test_a_command_by_mouse(page: Page) -> None:
     assert (target["x_m"], target["y_m"]) == (pytest.approx(30, abs=0.4), pytest.approx(70, abs=0.4))
     page.until(lambda: page.text("command-answer") == "Sent as order 1.")
     page.until(lambda: "heard by nobody yet" in page.text("fates"))
-    page.player.swarm.commands[0][5:] = [4, 3, 1, 160.0, "done", 2]
+    page.player.swarm.commands[0][5:] = [4, 3, 1, 160.0, "done", 2, "person"]
     page.player.show(102.0)
     page.until(lambda: "heard by 4, refused by 1, replaced at 2;" in page.text("fates"))
     assert page.text("fates").endswith("done by 3")
@@ -36,7 +36,7 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
     """Where it went, with its number."""
 
     def show(expires_s: float) -> None:
-        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0]
+        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0, "person"]
         page.player.show(100.0, commands=[order])
 
     show(200.0)
@@ -44,6 +44,19 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
     with_order = page.drawn()
     show(95.0)
     page.until(lambda: page.drawn() != with_order)
+
+
+def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
+    """While there is time; and the list says who gave an order."""
+    order = [0, "set delta", ["all"], {"delta": 2}, 90.0, 0, 0, 0, 200.0, "sent", 0, "system"]
+    page.player.show(100.0, proposal={"delta": 3, "left_s": 7.2}, commands=[order])
+    page.until(lambda: page.at("proposal").is_displayed() and page.text("proposal-left") == "in 8 s")
+    assert "delta to 3" in page.text("proposal-text")
+    page.until(lambda: "by the system" in page.text("fates"))
+    page.press("v")
+    assert page.asked("veto")
+    page.player.show(101.0, proposal=None)
+    page.until(lambda: not page.at("proposal").is_displayed())
 
 
 def test_a_tree_is_chosen_by_any_of_its_agents_on_the_map(page: Page) -> None:

@@ -32,6 +32,13 @@ def inside(*overrides: str) -> dict[str, Any]:
     return summary(run_in_process(scenario), scenario)
 
 
+SYSTEM = (
+    *("operator.person.policy=none", "operator.autonomy.sets_delta=system", "operator.autonomy.signal=isa"),
+    *("operator.probes.isa_every_s=20", "operator.autonomy.isa_high=1", "operator.autonomy.isa_low=1"),
+    *("control.delta=4", "run.duration_s=300"),
+)
+
+
 def flags(overrides: tuple[str, ...]) -> list[str]:
     """The same overrides on the command line."""
     return [word for override in overrides for word in ("--set", override)]
@@ -65,16 +72,20 @@ def test_a_controller_must_accept_what_the_policy_commands() -> None:
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("overrides", [READER, COMMANDER], ids=["none", "threshold"])
+@pytest.mark.parametrize("overrides", [READER, COMMANDER, SYSTEM], ids=["none", "threshold", "system"])
 def test_processes_do_the_same(tmp_path: Path, overrides: tuple[str, ...]) -> None:
     """Digest and figures of the person; what it did is in the run folder, a row per act."""
     outside, alone = run(tmp_path / "run", "--record", "off", *flags(overrides)), inside(*overrides)
     assert outside["digest"] == alone["digest"]
     assert outside["person"] == alone["person"]
+    assert outside.get("autonomy") == alone.get("autonomy")
     with (tmp_path / "run" / "actions.csv").open(newline="") as table:
-        kinds = [row["kind"] for row in csv.DictReader(table)]
-    assert kinds.count("read") == outside["person"]["read"]
-    assert kinds.count("command") == outside["person"]["commands"]
+        acts = [(row["kind"], row["by"]) for row in csv.DictReader(table)]
+    assert acts.count(("read", "simulated")) == outside["person"]["read"]
+    assert acts.count(("command", "simulated")) == outside["person"]["commands"]
+    by_system = acts.count(("command", "system"))
+    assert by_system == outside.get("autonomy", {}).get("changes", 0)
+    assert (by_system > 0) == (overrides is SYSTEM)
 
 
 def test_turns_that_may_have_been_lost_with_a_process_are_said_again(tmp_path: Path) -> None:

@@ -180,7 +180,20 @@ class Swarm:
         if kind == "command":
             number = len(self.commands) + 1
             target = list(intent["target"].values())
-            row = [number, intent["name"], target, intent["arguments"], time_s, 0, 0, 0, time_s + 60, "sent", 0]
+            row = [
+                number,
+                intent["name"],
+                target,
+                intent["arguments"],
+                time_s,
+                0,
+                0,
+                0,
+                time_s + 60,
+                "sent",
+                0,
+                "person",
+            ]
             self.commands.append(row)
             return [{"type": "accepted", "to": to, "id": intent["id"], "number": number}]
         if kind == "pace":

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from deltaswarm_scenario.person_tables import CommandRow
+from deltaswarm_scenario.person_tables import PERSON, CommandRow
 from deltaswarm_wire.commands import (
     MAX_IN_TURN,
     Command,
@@ -31,6 +31,8 @@ class Sent:
 
     command: Command
     sent_s: float
+    by: str
+    """Who gave it."""
     answers: dict[int, int] = field(default_factory=dict)
 
     def count(self, state: int) -> int:
@@ -86,7 +88,14 @@ class CommandLog:
         return len(self._queue) + self._under_way < MAX_QUEUE
 
     def issue(
-        self, name: str, target: Target, arguments: Mapping[str, Value], now_s: float, life_s: float = LIFE_S
+        self,
+        name: str,
+        target: Target,
+        arguments: Mapping[str, Value],
+        now_s: float,
+        life_s: float = LIFE_S,
+        *,
+        by: str = PERSON,
     ) -> Command:
         """Queue a command for the next turn.
 
@@ -104,7 +113,7 @@ class CommandLog:
         command = Command(self._next_number(now_s), name, target, dict(arguments), life_s)
         encode_command(command)
         self._queue.append(command)
-        self.sent.append(Sent(command, now_s))
+        self.sent.append(Sent(command, now_s, by))
         return command
 
     def _next_number(self, now_s: float) -> int:
@@ -139,7 +148,7 @@ class CommandLog:
             target = [command.target.kind, *command.target.numbers]
             told = [index, command.name, target, command.arguments, sent.sent_s]
             heard, done, refused, superseded = sent.counts.values()
-            rows.append([*told, heard, done, refused, expires_s, sent.state(now_s), superseded])
+            rows.append([*told, heard, done, refused, expires_s, sent.state(now_s), superseded, sent.by])
         return rows
 
     def outcomes(self, now_s: float) -> dict[str, Any]:
@@ -150,7 +159,14 @@ class CommandLog:
     def table(self, now_s: float) -> list[CommandRow]:
         """Return all commands and their outcomes."""
         return [
-            CommandRow(sent.command.number, sent.command.name, sent.sent_s, **sent.counts, state=sent.state(now_s))
+            CommandRow(
+                sent.command.number,
+                sent.command.name,
+                sent.sent_s,
+                **sent.counts,
+                state=sent.state(now_s),
+                by=sent.by,
+            )
             for sent in self.sent
         ]
 
@@ -170,11 +186,11 @@ class CommandLog:
 
     def state(self) -> dict[str, Any]:
         """Return all that is needed to resume, for JSON."""
-        sent = [[encode_command(s.command).hex(), s.sent_s, sorted(s.answers.items())] for s in self.sent]
+        sent = [[encode_command(s.command).hex(), s.sent_s, s.by, sorted(s.answers.items())] for s in self.sent]
         return {"sent": sent, "queued": len(self._queue)}
 
     def restore(self, state: Mapping[str, Any]) -> None:
         """Resume from another object's `state`."""
         sent, queued = state["sent"], state["queued"]
-        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, dict(answers)) for body, at_s, answers in sent]
+        self.sent = [Sent(decode_command(bytes.fromhex(body)), at_s, by, dict(told)) for body, at_s, by, told in sent]
         self._queue = [one.command for one in self.sent[len(sent) - queued :]]

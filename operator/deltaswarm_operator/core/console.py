@@ -11,15 +11,16 @@ from random import Random
 from typing import Any
 
 from deltaswarm_operator.core.attention import Attention
+from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.command_log import CommandLog
 from deltaswarm_operator.core.picture import Item, Picture, item_row
 from deltaswarm_operator.core.probes import Probes
-from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator
+from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, ISA, SAGAT, SET_DELTA, Briefing
-from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, OperatorAction
+from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import AGENT, TREE, Pace, Target, Turn, named
+from deltaswarm_wire.commands import AGENT, TREE, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 LIVE = "live"
@@ -29,18 +30,6 @@ HISTORY_ROWS = 600
 SHEET_FIELDS = ("consent", "participant", "condition")
 RESIDUE_S = 60.0
 """An item unread for longer than this is residue of an earlier load [simulated s]."""
-
-
-def _person(briefing: Briefing) -> SimulatedOperator | None:
-    """Make the simulated person that a briefing asks for, if any."""
-    settings = briefing.operator.person
-    if not settings.is_on:
-        return None
-    form = named(briefing.forms, SET_DELTA)
-    first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
-    rng = Random(f"deltaswarm/{briefing.seed}/person")
-    delta = None if first is None else round(first)
-    return SimulatedOperator(settings, rng, briefing.operator.threshold_hz, delta)
 
 
 class Console:
@@ -58,7 +47,9 @@ class Console:
         self.picture = Picture(briefing.step_s)
         self.command_log = command_log or CommandLog(briefing.forms)
         self.probes = Probes(briefing.operator.probes, Random(f"deltaswarm/{briefing.seed}/probes"))
-        self.person = _person(briefing)
+        self.person = person_of(briefing)
+        self.autonomy = autonomy_of(briefing)
+        """The rule by which the system sets delta; None: it does not."""
         self.attention: Attention | None = None
         """What the person at the station reads and misses; None without a station."""
         self.is_attended = False
@@ -130,6 +121,8 @@ class Console:
         self._follow_script(clock.step + self._first_step)
         if self.person is not None:
             self._act_as(self.person, items, workload.rate_60s_hz, wall_s)
+        if self.autonomy is not None:
+            self._act_as_system(self.autonomy, workload.rate_60s_hz)
         return self.turn()
 
     def turn(self) -> Turn:
@@ -148,20 +141,38 @@ class Console:
         for act in person.live(self.picture.now_s, items, rate_hz):
             if isinstance(act, Read):
                 self.note(SIMULATED, "read", items=" ".join(map(str, self.picture.read(act.numbers))))
-            else:
+            elif self.command_log.has_room:
                 self.command(SIMULATED, SET_DELTA, Target(), {DELTA: act.delta})
         asked = self.probes.open(wall_s)
         if asked is not None and asked["kind"] == ISA:
             self.probes.answer_isa(asked["number"], person.answer_isa(), wall_s)
             self.note(SIMULATED, ISA, value=person.isa)
 
+    def _act_as_system(self, autonomy: Autonomy, rate_hz: float) -> None:
+        """Propose and carry out what the rule wants, once there is room for an order."""
+        if not self.command_log.has_room:
+            return
+        before = autonomy.proposal
+        delta = autonomy.close_step(self.picture.now_s, rate_hz, self.probes.answers)
+        if autonomy.proposal is not None and autonomy.proposal != before:
+            self.note(SYSTEM, "proposal", value=autonomy.proposal.delta)
+        if delta is not None:
+            self.command(SYSTEM, SET_DELTA, Target(), {DELTA: delta})
+
     @property
     def totals(self) -> dict[str, Any]:
-        """The metrics of the person, simulated or at the station, for JSON; empty without one."""
+        """The metrics of the person and of the system that sets delta, for JSON; empty without both."""
+        by_system = sum(sent.by == SYSTEM for sent in self.command_log.sent)
+        changes = {"autonomy": {"changes": by_system, "vetoes": self.autonomy.vetoes}} if self.autonomy else {}
+        return changes | self._person_totals
+
+    @property
+    def _person_totals(self) -> dict[str, Any]:
         if self.person is not None:
             person = self.person.totals
         elif self.attention is not None:
-            person = self.attention.totals(self.picture, len(self.command_log.sent), self.probes.answers)
+            given = sum(sent.by != SYSTEM for sent in self.command_log.sent)
+            person = self.attention.totals(self.picture, given, self.probes.answers)
         else:
             return {}
         return {"person": person | self.command_log.outcomes(self.picture.now_s) | self.probes.outcomes}
@@ -170,7 +181,7 @@ class Console:
         self, by: str, name: str, target: Target, arguments: Mapping[str, Any], *life_s: float, **at: Any
     ) -> int:
         """Give a command; return its place among all commands. `at`: columns of the act. Raises ValueError."""
-        command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s)
+        command = self.command_log.issue(name, target, arguments, self.picture.now_s, *life_s, by=by)
         numbers = [value for value in command.arguments.values() if not isinstance(value, str)]
         self.note(
             by,
@@ -211,6 +222,7 @@ class Console:
             "history": list(self.history),
             "person": None if self.person is None else self.person.state(),
             "attention": None if self.attention is None else self.attention.state(),
+            "autonomy": None if self.autonomy is None else self.autonomy.state(),
         }
 
     def restore(self, step: int, state: Mapping[str, Any]) -> None:
@@ -219,6 +231,8 @@ class Console:
         self.command_log.restore(state["commands"])
         if self.person is not None:
             self.person.restore(state["person"])
+        if self.autonomy is not None:
+            self.autonomy.restore(state["autonomy"])
         if self.attention is not None and state["attention"] is not None:
             self.attention.restore(state["attention"])
         self.picture.restore(state["picture"])
@@ -250,7 +264,8 @@ class Console:
             range_m=briefing.range_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
-            commands=[plain(form) for form in briefing.forms if form.name in (page.orders or (form.name,))],
+            commands=[plain(form) for form in briefing.offered],
+            sets_delta=briefing.operator.autonomy.sets_delta,
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
             end_text=page.end_text,
@@ -288,8 +303,17 @@ class Console:
             commands=self.command_log.rows(picture.now_s),
             pace={"paused": self.is_held, "speed": self.pace.speed},
             probe=self.probes.open(wall_s),
+            proposal=self._proposal,
         )
         return compact(**{**told, **more})
+
+    @property
+    def _proposal(self) -> dict[str, Any] | None:
+        """The change of delta that the person may veto, in the page's format."""
+        proposal = self.autonomy and self.autonomy.proposal
+        if not proposal:
+            return None
+        return {"delta": proposal.delta, "left_s": round(max(0.0, proposal.due_s - self.picture.now_s), 1)}
 
 
 def _target_columns(target: Target) -> dict[str, Any]:

@@ -49,9 +49,9 @@ def carry_out(console: Console, data: bytes, wall_s: float) -> list[bytes]:
 def _command(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     if console.probes.is_sheet_open:
         raise ValueError(NO_CONSENT)
-    target, offered = raw["target"], console.briefing.operator.page.orders
-    if raw["name"] not in (offered or (raw["name"],)):
-        raise ValueError(f"the order must be one that this run offers: {', '.join(offered)}")
+    target, offered = raw["target"], [form.name for form in console.briefing.offered]
+    if raw["name"] not in offered:
+        raise ValueError(f"the order must be one that this run offers: {', '.join(offered) or 'none'}")
     numbers = [target[field] for field in TARGET_FIELDS.get(target["kind"], ())]
     aim = make_target([target["kind"], *numbers])
     number = console.command(PERSON, raw["name"], aim, raw.get("arguments", {}), **at)
@@ -85,6 +85,13 @@ def _pace(console: Console, raw: Raw, at: Raw) -> list[Raw]:
         pace = console.pace._replace(hold_step=console.step + 1 if raw["paused"] else console.next_hold_step)
     console.set_pace(pace, at["monotonic_s"])
     console.note(PERSON, "pace", name=name, value=value, **at)
+    return []
+
+
+def _veto(console: Console, raw: Raw, at: Raw) -> list[Raw]:
+    if console.autonomy is None:
+        raise ValueError("in this run the system does not set delta")
+    console.note(PERSON, "veto", value=console.autonomy.veto(), **at)
     return []
 
 
@@ -155,6 +162,7 @@ def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Raw]:
 INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Raw]]] = {
     "command": _command,
     "pace": _pace,
+    "veto": _veto,
     "read": _read,
     "isa": _isa,
     "tlx": _tlx,

@@ -14,9 +14,10 @@ from math import exp
 from random import Random
 from typing import Any, NamedTuple
 
+from deltaswarm_operator.core.autonomy import first_delta, next_delta
 from deltaswarm_operator.core.measures import Measures
 from deltaswarm_operator.core.picture import Item, item_of
-from deltaswarm_scenario.operator_settings import PersonSettings
+from deltaswarm_scenario.operator_settings import Briefing, PersonSettings
 
 
 class Read(NamedTuple):
@@ -174,16 +175,10 @@ class SimulatedOperator:
             return None
         if self._commanded_s is not None and self._now_s - self._commanded_s < settings.command_every_s:
             return None
-        if self._rate_hz > self.threshold_hz:
-            goal, step = settings.delta_limit, settings.delta_step
-        elif self._rate_hz < settings.relief * self.threshold_hz:
-            goal, step = first, -settings.delta_step
-        else:
-            return None
-        left = goal - self.delta
-        if left * step <= 0:
-            return None
-        return self.delta + (step if abs(step) < abs(left) else left)
+        is_high = self._rate_hz > self.threshold_hz
+        is_low = self._rate_hz < settings.relief * self.threshold_hz
+        change = {"step": settings.delta_step, "limit": settings.delta_limit}
+        return next_delta(self.delta, first, is_high=is_high, is_low=is_low, **change)
 
     # The queue
 
@@ -235,6 +230,15 @@ class SimulatedOperator:
         job = state["job"]
         self._job = job and _Job(job[0], job[1], job[2] and _entry(job[2]), job[3])
         self.measures.restore(state["measures"])
+
+
+def person_of(briefing: Briefing) -> SimulatedOperator | None:
+    """Make the simulated person that a briefing asks for, if any."""
+    operator = briefing.operator
+    if not operator.person.is_on:
+        return None
+    rng = Random(f"deltaswarm/{briefing.seed}/person")
+    return SimulatedOperator(operator.person, rng, operator.threshold_hz, first_delta(briefing))
 
 
 def _entry_row(entry: _Entry) -> list[Any]:

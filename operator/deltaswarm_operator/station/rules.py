@@ -7,7 +7,9 @@ from urllib.parse import urlsplit
 
 import orjson
 
-INTENTS = frozenset({"command", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"})
+INTENTS = frozenset(
+    {"command", "veto", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"}
+)
 
 MAX_INTENT_BYTES = 16 * 1024
 

@@ -4,6 +4,7 @@ import contextlib
 import csv
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import msgpack
 
 from deltaswarm_orchestrator.recording.names import ACTIONS, COMMANDS
 from deltaswarm_orchestrator.recording.reader import RecordingError, read_recording
+from deltaswarm_scenario.autonomy import AutonomySettings
 from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire import checked
@@ -31,8 +33,10 @@ def write_steps(run: Path, file: Path) -> None:
         raise RecordingError("the recording must hold at least one step (got none)")
     table = tomllib.loads(recording.scenario)
     scenario = checked.load(Scenario, table)
-    if not scenario.operator.person.is_on:  # a simulated person gives its commands again by itself
+    if not scenario.operator.person.commands:  # a simulated person gives its commands again by itself
         scenario = checked.load(Scenario, table | _commands(run, scenario.run.step_s))
+    operator = replace(scenario.operator, autonomy=AutonomySettings())  # what the system commanded is in the script
+    scenario = replace(scenario, operator=operator)
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
     with file.open("wb") as stream:
         stream.write(msgpack.packb(checked.plain(briefing)))

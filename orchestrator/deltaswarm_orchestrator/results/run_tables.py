@@ -192,7 +192,7 @@ def summary(outcome: Outcome, scenario: Scenario) -> dict[str, Any]:
         "excess_by_agent": outcome.world.get("excess", {}),
         "late_acts_by_agent": outcome.world.get("late_acts", {}),
         "operator": {name: outcome.operator.get(name) for name in ("messages", "steps_missed", "per_sender")},
-        **({"person": person} if (person := outcome.operator.get("person")) else {}),
+        **{name: told for name in ("person", "autonomy") if (told := outcome.operator.get(name))},
         "complete": outcome.is_complete,
         "valid": not reasons,
         "invalid_because": reasons,

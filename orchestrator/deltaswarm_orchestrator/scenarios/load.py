@@ -11,6 +11,7 @@ from typing import Any
 
 import tomli_w
 
+from deltaswarm_scenario.autonomy import OPERATOR, SWARM
 from deltaswarm_scenario.density import SAMPLES, is_free, share_problems, spread
 from deltaswarm_scenario.operator_settings import SET_DELTA
 from deltaswarm_scenario.radio import RadioSettings
@@ -81,16 +82,25 @@ def _read_commands(table: dict[str, Any], file: Path) -> list[Problem]:
 
 def _command_problems(scenario: Scenario) -> list[Problem]:
     """Return a problem for each command of script, simulation or page that the controller does not accept."""
-    if not scenario.has_commander and not scenario.operator.page.orders:
+    operator = scenario.operator
+    if not scenario.has_commander and not operator.page.orders and operator.autonomy.sets_delta == OPERATOR:
         return []
     forms = forms_of(find_controller(scenario.control.mode))
     names = ", ".join(form.name for form in forms) or "none"
     problems = []
-    policy = scenario.operator.person.policy
-    if scenario.operator.person.commands and named(forms, SET_DELTA) is None:
+    if named(forms, SET_DELTA) is None:
         wrong = f"needs a controller that accepts {SET_DELTA!r} ({scenario.control.mode} accepts: {names})"
-        problems.append(Problem("operator.person.policy", repr(policy), wrong))
-    if unknown := [order for order in scenario.operator.page.orders if named(forms, order) is None]:
+        if operator.person.commands:
+            problems.append(Problem("operator.person.policy", repr(operator.person.policy), wrong))
+        if operator.autonomy.is_ours:
+            problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))
+    if operator.autonomy.sets_delta == SWARM and not scenario.control.options.get("adapts_delta"):
+        wrong = "needs agents that choose delta themselves: control.mode = 'adaptive', or control.adapts_delta = true"
+        problems.append(Problem("operator.autonomy.sets_delta", repr(SWARM), wrong))
+    if operator.person.commands and operator.autonomy.sets_delta != OPERATOR:
+        wrong = "must be operator with a simulated person that sets delta, or that person's policy none"
+        problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))
+    if unknown := [order for order in operator.page.orders if named(forms, order) is None]:
         wrong = f"must be orders that {scenario.control.mode} accepts: {names}"
         problems.append(Problem("operator.page.orders", ", ".join(unknown), wrong))
     for number, command in enumerate(scenario.command):

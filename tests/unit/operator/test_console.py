@@ -59,7 +59,7 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     one.issue("go", Target(), {}, 10.0, 50.0)
 
     def fate(now_s: float) -> tuple[Any, ...]:
-        *_, heard, done, refused, _, state, superseded = one.rows(now_s)[0]
+        *_, heard, done, refused, _, state, superseded, _ = one.rows(now_s)[0]
         assert superseded == 0
         return heard, done, refused, state
 
@@ -72,7 +72,7 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     one.hear(report(1, 12, Answer(0, HEARD)))
     assert fate(90.0) == (2, 1, 1, "done")
     one.issue("go", Target(), {}, 20.0, 50.0)
-    assert one.rows(71.0)[1][-2] == "expired"
+    assert one.rows(71.0)[1][-3] == "expired"
 
 
 def test_only_what_the_controller_accepts_is_given() -> None:

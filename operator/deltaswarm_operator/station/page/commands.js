@@ -282,7 +282,8 @@ export class CommandPanel {
         const [title, what, state] = line.children;
         if (!title || !what || !state) return;
         setText(title, `${row[0]} · ${order(row)}`);
-        setText(what, `to ${aim(row[2])}, sent ${clock(row[4])}: ${fate(row, now_s)}`);
+        const by = row[11] === "system" ? " by the system" : "";
+        setText(what, `to ${aim(row[2])}, sent${by} ${clock(row[4])}: ${fate(row, now_s)}`);
         const all = row[2][0] === "all" && hello?.agents ? ` of ${hello.agents}` : "";
         setText(state, row[9] === "done" ? `done by ${row[6]}${all}` : row[9]);
       },

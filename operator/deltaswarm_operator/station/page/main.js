@@ -1,5 +1,6 @@
 /** The station's page: connects the link, the model and the panels. */
 
+import { AutonomyPanel } from "./autonomy.js";
 import { CommandPanel } from "./commands.js";
 import { choice, element, setText } from "./dom.js";
 import { FormPanel } from "./form.js";
@@ -67,6 +68,7 @@ const workload = new WorkloadPanel(app);
 const inbox = new InboxPanel(app);
 const knowledge = new KnowledgePanel(app);
 const commands = new CommandPanel(app);
+const autonomy = new AutonomyPanel(app);
 const tabs = new Tabs(() => commands.aim());
 const pace = new PacePanel(app);
 const isa = new IsaPanel(app);
@@ -96,6 +98,7 @@ function takeHello(hello) {
   map.start();
   workload.start();
   commands.start();
+  autonomy.start();
   session.start();
   showLists();
 }
@@ -107,6 +110,7 @@ function takePicture(picture) {
   heardAt_ms = performance.now();
   pace.update();
   isa.update();
+  autonomy.update();
   tlx.update();
   session.update();
   form.update();
@@ -215,6 +219,7 @@ const shortcuts = [
   { keys: ["c"], words: "to orders", act: () => go("tab-commands", "command-name") },
   { keys: ["a"], words: "to agents", act: () => go("tab-agents", "tab-agents") },
   { keys: ["e"], words: "to events", act: () => go("tab-events", "tab-events") },
+  { keys: ["v"], words: "veto a change of delta", act: () => autonomy.veto() },
   { keys: ["n"], words: "to notes", act: () => go("tab-notes", "note-text") },
   { keys: ["j"], words: "next message", act: () => inbox.step(1) },
   { keys: ["k"], words: "message before", act: () => inbox.step(-1) },

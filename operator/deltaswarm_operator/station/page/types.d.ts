@@ -6,7 +6,7 @@ export type AgentRow = [number, number, number, string, number, number, number, 
 export type EventRow = [number, number, number, number, number, number];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
 export type InboxRow = [number, number, number, string, number, number[], boolean | number];
-/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at. */
+/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at, given by. */
 export type CommandRow = [
   number,
   string,
@@ -19,6 +19,7 @@ export type CommandRow = [
   number,
   string,
   number,
+  string,
 ];
 /** time [s], rate over 1 s [Hz], rate over 60 s [Hz]. */
 export type HistoryRow = [number, number, number];
@@ -63,6 +64,8 @@ export interface Hello {
   agents: number;
   thresholds_hz: number[];
   commands: Form[];
+  /** Who sets delta during the run. */
+  sets_delta?: "operator" | "swarm" | "system";
   speeds: number[];
   /** What the page says once the run has ended. */
   end_text?: string;
@@ -119,6 +122,8 @@ export interface Picture {
   commands: CommandRow[];
   pace: { paused: boolean; speed: number };
   probe: Probe | null;
+  /** The change of delta that the person may veto. */
+  proposal?: { delta: number; left_s: number } | null;
   replay?: { from_s: number; to_s: number; speed: number; paused: boolean };
   truth?: Truth;
 }

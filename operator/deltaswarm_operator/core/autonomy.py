@@ -1,0 +1,129 @@
+"""The rule by which the system sets delta, with the person's veto. Pure; all times are simulated [s]."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+from deltaswarm_scenario.autonomy import ISA_ANSWER, AutonomySettings
+from deltaswarm_scenario.operator_settings import DELTA, SET_DELTA, Briefing
+from deltaswarm_wire.commands import named
+
+
+def next_delta(delta: int, first: int, *, is_high: bool, is_low: bool, step: int, limit: int) -> int | None:
+    """Return the delta that follows: a step towards the limit, or back towards the first value; None: as it is."""
+    if is_high:
+        goal = limit
+    elif is_low:
+        goal, step = first, -step
+    else:
+        return None
+    left = goal - delta
+    if left * step <= 0:
+        return None
+    return delta + (step if abs(step) < abs(left) else left)
+
+
+class Proposal(NamedTuple):
+    """A delta that the system will command."""
+
+    delta: int
+    due_s: float
+
+
+@dataclass
+class Autonomy:
+    """The system's rule for one run.
+
+    Args:
+        settings: the rule's parameters.
+        threshold_hz: the message rate to stay below [1/s].
+        delta: the swarm's initial delta.
+    """
+
+    settings: AutonomySettings
+    threshold_hz: float
+    delta: int
+    proposal: Proposal | None = None
+    vetoes: int = 0
+    _first: int = field(init=False)
+    _now_s: float = 0.0
+    _changed_s: float | None = None
+    """When delta was last changed, or a change vetoed."""
+    _judged: int = 0
+    """Number of ISA answers that the rule has followed."""
+
+    def __post_init__(self) -> None:
+        self._first = self.delta
+
+    def close_step(self, now_s: float, rate_hz: float, answers: Sequence[int]) -> int | None:
+        """Take in the rate and the answers to ISA up to a step's end; return the delta to command now, or None."""
+        self._now_s = now_s
+        if self.proposal is None and self._may_propose:
+            wanted = self._wanted(rate_hz, answers)
+            if wanted is not None:
+                self.proposal = Proposal(wanted, now_s + self.settings.veto_s)
+        if self.proposal is None or now_s < self.proposal.due_s:
+            return None
+        self.delta = self.proposal.delta
+        self._end()
+        return self.delta
+
+    def veto(self) -> int:
+        """Drop the proposal; return its delta. Raises ValueError: there is none."""
+        if self.proposal is None:
+            raise ValueError("there is no change of delta to veto; it may have been made already")
+        delta = self.proposal.delta
+        self.vetoes += 1
+        self._end()
+        return delta
+
+    @property
+    def _may_propose(self) -> bool:
+        return self._changed_s is None or self._now_s - self._changed_s >= self.settings.every_s
+
+    def _end(self) -> None:
+        self.proposal, self._changed_s = None, self._now_s
+
+    def _wanted(self, rate_hz: float, answers: Sequence[int]) -> int | None:
+        settings = self.settings
+        if settings.signal == ISA_ANSWER:
+            if len(answers) <= self._judged:
+                return None  # one answer is a reason for one change
+            self._judged = len(answers)
+            is_high, is_low = answers[-1] > settings.isa_high, answers[-1] < settings.isa_low
+        else:
+            is_high, is_low = rate_hz > self.threshold_hz, rate_hz < settings.relief * self.threshold_hz
+        change = {"step": settings.delta_step, "limit": settings.delta_limit}
+        return next_delta(self.delta, self._first, is_high=is_high, is_low=is_low, **change)
+
+    def state(self) -> dict[str, Any]:
+        """Return all that is needed to resume, for JSON."""
+        return {
+            "delta": self.delta,
+            "proposal": self.proposal and list(self.proposal),
+            "vetoes": self.vetoes,
+            "now_s": self._now_s,
+            "changed_s": self._changed_s,
+            "judged": self._judged,
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Resume from another object's `state`, with the same settings."""
+        self.delta, self.vetoes, self._now_s = state["delta"], state["vetoes"], state["now_s"]
+        self.proposal = Proposal(*state["proposal"]) if state["proposal"] else None
+        self._changed_s, self._judged = state["changed_s"], state["judged"]
+
+
+def first_delta(briefing: Briefing) -> int | None:
+    """Return the swarm's initial delta; None if its controller takes none."""
+    form = named(briefing.forms, SET_DELTA)
+    first = next((argument.default for argument in form.arguments if argument.name == DELTA), None) if form else None
+    return None if first is None else round(first)
+
+
+def autonomy_of(briefing: Briefing) -> Autonomy | None:
+    """Make the rule by which the system sets delta, if a briefing asks for it."""
+    operator, delta = briefing.operator, first_delta(briefing)
+    if not operator.autonomy.is_ours or delta is None:
+        return None
+    return Autonomy(operator.autonomy, operator.threshold_hz, delta)

@@ -1,0 +1,40 @@
+/** Who sets delta: what the system is about to change, and the person's veto. */
+
+import { button, element, setText } from "./dom.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const WHO = {
+  operator: "",
+  swarm: "The agents choose delta themselves.",
+  system: "The system sets delta. You can veto a change before it is made.",
+};
+
+export class AutonomyPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    this.where = element("proposal");
+    button("veto").addEventListener("click", () => this.veto());
+  }
+
+  start() {
+    const who = this.app.model.hello?.sets_delta ?? "operator";
+    setText(element("sets-delta"), WHO[who]);
+    element("sets-delta").hidden = who === "operator";
+  }
+
+  veto() {
+    if (!this.where.hidden && this.app.send({ type: "veto" })) this.app.say("Your veto is sent.");
+  }
+
+  update() {
+    const { hello, picture } = this.app.model;
+    const proposal = picture?.proposal;
+    this.where.hidden = !proposal;
+    if (!proposal) return;
+    setText(element("proposal-text"), `The system sets delta to ${proposal.delta}`);
+    setText(element("proposal-left"), `in ${Math.ceil(proposal.left_s)} s`);
+    button("veto").hidden = hello?.kind !== "live";
+  }
+}
