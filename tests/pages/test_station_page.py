@@ -137,6 +137,17 @@ def test_isa_is_answered_by_a_key_or_a_click(page: Page) -> None:
     assert page.asked("isa") == {"type": "isa", "number": 4, "answer": 2}
 
 
+def test_help_over_isa_does_not_swallow_its_answer(page: Page) -> None:
+    """The time to answer passes while the help is read."""
+    page.player.swarm.probe = {"kind": "isa", "number": 3, "asked_s": 90.0, "left_s": 21.0}
+    page.player.show(101.0)
+    page.until(lambda: page.at("isa").is_displayed())
+    page.press("?")
+    page.until(lambda: page.at("help").is_displayed())
+    page.press("5")
+    assert page.asked("isa") == {"type": "isa", "number": 3, "answer": 5}
+
+
 def test_tlx_with_weights_survives_a_reload(page: Page) -> None:
     """Six scales by keyboard, fifteen pairs, and nothing is sent before all are answered."""
     asks = {"isa": True, "tlx": True, "weights": True}

@@ -44,10 +44,11 @@ export class Keys {
   /** @param {KeyboardEvent} event */
   take(event) {
     if (event.defaultPrevented || event.ctrlKey || event.altKey || event.metaKey) return;
-    if (document.querySelector("dialog:modal")) return;
     const { target } = event;
-    if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     const shortcut = this.byKey.get(event.key);
+    const open = document.querySelector("dialog:modal");
+    if (open && !(open === this.help && shortcut?.inLists?.())) return; // an answer goes through the help
+    if (event.key === "Escape" && target instanceof HTMLElement && isTyping(target)) return target.blur();
     if (
       target instanceof HTMLSelectElement ? !shortcut?.inLists?.() && this.isChoosing(target, event) : isTyping(target)
     )
