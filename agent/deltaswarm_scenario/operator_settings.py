@@ -163,6 +163,7 @@ class Briefing:
     """The operator's configuration for a run in which a person, a script or a simulation watches or commands."""
 
     title: str = key("", "what the station calls the run")
+    mode: str = key("", "control mode of the agents")
     seed: int = key(0, "for the operator's own chance", low=0)
     duration_s: float = key(0.0, "simulated time of the run [s]")
     step_s: float = key(1.0, "length of a step [s]")

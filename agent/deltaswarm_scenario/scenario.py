@@ -178,6 +178,7 @@ class Scenario:
 
         return Briefing(
             title=f"{self.name}, {self.control.mode}",
+            mode=self.control.mode,
             seed=agent_seed(self.seed, BASE_ID),
             duration_s=self.run.duration_s,
             step_s=self.run.step_s,

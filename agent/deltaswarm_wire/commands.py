@@ -82,6 +82,9 @@ class CommandForm:
     targets: tuple[str, ...] = key((ALL,), "kinds of recipients", choices=tuple(TARGET_NUMBERS))
     arguments: tuple[ArgumentForm, ...] = key((), "its arguments")
     help: str = key("", "what it does")
+    refused_in: tuple[str, ...] = key(
+        (), "control modes in which every agent refuses it; the station does not offer it"
+    )
 
     def problem(self, target: "Target", arguments: Mapping[str, Any]) -> str | None:
         """What is wrong with a command of this form, if anything."""

@@ -5,6 +5,7 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.keys import Keys
 from selenium.webdriver.support.ui import Select
 
+from tests.support.station_feed import FORMS
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -26,9 +27,9 @@ def test_a_command_by_mouse(page: Page) -> None:
     assert (target["x_m"], target["y_m"]) == (pytest.approx(30, abs=0.4), pytest.approx(70, abs=0.4))
     page.until(lambda: page.text("command-answer") == "Sent as order 1.")
     page.until(lambda: "heard by nobody yet" in page.text("fates"))
-    page.player.swarm.commands[0][5:] = [4, 3, 1, 160.0, "done", 2, "person"]
+    page.player.swarm.commands[0][5:] = [4, 3, 1, 160.0, "done", 2, [7], "person"]
     page.player.show(102.0)
-    page.until(lambda: "heard by 4, refused by 1, replaced at 2;" in page.text("fates"))
+    page.until(lambda: "heard by 4, refused by agent 7, replaced at 2;" in page.text("fates"))
     assert page.text("fates").endswith("done by 3")
 
 
@@ -36,7 +37,7 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
     """Where it went, with its number."""
 
     def show(expires_s: float) -> None:
-        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0, "person"]
+        order = [0, "hold", ["circle", 30, 70, 9], {}, 90.0, 0, 0, 0, expires_s, "sent", 0, [], "person"]
         page.player.show(100.0, commands=[order])
 
     show(200.0)
@@ -48,7 +49,7 @@ def test_an_order_is_on_the_map_until_it_expires(page: Page) -> None:
 
 def test_a_change_by_the_system_is_told_and_vetoed_by_key(page: Page) -> None:
     """While there is time; and the list says who gave an order."""
-    order = [0, "set delta", ["all"], {"delta": 2}, 90.0, 0, 0, 0, 200.0, "sent", 0, "system"]
+    order = [0, "set delta", ["all"], {"delta": 2}, 90.0, 0, 0, 0, 200.0, "sent", 0, [], "system"]
     page.player.show(100.0, proposal={"delta": 3, "left_s": 7.2}, commands=[order])
     page.until(lambda: page.at("proposal").is_displayed() and page.text("proposal-left") == "in 8 s")
     assert "delta to 3" in page.text("proposal-text")
@@ -129,6 +130,16 @@ def test_a_place_outside_the_arena_is_not_sent(page: Page) -> None:
     page.at("command-send").click()
     page.until(lambda: "505" in page.text("command-answer"))
     assert not any(intent["type"] == "command" for intent in page.player.intents)
+
+
+def test_an_order_that_nobody_carries_out_cannot_be_chosen(page: Page) -> None:
+    """It is in the list with the reason, and the first of the others is chosen."""
+    forms = [{**form, "refused": form["name"] == "set delta"} for form in FORMS]
+    page.feed.send(page.player.swarm.hello(commands=forms))
+    page.until(lambda: page.at("command-name").get_property("value") == "recall a tree")
+    options = Select(page.at("command-name")).options
+    assert [option.is_enabled() for option in options] == [False, True, True, True]
+    assert "nobody carries it out" in options[0].text
 
 
 def test_an_order_that_is_refused_says_why(page: Page) -> None:

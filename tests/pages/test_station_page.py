@@ -35,6 +35,7 @@ def test_the_page_shows_what_was_fed_and_nothing_more(page: Page) -> None:
     assert page.text("events-open") == str(len(page.texts("#events-list > li")))
     assert page.text("above") == "above 5 /s for 0:12 · above 2 /s for 1:20"
     assert "event 0" in page.texts("#events-list > li")[0]
+    assert page.texts("#events-list > li")[1].endswith("by agent 6, attended by agent 6")
     page.player.swarm.silent = (2, 9)
     page.player.show(101.0)
     page.until(lambda: not page.all('#agents-list [data-agent="2"]'))
@@ -64,7 +65,7 @@ def test_names_are_text(open_page: Callable[..., Page]) -> None:
         101.0,
         agents=[[1, 2, 3, evil, -1, -1, 100, 1]],
         inbox=[[50, 100, 1, evil, 0, [], True]],
-        commands=[[1, evil, ["tree", 0], {evil: evil}, 100, 0, 0, 0, 160, evil]],
+        commands=[[1, evil, ["tree", 0], {evil: evil}, 100, 0, 0, 0, 160, evil, 0, []]],
         probe={"kind": "sheet"},
     )
     page.until(lambda: page.text("title") == evil and evil in page.text("inbox-list") and evil in page.text("fates"))

@@ -114,8 +114,8 @@ class Swarm:
             first_s = 20.0 * number
             if first_s <= time_s:
                 x_m, y_m = (37 * number + 15) % 90 + 5, (53 * number + 20) % 90 + 5
-                by = 6 if number == 1 else 0
-                rows.append([number, x_m, y_m, first_s, round(time_s - number * 11 % 60, 1), by])
+                by, attending = (6, [6]) if number == 1 else (0, [])
+                rows.append([number, x_m, y_m, first_s, round(time_s - number * 11 % 60, 1), by, attending])
         return rows
 
     def items(self, time_s: float) -> list[list[Any]]:
@@ -180,20 +180,8 @@ class Swarm:
         if kind == "command":
             number = len(self.commands) + 1
             target = list(intent["target"].values())
-            row = [
-                number,
-                intent["name"],
-                target,
-                intent["arguments"],
-                time_s,
-                0,
-                0,
-                0,
-                time_s + 60,
-                "sent",
-                0,
-                "person",
-            ]
+            fate = [0, 0, 0, time_s + 60, "sent", 0, [], "person"]
+            row = [number, intent["name"], target, intent["arguments"], time_s, *fate]
             self.commands.append(row)
             return [{"type": "accepted", "to": to, "id": intent["id"], "number": number}]
         if kind == "pace":

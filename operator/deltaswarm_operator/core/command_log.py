@@ -23,6 +23,8 @@ SENT, KNOWN, CARRIED_OUT, EXPIRED = "sent", "heard", "done", "expired"
 LIFE_S = 120.0
 MAX_QUEUE = 128
 SHOWN = 50
+MAX_REFUSERS = 8
+"""Of the agents that refuse a command, the station names this many."""
 
 
 @dataclass
@@ -148,7 +150,9 @@ class CommandLog:
             target = [command.target.kind, *command.target.numbers]
             told = [index, command.name, target, command.arguments, sent.sent_s]
             heard, done, refused, superseded = sent.counts.values()
-            rows.append([*told, heard, done, refused, expires_s, sent.state(now_s), superseded, sent.by])
+            refusers = sorted(agent for agent, state in sent.answers.items() if state == REFUSED)[:MAX_REFUSERS]
+            outcome = [heard, done, refused, expires_s, sent.state(now_s), superseded, refusers]
+            rows.append([*told, *outcome, sent.by])
         return rows
 
     def outcomes(self, now_s: float) -> dict[str, Any]:

@@ -6,6 +6,7 @@ Pure: arrivals in, turns and the station's datagrams out. `docs/STATION.md` desc
 import json
 from collections import deque
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from math import ceil
 from random import Random
 from typing import Any
@@ -20,7 +21,7 @@ from deltaswarm_scenario.downlink import FIRST_STEP
 from deltaswarm_scenario.operator_settings import DELTA, ISA, SAGAT, SET_DELTA, Briefing
 from deltaswarm_scenario.person_tables import SCRIPT, SIMULATED, SYSTEM, OperatorAction
 from deltaswarm_wire.checked import plain
-from deltaswarm_wire.commands import AGENT, TREE, Pace, Target, Turn
+from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
 LIVE = "live"
@@ -247,6 +248,14 @@ class Console:
 
     # The station
 
+    def is_refused(self, form: CommandForm) -> bool:
+        """Whether no agent of this run carries out a command."""
+        return self.briefing.mode in form.refused_in
+
+    def _offer(self, form: CommandForm) -> dict[str, Any]:
+        """Return a form for the page; the page need not know the control mode."""
+        return {**plain(replace(form, refused_in=())), "refused": self.is_refused(form)}
+
     def hello(self, run: str, kind: str = LIVE, speeds: Sequence[float] = SPEEDS) -> bytes:
         """Return the message that describes the run to the page."""
         briefing = self.briefing
@@ -264,7 +273,7 @@ class Console:
             range_m=briefing.range_m,
             agents=briefing.agents,
             thresholds_hz=self._thresholds,
-            commands=[plain(form) for form in briefing.offered],
+            commands=[self._offer(form) for form in briefing.offered],
             sets_delta=briefing.operator.autonomy.sets_delta,
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,

@@ -12,7 +12,7 @@ from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, 
 from deltaswarm_operator.core.probes import FORM
 from deltaswarm_scenario.operator_settings import ISA, TLX
 from deltaswarm_scenario.person_tables import PERSON
-from deltaswarm_wire.commands import make_target
+from deltaswarm_wire.commands import make_target, named
 
 MAX_NOTE, MAX_PAGE_TEXT, MAX_CODE = 2000, 200, 64
 """Characters."""
@@ -52,6 +52,9 @@ def _command(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     target, offered = raw["target"], [form.name for form in console.briefing.offered]
     if raw["name"] not in offered:
         raise ValueError(f"the order must be one that this run offers: {', '.join(offered) or 'none'}")
+    form = named(console.briefing.forms, raw["name"])
+    if form is not None and console.is_refused(form):
+        raise ValueError(f"no agent carries out {form.name} in this run")
     numbers = [target[field] for field in TARGET_FIELDS.get(target["kind"], ())]
     aim = make_target([target["kind"], *numbers])
     number = console.command(PERSON, raw["name"], aim, raw.get("arguments", {}), **at)

@@ -20,7 +20,7 @@ MAX_NUMBERS = 100_000
 MAX_NAMED = 8
 """Maximum number of events in an item."""
 NO_EVENTS: frozenset[int] = frozenset()
-ROOT, MEMBER = "root", "member"
+ROOT, MEMBER, ATTENDING = "root", "member", "attending"
 LEFT = "left its tree"
 """Role of an agent that its root no longer names: its present activity is unknown."""
 
@@ -230,14 +230,18 @@ class Picture:
                 self._members.setdefault(known.root, set()).add(agent)
 
     def rows(self) -> dict[str, list[list[Any]]]:
-        """Return agents and events in the page's format."""
+        """Return agents and events in the page's format; events with the agents that say they attend them."""
+        attending: dict[int, list[int]] = {}
+        for agent, (_, events) in sorted(self._told.items()):
+            for event in events if self.agents[agent].role == ATTENDING else ():
+                attending.setdefault(event, []).append(agent)
         return {
             "agents": [
                 [agent, round(k.x_m, 2), round(k.y_m, 2), *k[2:5], round(k.said_s, 2), int(k.is_own), k.delta]
                 for agent, k in sorted(self.agents.items())
             ],
             "events": [
-                [event, round(k.x_m, 2), round(k.y_m, 2), round(k.first_s, 2), round(k.seen_s, 2), k.by]
+                [event, *(round(value, 2) for value in k[:4]), k.by, attending.get(event, [])]
                 for event, k in sorted(self.events.items())
             ],
         }

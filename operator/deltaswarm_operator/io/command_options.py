@@ -81,6 +81,7 @@ def command_options_of(
         forms = begun_with(forms_of(find_controller(task.control.mode, "--controller")), task.control.options)
     briefing = Briefing(
         title=f"open air, {task.control.mode}" if forms else "open air",
+        mode=task.control.mode,
         step_s=step_s,
         width_m=task.width_m,
         height_m=task.height_m,

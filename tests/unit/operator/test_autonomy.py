@@ -73,7 +73,7 @@ def test_the_system_proposes_waits_and_commands() -> None:
     acts = [(act.by, act.kind, act.time_s, act.value) for act in one.actions if act.kind == "proposal"]
     assert acts == [("system", "proposal", at_s - 5.0, delta) for at_s, delta in commanded.items()]
     assert one.totals["autonomy"] == {"changes": 4, "vetoes": 0}
-    assert [row[11] for row in shown(one)["commands"]] == ["system"] * 4
+    assert [row[12] for row in shown(one)["commands"]] == ["system"] * 4
 
 
 def test_a_veto_drops_the_proposal_alone() -> None:

@@ -4,6 +4,7 @@ import csv
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,7 +60,7 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     one.issue("go", Target(), {}, 10.0, 50.0)
 
     def fate(now_s: float) -> tuple[Any, ...]:
-        *_, heard, done, refused, _, state, superseded, _ = one.rows(now_s)[0]
+        heard, done, refused, _, state, superseded, *_ = one.rows(now_s)[0][5:]
         assert superseded == 0
         return heard, done, refused, state
 
@@ -69,10 +70,11 @@ def test_the_fate_of_a_command_follows_from_answers_and_time() -> None:
     one.hear(report(2, 13, Answer(0, REFUSED)))
     one.hear(report(1, 14, Answer(0, DONE)))
     assert fate(14.0) == (2, 1, 1, "done")
+    assert one.rows(14.0)[0][-2:] == [[2], "person"]
     one.hear(report(1, 12, Answer(0, HEARD)))
     assert fate(90.0) == (2, 1, 1, "done")
     one.issue("go", Target(), {}, 20.0, 50.0)
-    assert one.rows(71.0)[1][-3] == "expired"
+    assert one.rows(71.0)[1][-4] == "expired"
 
 
 def test_only_what_the_controller_accepts_is_given() -> None:
@@ -298,3 +300,16 @@ def test_every_act_and_answer_is_a_row(tmp_path: Path) -> None:
         assert [row["text"] for row in csv.DictReader(stream)] == ["", text, "x" * 99]
     with (tmp_path / "probes.csv").open(newline="") as stream:
         assert next(csv.DictReader(stream))["value"] == "2"
+
+
+def test_a_command_that_every_agent_refuses_is_offered_as_such() -> None:
+    """The page is not told in which control modes, and an order for it is not sent."""
+    made = briefing(mode="decentralised")
+    go, form = made.forms
+    console = Console(replace(made, forms=(replace(go, refused_in=("decentralised",)), form)))
+    offered = json.loads(console.hello("run"))["commands"]
+    assert [row["refused"] for row in offered] == [True, False]
+    assert [row["refused_in"] for row in offered] == [[], []]
+    [refusal] = say(console, "command", name="go", target={"kind": "all"})
+    assert refusal["type"] == "refused"
+    assert not console.command_log.sent

@@ -88,6 +88,15 @@ def test_a_late_report_puts_nobody_back() -> None:
     assert picture.agents[5].role == "attending"
 
 
+def test_an_event_names_who_says_that_it_attends_it() -> None:
+    """All of them, until they report something else or a root names them as members of its tree."""
+    picture = Picture(1.0)
+    picture.update([root(0, 1, events=(1,)), attending(3, 1), attending(5, 1), attending(6, 1, event=2)], 1.0)
+    assert [row[6] for row in picture.rows()["events"]] == [[3, 5], [6]]
+    picture.update([root(0, 2, 5, events=(1,)), attending(3, 2, event=2)], 2.0)
+    assert [row[6] for row in picture.rows()["events"]] == [[], [3, 6]]
+
+
 def test_a_late_report_puts_nobody_back_after_a_restart() -> None:
     """A picture that goes on from another's state drops what that would have dropped."""
     before, after = Picture(1.0), Picture(1.0)

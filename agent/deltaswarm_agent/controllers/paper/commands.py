@@ -23,12 +23,14 @@ FORMS = (
         ANYBODY,
         (ArgumentForm("delta", "integer", 1, 1000, default=3, help="events sensed at once that make an agent a root"),),
         "How many events sensed at once make an agent a root. More is less centralised. For hybrid control only.",
+        refused_in=("decentralised", "hierarchical"),
     ),
     CommandForm(
         RECALL,
         (TREE,),
         (ArgumentForm("pause_s", "number", 0, 3600, default=60, unit="s", help="they start no tree for this long"),),
         "Dissolve a tree: its root gives up, and its members go their own ways. Refused by agents outside any tree.",
+        refused_in=("decentralised",),
     ),
     CommandForm(
         ATTEND,

@@ -1,10 +1,10 @@
 /** Orders: a form for each command that the run offers, its target, and the outcomes of sent orders. */
 
+import { field, read } from "./arguments.js";
 import { button, byId, choice, element, input, keepRows, make, setOptions, setText } from "./dom.js";
-import { aim, argument as said, clock, fate, order } from "./words.js";
+import { aim, clock, fate, order } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
-/** @typedef {import("./types.js").Argument} Argument */
 /** @typedef {import("./types.js").Form} Form */
 /** @typedef {import("./types.js").Target} Target */
 /** @typedef {import("./types.js").TargetKind} TargetKind */
@@ -77,8 +77,13 @@ export class CommandPanel {
     this.formsOf = key;
     setOptions(
       this.name,
-      forms.map((form) => [form.name, form.name]),
+      forms.map((form) => [form.name, form.refused ? `${form.name} (nobody carries it out in this run)` : form.name]),
     );
+    for (const [at, form] of forms.entries()) {
+      const option = this.name.options[at];
+      if (option) option.disabled = Boolean(form.refused);
+    }
+    if (this.command?.refused) this.name.selectedIndex = forms.findIndex((form) => !form.refused);
     this.show();
   }
 
@@ -282,7 +287,7 @@ export class CommandPanel {
         const [title, what, state] = line.children;
         if (!title || !what || !state) return;
         setText(title, `${row[0]} · ${order(row)}`);
-        const by = row[11] === "system" ? " by the system" : "";
+        const by = row[12] === "system" ? " by the system" : "";
         setText(what, `to ${aim(row[2])}, sent${by} ${clock(row[4])}: ${fate(row, now_s)}`);
         const all = row[2][0] === "all" && hello?.agents ? ` of ${hello.agents}` : "";
         setText(state, row[9] === "done" ? `done by ${row[6]}${all}` : row[9]);
@@ -290,50 +295,4 @@ export class CommandPanel {
     );
     element("fates-none").hidden = rows.length > 0;
   }
-}
-
-/**
- * @param {Argument} argument
- * @param {number} at
- * @param {string | number} [given] the value last given
- */
-function field(argument, at, given = argument.default) {
-  const id = `argument-${at}`;
-  const [bare, unit] = said(argument.name, argument.unit);
-  const words = unit ? `${bare} [${unit}]` : bare;
-  const attributes = { id, "data-argument": argument.name, title: argument.help ?? "" };
-  /** @type {HTMLInputElement | HTMLSelectElement} */
-  let made;
-  if (argument.kind === "choice") {
-    made = make("select", attributes);
-    setOptions(
-      made,
-      (argument.choices ?? []).map((value) => [String(value), String(value)]),
-    );
-  } else {
-    made = make("input", { ...attributes, type: argument.kind === "text" ? "text" : "number", autocomplete: "off" });
-    if (argument.kind !== "text") made.step = argument.kind === "integer" ? "1" : "any";
-    if (argument.low !== undefined) made.min = String(argument.low);
-    if (argument.high !== undefined) made.max = String(argument.high);
-  }
-  if (given !== undefined) made.value = String(given);
-  return make("label", {}, words, made, make("small", {}, argument.help ?? ""));
-}
-
-/**
- * Read the value of an argument from its field; throw an error if it is not valid.
- * @param {Argument} argument
- * @param {number} at
- */
-function read({ name, kind, low, high, choices }, at) {
-  const { value } = /** @type {HTMLInputElement} */ (element(`argument-${at}`));
-  const [words] = said(name);
-  if (kind === "choice") return (choices ?? []).find((choice) => String(choice) === value) ?? value;
-  if (kind === "text") return value;
-  const given = Number(value);
-  if (value.trim() === "" || !Number.isFinite(given)) throw new Error(`${words} must be a number`);
-  if (kind === "integer" && !Number.isInteger(given)) throw new Error(`${words} must be a whole number (got ${value})`);
-  if (low !== undefined && given < low) throw new Error(`${words} must be at least ${low} (got ${value})`);
-  if (high !== undefined && given > high) throw new Error(`${words} must be at most ${high} (got ${value})`);
-  return given;
 }

@@ -58,7 +58,7 @@ export class Model {
   get events() {
     const { picture, now_s } = this;
     if (picture?.truth)
-      return picture.truth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1]);
+      return picture.truth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, []]);
     return picture?.events ?? [];
   }
 

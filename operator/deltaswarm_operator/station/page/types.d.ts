@@ -2,11 +2,11 @@
 
 /** id, x [m], y [m], role, parent, root (-1: none), time of the newest word [s], 1 if by its own report, delta (0: unknown). */
 export type AgentRow = [number, number, number, string, number, number, number, number, number];
-/** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody). */
-export type EventRow = [number, number, number, number, number, number];
+/** id, x [m], y [m], first reported [s], last reported [s], agent that reported it last (-1: nobody), who attends it. */
+export type EventRow = [number, number, number, number, number, number, number[]];
 /** number, time [s], agent, role, followers, events, whether it tells something new. */
 export type InboxRow = [number, number, number, string, number, number[], boolean | number];
-/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at, given by. */
+/** number, name, target, arguments, sent [s], heard by, done by, refused by, expires [s], state, replaced at, some that refused, given by. */
 export type CommandRow = [
   number,
   string,
@@ -19,6 +19,7 @@ export type CommandRow = [
   number,
   string,
   number,
+  number[],
   string,
 ];
 /** time [s], rate over 1 s [Hz], rate over 60 s [Hz]. */
@@ -43,6 +44,8 @@ export interface Form {
   help: string;
   targets: TargetKind[];
   arguments: Argument[];
+  /** Whether no agent of this run carries it out. */
+  refused?: boolean;
 }
 
 export interface Session {

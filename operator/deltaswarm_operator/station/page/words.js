@@ -59,7 +59,7 @@ export function doing([id, x_m, y_m, role, parent, root], agents, events) {
     return followers ? `root of a tree, ${count(followers, "known follower")}` : "root of a tree";
   }
   if (role === "attending") {
-    const near = events.filter((event) => event[5] === id);
+    const near = events.filter((event) => event[6].includes(id));
     near.sort((a, b) => Math.hypot(a[1] - x_m, a[2] - y_m) - Math.hypot(b[1] - x_m, b[2] - y_m));
     return near[0] ? `at event ${near[0][0]}` : "at an event";
   }
@@ -89,9 +89,20 @@ export function seen(agent, now_s) {
  * @param {EventRow} event
  * @param {number} now_s
  */
-export function reported([, , , first_s, seen_s, by], now_s) {
+export function reported([, , , first_s, seen_s, by, attending], now_s) {
   const who = by >= 0 ? ` by agent ${by}` : "";
-  return `known for ${age(now_s - first_s)}, reported ${ago(now_s - seen_s)}${who}`;
+  const there = attending.length ? `, attended by ${agentsOf(attending)}` : "";
+  return `known for ${age(now_s - first_s)}, reported ${ago(now_s - seen_s)}${who}${there}`;
+}
+
+/**
+ * Name agents: agent 3; agents 3, 4 and 7 more.
+ * @param {number[]} ids
+ * @param {number} [total]
+ */
+export function agentsOf(ids, total = ids.length) {
+  const more = total > ids.length ? ` and ${total - ids.length} more` : "";
+  return `agent${total === 1 ? "" : "s"} ${ids.join(", ")}${more}`;
 }
 
 /**
@@ -166,10 +177,10 @@ export function order([, name, , values]) {
  * @param {CommandRow} command
  * @param {number} now_s
  */
-export function fate([, , , , , heard, done, refused, expires_s, state, superseded], now_s) {
+export function fate([, , , , , heard, done, refused, expires_s, state, superseded, refusers], now_s) {
   const parts = [heard ? `heard by ${heard}` : "heard by nobody yet"];
   if (done && state !== "done") parts.push(`done by ${done}`);
-  if (refused) parts.push(`refused by ${refused}`);
+  if (refused) parts.push(`refused by ${refusers.length ? agentsOf(refusers, refused) : refused}`);
   if (superseded) parts.push(`replaced at ${superseded}`);
   if (state === "expired") return "heard by nobody in time";
   return now_s < expires_s ? `${parts.join(", ")}; passed on until ${clock(expires_s)}` : parts.join(", ");
