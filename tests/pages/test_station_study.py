@@ -1,10 +1,12 @@
 """The page as an instrument: nothing passes from one run to the next, and what happens to it is noted."""
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 from selenium.webdriver.common.keys import Keys
 
+from tests.support.station_feed import Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
 
 pytestmark = NEEDS_BROWSER
@@ -213,15 +215,19 @@ def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:
     page.until(lambda: not page.at("form").is_displayed())
 
 
-def test_agents_at_one_place_are_told_apart(page: Page) -> None:
-    """On the map: four at one event look like four, and each can be selected by a click."""
-    together = [[agent, 50.0, 50.0, "attending", -1, -1, 100, 1, 0] for agent in range(4)]
-    page.player.show(101.0, agents=together[:1], events=[])
-    page.until(lambda: page.texts("#agents-list li") and len(page.all("#agents-list li")) == 1)
-    one = page.drawn()
-    page.player.show(101.0, agents=together, events=[])
-    page.until(lambda: len(page.all("#agents-list li")) == 4)
-    assert page.drawn() != one
+@pytest.mark.parametrize("kind", ["live", "replay", "researcher"])
+def test_agents_at_one_place_are_told_apart(open_page: Callable[..., Page], kind: str) -> None:
+    """On the map: four at one event, up to a pixel apart, look like four, and each can be selected by a click."""
+    page = open_page(Swarm(kind))
+    agents = [[agent, 50.0 + agent / 10, 50.0, "attending", -1, -1, 100, 1, 0] for agent in range(4)]
+
+    def show(count: int) -> str:
+        truth = {"agents": [[*row[:6], 0] for row in agents[:count]], "events": []}
+        page.player.show(101.0, agents=agents[:count], events=[], **({"truth": truth} if kind == "researcher" else {}))
+        page.until(lambda: len(page.all("#agents-list li")) == count)
+        return page.drawn()
+
+    assert show(1) != show(4)
     chosen = set()
     for x_m, y_m in ((50.0, 53.0), (53.0, 50.0), (50.0, 47.0), (47.0, 50.0)):
         page.click_map(x_m, y_m)
