@@ -234,6 +234,28 @@ def test_replay_seeks_forwards_and_back(open_page: Callable[..., Page]) -> None:
     assert not page.at("command-form").is_displayed()
 
 
+CHART = "return document.querySelector('#workload-chart canvas').toDataURL()"
+SEEK = "const bar = document.getElementById('seek'); bar.value = arguments[0]; bar.dispatchEvent(new Event('change'))"
+
+
+def test_a_replay_that_jumps_back_has_its_chart_and_its_read_marks(open_page: Callable[..., Page]) -> None:
+    """As they were at that time: an item that was read later is unread again."""
+    page = open_page(Swarm("replay", read={3}))
+    page.until(lambda: len(page.texts("#inbox-list > li")) == 50)
+    page.until(lambda: page.all('#inbox-list [data-key="3"][data-read="true"]'))
+    chart = page.until(lambda: page.driver.execute_script(CHART))
+    page.player.swarm.read.add(4)
+    page.feed.send({"type": "read", "items": [4]})
+    page.until(lambda: page.all('#inbox-list [data-key="4"][data-read="true"]'))
+    page.driver.execute_script(SEEK, 600)
+    page.until(lambda: page.text("time") == "10:00" and page.driver.execute_script(CHART) != chart)
+    page.player.swarm.read.remove(4)
+    page.driver.execute_script(SEEK, 100)
+    page.until(lambda: page.text("time") == "1:40" and page.driver.execute_script(CHART) == chart)
+    page.until(lambda: page.all('#inbox-list [data-key="4"][data-read="false"]'))
+    assert page.all('#inbox-list [data-key="3"][data-read="true"]')
+
+
 def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     """On every screen; it has the truth, and takes no orders."""
     page = open_page(Swarm("researcher", silent=()))

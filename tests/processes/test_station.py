@@ -328,12 +328,16 @@ def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
         person.begin(speed=50.0)  # faster, its recording grows as fast as it is read
         assert person.command("hold", "circle", {"for_s": 9}, x_m=5, y_m=6, radius_m=7)["type"] == "accepted"
 
+        person.see(lambda picture: bool(picture["unread"]))
+        first, *_ = person.ask("read", all=True)["items"]
+
         def is_readable() -> bool:
             try:
                 write_steps(swarm.part, steps)
             except (RecordingError, OSError):
                 return False
-            return len(replaying.read(steps)[1]) > 100
+            found = replaying.read(steps)[1]
+            return len(found) > 100 and any(step.read for step in found)
 
         wait_until(is_readable, "a hundred steps of the recording")
         pids = swarm.pids
@@ -347,6 +351,7 @@ def test_a_run_that_was_killed_can_be_replayed(tmp_path: Path) -> None:
     replay.seek(math.inf)
     [command] = json.loads(replay.show())["commands"]
     assert command[:4] == [0, "hold", ["circle", 5, 6, 7], {"for_s": 9}]
+    assert first in {item for step in found for item in step.read}
     assert [step.clock.step for step in found] == list(range(len(found)))
     assert found[-1].clock.last
     assert any(step.reports for step in found)

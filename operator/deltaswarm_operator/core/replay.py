@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.console import Console, compact
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_scenario.operator_settings import Briefing
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
@@ -31,6 +31,8 @@ class RecordedStep(NamedTuple):
     clock: Clock
     workload: Workload
     reports: tuple[Report, ...]
+    read: tuple[int, ...] = ()
+    """Items of the inbox that the person read before the next step."""
 
 
 class Replay:
@@ -49,6 +51,8 @@ class Replay:
         self._done = 0
         """Number of steps that the console has taken in."""
         self._kept = {0: copy.deepcopy(self._console)}
+        self._news: list[int] = []
+        """Items read since the page was last told."""
         self._now_s = self.from_s
         self._told_wall_s: float | None = None
 
@@ -75,9 +79,13 @@ class Replay:
         if self._done and self._steps[self._done - 1].clock.time_s > self._now_s:
             self._done = max(done for done in self._kept if not done or self._time_s(done) <= self._now_s)
             self._console = copy.deepcopy(self._kept[self._done])
+            self._news.clear()
         while self._done < len(self._steps) and self._steps[self._done].clock.time_s <= self._now_s:
-            clock, workload, reports = self._steps[self._done]
+            clock, workload, reports, read = self._steps[self._done]
             self._console.close_step(clock, workload, reports, 0.0)
+            self._news += self._console.picture.read(read)
+            self._news += [int(item) for act in self._console.actions for item in act.items.split()]  # a simulation
+            self._console.actions.clear()
             self._done += 1
             if self._done % KEPT_EVERY_STEPS == 0 and self._done not in self._kept:
                 self._kept[self._done] = copy.deepcopy(self._console)
@@ -88,6 +96,11 @@ class Replay:
     def hello(self, run: str) -> bytes:
         """Return the message that describes the run to the page."""
         return self._console.hello(run, "replay", SPEEDS)
+
+    def news(self) -> list[bytes]:
+        """Return what the page must not miss: the items that were read since."""
+        read, self._news = self._news, []
+        return [compact(type="read", items=read)] if read else []
 
     def show(self) -> bytes:
         """Return the picture at the present time."""

@@ -1,6 +1,6 @@
 """`python -m deltaswarm_operator.io.replaying`: the station's page for a finished run, from a file of its steps.
 
-The file is a stream of MessagePack values: the briefing, then clock, workload and encoded reports of each step.
+The file is a stream of MessagePack values: the briefing, then each step: clock, workload, encoded reports, items read.
 """
 
 import argparse
@@ -43,8 +43,8 @@ def read(file: Path) -> tuple[Briefing, list[RecordedStep]]:
         try:
             briefing = checked.load(Briefing, next(values, None))
             steps = [
-                RecordedStep(Clock(*clock), Workload(*workload), tuple([decode_report(report) for report in reports]))
-                for clock, workload, reports in values
+                RecordedStep(Clock(*clock), Workload(*workload), tuple(map(decode_report, reports)), tuple(read))
+                for clock, workload, reports, read in values
             ]
         except (TypeError, msgpack.UnpackException) as error:
             raise ValueError(f"{file}: {error}") from None
@@ -84,6 +84,8 @@ class ReplayDriver:
                     hello_due = time.monotonic() + HELLO_EVERY_S
                     self._channel.send(self._replay.hello(self._run))
                 self._channel.send(self._replay.show())
+                for told in self._replay.news():
+                    self._channel.send(told)
             self._news.wait(SHOW_EVERY_S)
             self._news.clear()
 

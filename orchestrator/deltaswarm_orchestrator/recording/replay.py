@@ -1,6 +1,5 @@
 """Turn a recording into the steps that reached the operator, for a replay on the station's page."""
 
-import contextlib
 import csv
 import json
 import tomllib
@@ -33,8 +32,15 @@ def write_steps(run: Path, file: Path) -> None:
         raise RecordingError("the recording must hold at least one step (got none)")
     table = tomllib.loads(recording.scenario)
     scenario = checked.load(Scenario, table)
-    if not scenario.operator.person.commands:  # a simulated person gives its commands again by itself
-        scenario = checked.load(Scenario, table | _commands(run, scenario.run.step_s))
+    person = scenario.operator.person
+    read: dict[float, list[int]] = {}
+    actions = _actions(run)
+    if not person.commands:  # a simulated person commands again by itself
+        scenario = checked.load(Scenario, table | _commands(run, actions, scenario.run.step_s))
+    if not person.is_on:  # and reads again
+        for row in actions:
+            if row["kind"] == "read":
+                read.setdefault(float(row["time_s"]), []).extend(map(int, row["items"].split()))
     operator = replace(scenario.operator, autonomy=AutonomySettings())  # what the system commanded is in the script
     scenario = replace(scenario, operator=operator)
     briefing = scenario.for_operator(forms_of(find_controller(scenario.control.mode)), 1.0)
@@ -44,26 +50,27 @@ def write_steps(run: Path, file: Path) -> None:
         for workload in recording.workloads:
             clock = Clock(workload.step, workload.time_s, workload.step == last)
             reports = [encode_report(report) for report in recording.reports.get(workload.step, ())]
-            stream.write(msgpack.packb((clock, workload, reports)))
+            stream.write(msgpack.packb((clock, workload, reports, read.get(workload.time_s, []))))
 
 
-def _commands(run: Path, step_s: float) -> dict[str, Any]:
+def _actions(run: Path) -> list[dict[str, str]]:
+    """Return the rows of a run's actions; the last row of a killed run may be cut off and is left out."""
+    if not (run / ACTIONS).exists():
+        return []
+    with (run / ACTIONS).open(newline="", encoding="utf-8") as stream:
+        return [row for row in csv.DictReader(stream) if None not in row.values()]
+
+
+def _commands(run: Path, actions: list[dict[str, str]], step_s: float) -> dict[str, Any]:
     """Return a run's table `command`: the commands that left the base or, if it was killed, those given before."""
     if (run / COMMANDS).exists():
         return tomllib.loads((run / COMMANDS).read_text(encoding="utf-8"))
     given = []
-    if (run / ACTIONS).exists():
-        with (
-            (run / ACTIONS).open(newline="", encoding="utf-8") as stream,
-            contextlib.suppress(ValueError),
-        ):  # the last row may be cut off
-            for row in csv.DictReader(stream):
-                if row["kind"] == "command":
-                    at_s, life_s = float(row["time_s"]) + FIRST_STEP * step_s, float(row["life_s"])
-                    numbers = [float(row[name]) for name in ("agent", "x_m", "y_m", "radius_m") if row[name]]
-                    target = {"target": row["target"], "numbers": numbers}
-                    arguments = json.loads(row["arguments"])
-                    given.append(
-                        {"at_s": at_s, "name": row["name"], **target, "arguments": arguments, "life_s": life_s}
-                    )
+    for row in actions:
+        if row["kind"] == "command":
+            at_s, life_s = float(row["time_s"]) + FIRST_STEP * step_s, float(row["life_s"])
+            numbers = [float(row[name]) for name in ("agent", "x_m", "y_m", "radius_m") if row[name]]
+            arguments = json.loads(row["arguments"])
+            target = {"target": row["target"], "numbers": numbers}
+            given.append({"at_s": at_s, "name": row["name"], **target, "arguments": arguments, "life_s": life_s})
     return {"command": given} if given else {}

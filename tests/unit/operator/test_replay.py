@@ -63,7 +63,7 @@ def straight(time_s: int) -> tuple[Any, ...]:
     briefing, steps = recorded()
     console = Console(briefing)
     for step in steps[: time_s + 1]:
-        console.close_step(*step, 0.0)
+        console.close_step(*step[:3], 0.0)
     return seen(console)
 
 
@@ -80,6 +80,24 @@ def test_a_jump_shows_what_the_run_had_shown(times_s: list[float]) -> None:
             assert seen(replay._console) == straight(int(min(max(math.floor(time_s), 0), STEPS - 1)))
     finally:
         module.KEPT_EVERY_STEPS = kept
+
+
+def test_items_are_read_when_they_were_read_in_the_run() -> None:
+    """Those of the recording and those that the simulated person reads; the page is told, and a jump back undoes it."""
+    briefing, steps = recorded()
+    at, unread = next((time_s, straight(time_s)[2]) for time_s in range(60, STEPS) if straight(time_s)[2])
+    replay = Replay(briefing, [*steps[:at], steps[at]._replace(read=tuple(unread)), *steps[at + 1 :]])
+    told: set[int] = set()
+    for time_s in (at - 1, at):
+        replay.seek(time_s)
+        told.update(*(json.loads(news)["items"] for news in replay.news()))
+        assert told == {item.number for item in replay._console.picture.inbox} - replay._console.picture.unread
+    assert told >= unread
+    assert replay.news() == []
+    replay.seek(20)
+    replay.seek(at - 1)
+    told = {item for news in replay.news() for item in json.loads(news)["items"]}
+    assert not unread & told
 
 
 def test_time_passes_at_the_speed_that_is_asked_for() -> None:

@@ -109,7 +109,7 @@ export class Model {
     this.isCaughtUp = true;
     this.addItems(answer.inbox);
     this.inbox = new Map([...this.inbox].sort((a, b) => a[0] - b[0]));
-    for (const item of answer.read) this.read.add(item);
+    this.read = new Set(answer.read); // a replay that went back knows of fewer
     const known = new Map([...answer.history, ...this.history].map((row) => [row[0], row]));
     this.history = [...known.values()].sort((a, b) => a[0] - b[0]).slice(-MAX_HISTORY);
   }
