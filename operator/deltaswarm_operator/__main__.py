@@ -61,6 +61,7 @@ def parser() -> argparse.ArgumentParser:
         "--briefing", type=Path, metavar="FILE", help="run details for an operator with a station or script"
     )
     made.add_argument("--channel-fd", type=int, metavar="N", help="its end of the socket pair to the station")
+    made.add_argument("--markers", default="", metavar="HOST:PORT|lsl", help="tell the person's acts there")
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -154,6 +155,7 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         publish_all=arguments.publish_all,
         go_on=arguments.go_on,
         checkpoint_steps=arguments.checkpoint,
+        markers=arguments.markers,
     )
 
 

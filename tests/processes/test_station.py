@@ -5,6 +5,7 @@ import json
 import math
 import os
 import signal
+import socket
 import time
 import tomllib
 from collections.abc import Iterator
@@ -17,6 +18,7 @@ import pytest
 
 from deltaswarm_operator.core.replay import Replay
 from deltaswarm_operator.io import replaying
+from deltaswarm_orchestrator.processes.station import free_address
 from deltaswarm_orchestrator.recording.reader import RecordingError
 from deltaswarm_orchestrator.recording.replay import write_steps
 from tests.support import persons, swarms
@@ -287,7 +289,11 @@ def test_a_run_is_held_exactly_for_questions_about_the_situation(tmp_path: Path)
     """As fast as it runs, no step is done meanwhile; the answers are compared with the truth; the digest stays."""
     given = sets(CONSENT, "operator.probes.isa_every_s=0", "run.duration_s=60", "run.step_s=0.5")
     held = sets("operator.probes.sagat_at_s=[20.0, 40.0]", "operator.probes.sagat_questions=['open_events', 'trees']")
-    with at_the_station(tmp_path / "run", *given, *held) as (swarm, person):
+    address = free_address("127.0.0.1:0")
+    host, _, port = address.rpartition(":")
+    with at_the_station(tmp_path / "run", *given, *held, "--markers", address) as (swarm, person):
+        markers = socket.create_connection((host, int(port)), BOUND_S).makefile("rb")
+        assert json.loads(markers.readline())["kind"] == "hello"
         person.begin(speed=0.0)
         for number, answers in enumerate(({"open_events": 2, "trees": 0}, {"open_events": 5, "trees": 9})):
             picture = person.see(lambda picture, number=number: (picture["probe"] or {}).get("number") == number)  # type: ignore[misc]
@@ -295,6 +301,10 @@ def test_a_run_is_held_exactly_for_questions_about_the_situation(tmp_path: Path)
             assert person.ask("pace", paused=False)["type"] == "refused"
             person.say("form", form="sagat", answers=answers)
         swarm.end_well()
+        kinds = [json.loads(line)["kind"] for line in markers]
+    assert [kind for kind in kinds if kind in ("begin", "question", "answer", "end")] == [
+        "begin", *["question", "question", "answer", "answer"] * 2, "end"
+    ]  # fmt: skip
     records = {float(row["time_s"]): row for row in table(swarm.out / "series.csv")}
     rows = table(swarm.out / "situation.csv")
     assert [(row["item"], float(row["asked_s"])) for row in rows] == [

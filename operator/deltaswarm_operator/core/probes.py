@@ -56,6 +56,8 @@ class Probes:
         self.rows: list[ProbeRow] = []
         self.answers: list[int] = []
         """The answers to ISA."""
+        self.opened: deque[ProbeRow] = deque()
+        """A row per item of each question that was opened, until somebody takes it."""
         self._settings = settings
         self._rng = rng
         self._questions = self._missing = 0
@@ -94,13 +96,19 @@ class Probes:
         """Ask a question, or let it wait until the open ones are closed."""
         self._questions += asked.kind != SHEET and bool(asked.items)
         if self._asked is None:
-            self._asked = asked
+            self._open(asked)
         else:
             self._waiting.append(asked)
 
+    def _open(self, asked: _Asked) -> None:
+        self._asked = asked
+        self.opened += [asked.row(item) for item in asked.items]
+
     def _close(self, wall_s: float) -> None:
         """Close the open question, and ask the next one that waits."""
-        self._asked = self._waiting.popleft()._replace(asked_wall_s=wall_s) if self._waiting else None
+        self._asked = None
+        if self._waiting:
+            self._open(self._waiting.popleft()._replace(asked_wall_s=wall_s))
         self._has_begun |= self._asked is None
 
     @property

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_operator.core.console import Console
-from deltaswarm_scenario.person_tables import TABLES, EventNumberRow, InboxRow, WallTimeRow
+from deltaswarm_scenario.person_tables import TABLES, EventNumberRow, InboxRow, OperatorAction, ProbeRow, WallTimeRow
 
 ACTIONS, PROBES, WALL_TIMES = "actions.csv", "probes.csv", "wall_times.csv"
 
@@ -43,20 +43,20 @@ class ActionLog:
                 writer.writerow(TABLES[Path(name).stem]._fields)
         self._written = 0
 
-    def write(self, console: Console) -> bool:
-        """Write the new acts and answers; return whether there are any."""
-        answers = console.probes.rows[self._written :]
-        if not console.actions and not answers:
-            return False
-        while console.actions:
-            action = console.actions.popleft()
-            self._writers[ACTIONS].writerow(action._replace(utc=utc_of(action.monotonic_s)))
+    def write(self, console: Console) -> list[OperatorAction | ProbeRow]:
+        """Write the new acts and answers; return them."""
+        acts, answers = list(console.actions), console.probes.rows[self._written :]
+        if not acts and not answers:
+            return []
+        console.actions.clear()
+        for act in acts:
+            self._writers[ACTIONS].writerow(act._replace(utc=utc_of(act.monotonic_s)))
         for row in answers:
             asked, answered = utc_of(row.asked_monotonic_s), utc_of(row.answered_monotonic_s)
             self._writers[PROBES].writerow(row._replace(asked_utc=asked, answered_utc=answered))
         self._written = len(console.probes.rows)
         self._flush()
-        return True
+        return [*acts, *answers]
 
     def close_step(self, step: int, time_s: float, monotonic_s: float) -> None:
         """Note when a step was closed."""

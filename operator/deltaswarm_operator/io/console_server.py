@@ -4,7 +4,7 @@ import json
 import socket
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,9 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.channel import Channel
+from deltaswarm_operator.io.markers import Markers
 from deltaswarm_scenario.downlink import FIRST_STEP
+from deltaswarm_scenario.person_tables import OperatorAction
 from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
@@ -36,6 +38,7 @@ class ConsoleServer:
         on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
         end: the operator's end of the socket pair, if there is a station.
         step, saved: resume after this step from the `state` of a killed operator.
+        markers: where acts and questions are told as they happen.
     """
 
     def __init__(
@@ -51,8 +54,10 @@ class ConsoleServer:
         is_awaited: bool = False,
         step: int = -1,
         saved: str | None = None,
+        markers: Markers | None = None,
     ) -> None:
         self.console = console
+        self._markers = markers
         self.is_awaited = is_awaited
         self._run = run
         self._send_turn, self._send_pace = send_turn, send_pace
@@ -93,6 +98,8 @@ class ConsoleServer:
         turn = self.console.close_step(clock, workload, reports, now)
         if self._channel is not None:
             self._tables.close_step(clock.step, clock.time_s, now)
+        if clock.step == 0 or clock.last:
+            self._mark(now, {"kind": "end" if clock.last else "begin", "time_s": clock.time_s})
         if self.is_awaited or turn.commands:
             self._turns.append(turn)
             self._send_turn(turn)
@@ -119,7 +126,7 @@ class ConsoleServer:
                 channel.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
-        has_news = self._tables.write(console) or console.pace != self._pace
+        has_news = self._write() or console.pace != self._pace
         if console.pace != self._pace:
             self._pace = console.pace
             self._send_pace(self._pace)
@@ -128,7 +135,9 @@ class ConsoleServer:
 
     def show(self) -> None:
         """Write down the person's acts, and send the station a picture if one is due."""
-        self._tables.write(self.console)
+        self._write()
+        if self._markers is not None:
+            self._markers.serve()
         now = time.monotonic()
         if self._channel is None or now < self._show_due:
             return
@@ -138,6 +147,24 @@ class ConsoleServer:
             self._channel.send(self.console.hello(self._run))
         self._channel.send(self.console.show(now))
 
+    def _write(self) -> bool:
+        """Write down new acts and answers, and mark them; return whether there are any."""
+        rows = self._tables.write(self.console)
+        while self.console.probes.opened:
+            asked = self.console.probes.opened.popleft()
+            self._mark(asked.asked_monotonic_s, {"kind": "question", "time_s": asked.asked_s, **asked._asdict()})
+        for row in rows:
+            if isinstance(row, OperatorAction):
+                self._mark(row.monotonic_s, row._asdict())
+            else:
+                kind = "missing" if row.value is None else "answer"
+                self._mark(row.answered_monotonic_s, {"kind": kind, **row._asdict()})
+        return bool(rows)
+
+    def _mark(self, monotonic_s: float | None, marker: Mapping[str, Any]) -> None:
+        if self._markers is not None:
+            self._markers.put(monotonic_s, marker)
+
     @property
     def is_asking(self) -> bool:
         """Whether a question to the person at the station is open."""
@@ -145,7 +172,7 @@ class ConsoleServer:
 
     def state(self, *, sync: bool = False) -> str:
         """Return all that is needed to resume, as one JSON text, since it may be long and is written often."""
-        self._tables.write(self.console)
+        self._write()
         if sync:
             self._tables.sync()
         turns = [encode_turn(turn).hex() for turn in self._turns]
@@ -164,4 +191,7 @@ class ConsoleServer:
     def finish(self) -> None:
         """Complete and close the tables."""
         self.console.probes.close()
+        self._write()
         self._tables.close(self.console)
+        if self._markers is not None:
+            self._markers.close()

@@ -16,6 +16,7 @@ from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_operator.io.files import Output
+from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
@@ -58,6 +59,8 @@ class OperatorConfig:
     """Run details for an operator with a station or script."""
     station: socket.socket | None = None
     """The operator's end of the socket pair, if there is a station."""
+    markers: str = ""
+    """HOST:PORT or `lsl`: where the person's acts and questions are told as they happen; empty: nowhere."""
 
 
 class ItemKind(Enum):
@@ -123,6 +126,7 @@ class OperatorProcess:
                 is_awaited=config.briefing.is_awaited,
                 step=self.meter.step,
                 saved=output.console,
+                markers=markers_to(config.markers, config.run) if config.markers else None,
             )
         self._unheard = {str(publisher.key_expr): publisher for publisher in awaited}
         """Publishers without a subscriber; the operator is not ready before this is empty."""

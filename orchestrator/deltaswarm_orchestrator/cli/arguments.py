@@ -4,6 +4,7 @@ import argparse
 import json
 import os
 from collections.abc import Callable
+from importlib.util import find_spec
 from itertools import chain, count
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
@@ -69,6 +70,26 @@ def _within(kind: Callable[[str], N], least: N, most: N | None) -> Callable[[str
         return value
 
     return parsed
+
+
+def add_markers(command: Group) -> None:
+    """Add `--markers`."""
+    command.add_argument(
+        "--markers",
+        type=_markers,
+        metavar="HOST:PORT|lsl",
+        help="tell other instruments what the person does and is asked, as it happens: JSON lines for whoever connects "
+        "there, or an LSL marker stream (extra lsl)",
+    )
+
+
+def _markers(text: str) -> str:
+    if text == "lsl":
+        if find_spec("pylsl") is None:
+            raise argparse.ArgumentTypeError("lsl needs pylsl: pip install 'deltaswarm[lsl]'")
+    elif host_and_port(text).endswith(":0"):
+        raise argparse.ArgumentTypeError(f"must be lsl, or HOST:PORT with a port from 1 to 65535 (got {text!r})")
+    return text
 
 
 def host_and_port(text: str) -> str:

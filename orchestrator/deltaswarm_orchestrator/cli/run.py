@@ -12,6 +12,7 @@ from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notic
 from deltaswarm_orchestrator.cli.arguments import (
     add_dry_run,
     add_json,
+    add_markers,
     add_quiet,
     free_folder,
     host_and_port,
@@ -34,7 +35,13 @@ LIVE_PORT = 8765
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
 
-NEEDS = {"speed": "station", "station_listen": "station", "live_port": "live", "boards_folder": "boards"}
+NEEDS = {
+    "speed": "station",
+    "station_listen": "station",
+    "markers": "station",
+    "live_port": "live",
+    "boards_folder": "boards",
+}
 """Options, and the one without which they have no effect."""
 
 EXCLUDES = {
@@ -109,6 +116,7 @@ def add_run(command: argparse.ArgumentParser) -> None:
         metavar="HOST:PORT",
         help="where the station's page is served, without encryption (default: this machine alone, any free port)",
     )
+    add_markers(group)
     group.add_argument(
         "--researcher", action="store_true", help="also serve a page that shows the truth, at another address"
     )
@@ -259,7 +267,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         boards, listen = Boards(tuple(arguments.boards), listen, folder), ANYWHERE
     if arguments.station:
         speed = 1.0 if arguments.speed is None else arguments.speed  # 0 is a speed
-        station = Station(speed, arguments.station_listen or LOOPBACK)
+        station = Station(speed, arguments.station_listen or LOOPBACK, markers=arguments.markers or "")
     if arguments.live:
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(

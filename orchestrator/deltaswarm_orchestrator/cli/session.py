@@ -13,6 +13,7 @@ from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import (
     add_dry_run,
     add_json,
+    add_markers,
     add_quiet,
     free_folder,
     host_and_port,
@@ -54,6 +55,7 @@ def add_session(command: argparse.ArgumentParser) -> None:
         metavar="HOST:PORT",
         help="where the page is served, without encryption (default: this machine alone, any free port)",
     )
+    add_markers(command)
     command.add_argument("--researcher", action="store_true", help="also serve a page that shows the truth")
     add_dry_run(command, "the runs, in the order of the file as long as the session has not begun")
     command.add_argument("--plan", action="store_true", help="the same as --dry-run")
@@ -77,7 +79,7 @@ def session(arguments: argparse.Namespace) -> int:
     address, token = free_address(arguments.station_listen), secrets.token_urlsafe(24)
 
     def options_for(run: PlannedRun, *, is_first: bool = True) -> RunOptions:
-        station = Station(settings.speed, address, token, opens_browser=is_first)
+        station = Station(settings.speed, address, token, arguments.markers or "", opens_browser=is_first)
         return RunOptions(free_folder(folder / run.folder), station=station, researcher=arguments.researcher)
 
     for run in planned:  # before a participant has done the first

@@ -124,6 +124,7 @@ class Swarm:
             "--publish-all": publish_all,
             "--checkpoint": self.checkpoint_steps,
             "--go-on": is_restart or self.resumed is not None,
+            "--markers": station.markers or None if station else None,
             "--briefing": write_briefing(self.folder, scenario, station) if has_briefing else None,
             **self._link_options,
         }

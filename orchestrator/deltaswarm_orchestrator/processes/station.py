@@ -27,13 +27,14 @@ class Station:
     """The station's settings, and the two ends of its channel to the operator.
 
     The operator's end stays open here, so that the operator can be restarted. `speed`: simulated per wall second; 0: as
-    fast as possible. `listen`: HOST:PORT of the page.
+    fast as possible. `listen`: HOST:PORT of the page. `markers`: HOST:PORT or "lsl", where the person's acts are told.
     """
 
     speed: float = 1.0
     listen: str = LOOPBACK
     token: str = field(default_factory=lambda: secrets.token_urlsafe(24))
     """The secret part of the page's URL."""
+    markers: str = ""
     opens_browser: bool = True
     """Whether to open the page in a browser, if there is a display."""
     operators_end: socket.socket = field(init=False)
