@@ -87,6 +87,7 @@ export class TlxPanel {
       step: "5",
       "aria-describedby": `${id}-question`,
     });
+    slider.autofocus = key === SCALES[0]?.[0]; // otherwise the part that scrolls would have the focus
     slider.value = String(before ?? 50);
     slider.dataset["answered"] = String(before !== undefined);
     const shown = make("output", { for: id }, before === undefined ? "–" : String(before));
