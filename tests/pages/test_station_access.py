@@ -169,3 +169,21 @@ def test_a_run_by_keyboard_alone(page: Page) -> None:
     answers = done("tlx")
     assert set(answers["scales"].values()) == {55}
     assert sorted(answers["weights"].values()) == [0, 1, 2, 3, 4, 5]
+
+
+@pytest.mark.parametrize("state", ["sheet", "form", "tlx"])
+def test_no_dialog_scrolls_sideways(page: Page, state: str) -> None:
+    """On a usual screen, at 200 % of one, on a tablet and on a telephone."""
+    ask(page, state)
+    wide = (
+        f"return [...document.querySelectorAll('#{state}, #{state} *')].filter((e) => e.scrollWidth > e.clientWidth + 1"
+    )
+    wide += " && ['auto', 'scroll'].includes(getComputedStyle(e).overflowX)).map((e) => e.id || e.className)"
+    try:
+        for width, height in ((1366, 768), (683, 384), (768, 1024), (390, 844)):
+            metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+            page.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
+            page.until(lambda width=width: page.driver.execute_script("return innerWidth") == width)
+            assert page.driver.execute_script(wide) == [], width
+    finally:
+        page.driver.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
