@@ -259,8 +259,8 @@ def test_a_replay_that_jumps_back_has_its_chart_and_its_read_marks(open_page: Ca
 def test_the_researchers_view_says_so(open_page: Callable[..., Page]) -> None:
     """On every screen; it has the truth, and takes no orders."""
     page = open_page(Swarm("researcher", silent=()))
-    page.until(lambda: page.at("researcher").is_displayed())
-    assert page.text("researcher") == "Researcher's view: shows what no operator knows"
+    page.until(lambda: page.at("role").is_displayed())
+    assert page.text("role") == "Researcher's view: shows what no operator knows"
     page.until(lambda: page.all('#agents-list [data-agent="9"]'))
     assert not page.at("command-form").is_displayed()
     assert not page.at("tab-notes").is_displayed()

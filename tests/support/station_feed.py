@@ -197,7 +197,7 @@ class Feed:
 
     def __init__(self, *arguments: str) -> None:
         self.socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, "-P", "-m", "deltaswarm_operator.station"]
+        command = [sys.executable, "-P", "-m", "deltaswarm_operator.station", "--watchers"]
         self.process = subprocess.Popen(
             [*command, "--channel-fd", str(theirs.fileno()), *arguments],
             pass_fds=[theirs.fileno()],
@@ -208,6 +208,7 @@ class Feed:
         self.socket.setblocking(False)
         assert self.process.stdout
         self.url = self.process.stdout.readline().strip()
+        self.watch_url = self.process.stdout.readline().strip()
 
     def send(self, *messages: Message) -> None:
         """Say something to the station; lost if that does not listen."""
@@ -215,15 +216,19 @@ class Feed:
             with contextlib.suppress(BlockingIOError):
                 self.socket.send(json.dumps(message, separators=(",", ":")).encode())
 
+    def hear_any(self, patience_s: float = PATIENCE_S) -> Message:
+        """The next intent."""
+        if not select.select([self.socket], [], [], max(0.0, patience_s))[0]:
+            raise TimeoutError("no intent")
+        intent: Message = json.loads(self.socket.recv(1 << 20))
+        return intent
+
     def hear(self, kind: str, patience_s: float = PATIENCE_S) -> Message:
         """The next intent of that type; others are passed over."""
         deadline_s = time.monotonic() + patience_s
-        while (left_s := deadline_s - time.monotonic()) > 0:
-            if select.select([self.socket], [], [], left_s)[0]:
-                intent: Message = json.loads(self.socket.recv(1 << 20))
-                if intent["type"] == kind:
-                    return intent
-        raise TimeoutError(f"no intent of type {kind}")
+        while (intent := self.hear_any(deadline_s - time.monotonic()))["type"] != kind:
+            pass
+        return intent
 
     def hang_up(self) -> None:
         """Close the channel, also where a thread waits at it."""

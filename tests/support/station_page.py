@@ -44,11 +44,11 @@ DRAWN = (
 class Page:
     """The page as a person has it, and the operator behind it."""
 
-    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed) -> None:
+    def __init__(self, driver: webdriver.Chrome, swarm: Swarm, feed: Feed, url: str = "") -> None:
         self.driver = driver
         self.feed = feed
         self.player = Player(feed, swarm)
-        driver.get(feed.url)
+        driver.get(url or feed.url)
         self.until(lambda: self.text("status") != "connecting")
 
     def until(self, holds: Callable[[], Any]) -> Any:

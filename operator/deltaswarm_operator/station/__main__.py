@@ -45,6 +45,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="HOST:PORT",
         help="where browsers connect (default: 127.0.0.1:0, this machine alone, any free port); not encrypted",
     )
+    parser.add_argument(
+        "--watchers", action="store_true", help="print a second URL, at which one can watch but do nothing"
+    )
     return parser
 
 
@@ -77,15 +80,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not _is_loopback(host):
         log.warning("listening on %s: pages travel unencrypted, use a trusted network or a tunnel", host)
     try:
-        asyncio.run(_serve(feed, host, port))
+        asyncio.run(_serve(feed, host, port, has_watchers=arguments.watchers))
     except OSError as error:
         log.error("the station cannot listen on %s:%d: %s", host, port, error)
         return 1
     return 0
 
 
-async def _serve(feed: socket.socket, host: str, port: int) -> None:
-    station = Station(feed, os.environ.get(PASSWORD_VARIABLE) or secrets.token_urlsafe(TOKEN_BYTES))
+async def _serve(feed: socket.socket, host: str, port: int, *, has_watchers: bool) -> None:
+    token = os.environ.get(PASSWORD_VARIABLE) or secrets.token_urlsafe(TOKEN_BYTES)
+    station = Station(feed, token, has_watchers=has_watchers)
     loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, station.stop)

@@ -1,5 +1,6 @@
-"""Decides whom the station admits and which browser messages it forwards. Pure."""
+"""Decides whom the station admits, in which role, and which browser messages it forwards. Pure."""
 
+import base64
 import hmac
 import ipaddress
 from collections.abc import Mapping
@@ -10,6 +11,10 @@ import orjson
 INTENTS = frozenset(
     {"command", "veto", "pace", "read", "isa", "tlx", "form", "note", "page", "sheet", "catch_up", "seek"}
 )
+
+OPERATE, WATCH = "operate", "watch"
+ALLOWED: Mapping[str, frozenset[str]] = {OPERATE: INTENTS, WATCH: frozenset({"catch_up"})}
+"""The messages that each role may send. Every role has a token, and so an address, of its own."""
 
 MAX_INTENT_BYTES = 16 * 1024
 
@@ -63,20 +68,30 @@ def is_our_origin(origin: str | None, host: str) -> bool:
     return origin == f"http://{host}"
 
 
-def path_below(token: str, path: str) -> str | None:
-    """Return what follows `/token/` in a request's path; None if the token is wrong."""
+def watch_token(token: str) -> str:
+    """Return the token of those who only watch: the same after a restart, and of no help in finding the other one."""
+    return base64.urlsafe_b64encode(hmac.digest(token.encode(), WATCH.encode(), "sha256")[:24]).decode()
+
+
+def role_and_path(tokens: Mapping[str, str], path: str) -> tuple[str, str] | None:
+    """Return the role whose token begins a request's path, and what follows `/token/`; None if no token is right.
+
+    `tokens` maps roles to tokens.
+    """
     given, _, rest = path.partition("?")[0].removeprefix("/").partition("/")
-    is_right = hmac.compare_digest(given.encode(errors="replace"), token.encode())
-    return rest if is_right and path.startswith(f"/{token}/") else None
+    for role, token in tokens.items():
+        if hmac.compare_digest(given.encode(errors="replace"), token.encode()) and path.startswith(f"/{token}/"):
+            return role, rest
+    return None
 
 
-def intent_of(message: str | bytes, browser: int) -> bytes:
+def intent_of(message: str | bytes, browser: int, role: str = OPERATE) -> bytes:
     """Convert a browser's message to a datagram for the feed, with the browser's number.
 
-    The feed checks everything again; this check only rejects what is no intent at all.
+    The feed checks everything again; this check only rejects what is no intent at all, or not one of the role's.
 
     Raises:
-        RefusedError: the message is too long, no JSON object, or of no known type.
+        RefusedError: the message is too long, no JSON object, of no known type, or not allowed for the role.
     """
     if not isinstance(message, str):
         raise RefusedError("a message must be text")
@@ -90,6 +105,8 @@ def intent_of(message: str | bytes, browser: int) -> bytes:
     command = command if isinstance(command, str) else None
     if not isinstance(intent.get("type"), str) or intent["type"] not in INTENTS:
         raise RefusedError(f"a message's type must be one of {', '.join(sorted(INTENTS))}", command)
+    if intent["type"] not in ALLOWED[role]:
+        raise RefusedError("this address only watches", command)
     intent["from"] = browser
     datagram = orjson.dumps(intent)
     if len(datagram) > MAX_INTENT_BYTES + 64:

@@ -26,6 +26,8 @@ from deltaswarm_wire.ready import say_ready
 log = logging.getLogger("deltaswarm.station")
 
 MAX_BROWSERS = 20
+MAX_WATCHERS = 10
+"""Watchers among the browsers: they must not keep the participant out."""
 MAX_CONNECTIONS = 80
 """Includes connections that fetch files: a browser opens six at once."""
 
@@ -47,6 +49,7 @@ LINGER_S = 5.0
 """Time that the station stays after its feed has closed, for a page that is still loading [s]."""
 
 ENDED = '{"type":"ended"}'
+WATCHES = '{"type":"role","role":"watch"}'
 PICTURE = b'{"type":"picture"'
 
 PAGE = Path(__file__).parent / "page"
@@ -66,6 +69,7 @@ class Visitor(ServerConnection):
 
     all: ClassVar[dict["Visitor", None]] = {}
     """All connections of the process, which has one station, oldest first."""
+    role = rules.OPERATE
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Admit the connection; if there are too many, drop the oldest that has not asked for anything."""
@@ -90,11 +94,11 @@ class Visitor(ServerConnection):
 class Station:
     """Connects one feed with its browsers."""
 
-    def __init__(self, feed: socket.socket, token: str) -> None:
+    def __init__(self, feed: socket.socket, token: str, *, has_watchers: bool = False) -> None:
         self.dropped = 0
         """Number of intents that were refused or that the feed could not take."""
         self._feed = feed
-        self._token = token
+        self._tokens = {rules.OPERATE: token} | ({rules.WATCH: rules.watch_token(token)} if has_watchers else {})
         self._listen = ""
         self._files = {
             path.relative_to(PAGE).as_posix(): (MIME_TYPES[path.suffix], path.read_bytes())
@@ -133,7 +137,7 @@ class Station:
             logger=_quiet_logger(),
         ) as server:
             loop.add_reader(self._feed.fileno(), self._hear_feed)
-            say_ready(self._url(server))
+            say_ready("\n".join(self._urls(server)))
             await self._stop.wait()
             if not self._has_ended:
                 loop.remove_reader(self._feed.fileno())
@@ -143,9 +147,9 @@ class Station:
         """Stop serving soon."""
         self._stop.set()
 
-    def _url(self, server: Server) -> str:
+    def _urls(self, server: Server) -> list[str]:
         host, port = next(iter(server.sockets)).getsockname()[:2]
-        return f"http://{f'[{host}]' if ':' in host else host}:{port}/{self._token}/"
+        return [f"http://{f'[{host}]' if ':' in host else host}:{port}/{token}/" for token in self._tokens.values()]
 
     def _hear_feed(self) -> None:
         """Take the waiting datagrams; show only the newest picture."""
@@ -206,39 +210,52 @@ class Station:
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not rules.is_our_host(hosts[0], self._listen):
             return _response(HTTPStatus.MISDIRECTED_REQUEST)
-        below = rules.path_below(self._token, request.path)
+        role, below = rules.role_and_path(self._tokens, request.path) or (None, None)
         if below == "live":
             if len(origins) != 1 or not rules.is_our_origin(origins[0], hosts[0]):
                 return _response(HTTPStatus.FORBIDDEN)
-            if len(self._browsers) >= MAX_BROWSERS:
-                return _response(HTTPStatus.SERVICE_UNAVAILABLE)
-            return None
+            assert isinstance(connection, Visitor)
+            connection.role = role or rules.WATCH
+            return None if self._has_room(connection) else _response(HTTPStatus.SERVICE_UNAVAILABLE)
         file = self._files.get(below or "index.html") if below is not None else None
         return _response(HTTPStatus.OK, *file) if file else _response(HTTPStatus.NOT_FOUND)
+
+    def _has_room(self, visitor: Visitor) -> bool:
+        """Whether one more browser in this role may connect."""
+        roles = [browser.role for browser in self._browsers.values()]
+        is_full = visitor.role == rules.WATCH and roles.count(rules.WATCH) >= MAX_WATCHERS
+        return len(roles) < MAX_BROWSERS and not is_full
 
     async def _converse(self, connection: ServerConnection) -> None:
         """Serve one browser until it leaves."""
         assert isinstance(connection, Visitor)
-        if len(self._browsers) >= MAX_BROWSERS:  # several browsers connected at the same time
+        if not self._has_room(connection):  # several browsers connected at the same time
             await connection.close(1013, "too many browsers")
             return
         self._newest_browser += 1
         number = self._newest_browser
-        for text in (self._hello, self._picture, ENDED if self._has_ended else None):
+        for text in (
+            WATCHES if connection.role == rules.WATCH else None,
+            self._hello,
+            self._picture,
+            ENDED if self._has_ended else None,
+        ):
             if text is not None:
                 broadcast([connection], text)
         self._browsers[number] = connection
-        self._note_page(number, "opened")
+        self._note_page(connection, number, "opened")
         try:
             await self._listen_to(connection, number)
         except ConnectionClosed:
             pass  # also if it sent too much at once
         finally:
             del self._browsers[number]
-            self._note_page(number, "closed")
+            self._note_page(connection, number, "closed")
 
-    def _note_page(self, number: int, event: str) -> None:
-        """Tell the feed that a page came or went, if it can take that now."""
+    def _note_page(self, visitor: Visitor, number: int, event: str) -> None:
+        """Tell the feed that a page of the participant came or went, if it can take that now."""
+        if visitor.role == rules.WATCH:
+            return
         with suppress(rules.RefusedError):
             self._to_feed(orjson.dumps({"type": "page", "event": event, "from": number}))
 
@@ -253,7 +270,7 @@ class Station:
                 await browser.close(1008, "too many messages")
                 return
             try:
-                self._to_feed(rules.intent_of(message, number))
+                self._to_feed(rules.intent_of(message, number, browser.role))
             except rules.RefusedError as refusal:
                 self.dropped += 1
                 answer = {"type": "refused", "to": number, "id": refusal.command, "why": str(refusal)}

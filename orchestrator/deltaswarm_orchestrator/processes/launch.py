@@ -145,10 +145,11 @@ class Swarm:
         station = station or self.station
         assert station is not None
         self._pages.add(station)
-        options = {"--listen": station.listen}
-        url = self._starter.start_and_read(
+        options = {"--listen": station.listen, "--watchers": number == 0}
+        urls = self._starter.start_and_read(
             STATION, number, options, password=station.token, channel=station.stations_end
         )
+        url, station.watch_url = urls.split() if number == 0 else (urls, "")
         station.listen = urlsplit(url).netloc  # a restarted station keeps its address
         return url
 

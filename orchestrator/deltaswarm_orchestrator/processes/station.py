@@ -37,6 +37,8 @@ class Station:
     markers: str = ""
     opens_browser: bool = True
     """Whether to open the page in a browser, if there is a display."""
+    watch_url: str = field(default="", init=False)
+    """The page of those who only watch, once it is up."""
     operators_end: socket.socket = field(init=False)
     stations_end: socket.socket = field(init=False)
 
@@ -71,11 +73,11 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
     return file
 
 
-def announce(folder: Path, url: str, *, opens_browser: bool) -> None:
-    """Write the page's address into the run folder, readable by this user alone; maybe open it in a browser."""
+def announce(folder: Path, url: str, watch_url: str, *, opens_browser: bool) -> None:
+    """Write the page's addresses into the run folder, readable by this user alone; maybe open it in a browser."""
     file = folder / ADDRESS
     file.touch(mode=0o600)
-    file.write_text(json.dumps({"url": url}) + "\n", encoding="utf-8")
+    file.write_text(json.dumps({"url": url, "watch_url": watch_url}) + "\n", encoding="utf-8")
     if opens_browser:
         open_browser(url)
 

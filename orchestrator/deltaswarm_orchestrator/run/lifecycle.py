@@ -260,7 +260,8 @@ class _Run:
             if station:
                 url = swarm.start_station()
                 self.reporter.say(f"station: {url}")
-                announce(folder, url, opens_browser=station.opens_browser)
+                self.reporter.say(f"only to watch it: {station.watch_url}")
+                announce(folder, url, station.watch_url, opens_browser=station.opens_browser)
             if options.researcher and recorder is not None:
                 page = Station()
                 self.live_observers.append(ResearcherFeed(page.operators_end, name, scenario))

@@ -136,6 +136,41 @@ def test_the_socket_needs_the_token(feed: Feed) -> None:
         assert refused.value.response.status_code in (HTTPStatus.NOT_FOUND, HTTPStatus.OK)
 
 
+def watching(feed: Feed) -> ClientConnection:
+    host, path = urlsplit(feed.watch_url).netloc, urlsplit(feed.watch_url).path
+    return connect(f"ws://{host}{path}live", origin=Origin(f"http://{host}"), close_timeout=1)
+
+
+def test_who_watches_is_told_everything_and_forwards_nothing(feed: Feed) -> None:
+    """Nothing but the wish to catch up; a watcher is no page of the participant, and the tokens tell nothing."""
+    say(feed, HELLO)
+    with browser(feed) as person, watching(feed) as watcher:
+        assert told(watcher, "role")["role"] == "watch"
+        assert told(watcher, "hello") == HELLO
+        for kind in sorted(rules.INTENTS - {"catch_up"}):
+            watcher.send(json.dumps({"type": kind, "id": "x"}))
+            assert "watches" in told(watcher, "refused")["why"]
+        watcher.send('{"type":"catch_up"}')
+        person.send('{"type":"note","text":"mine"}')
+        heard = [feed.hear_any() for _ in range(3)]
+        assert sorted(intent["type"] for intent in heard) == ["catch_up", "note", "page"]
+    assert feed.watch_url != feed.url
+    assert fetch(feed, urlsplit(feed.watch_url).path).status == HTTPStatus.OK
+
+
+def test_watchers_do_not_keep_the_participant_out(feed: Feed) -> None:
+    """Some places are the participant's."""
+    say(feed, HELLO)
+    with ExitStack() as stack:
+        for _ in range(server.MAX_WATCHERS):
+            stack.enter_context(watching(feed))
+        with pytest.raises(InvalidStatus) as refused:
+            stack.enter_context(watching(feed))
+        assert refused.value.response.status_code == HTTPStatus.SERVICE_UNAVAILABLE
+        with browser(feed) as person:
+            assert told(person, "hello") == HELLO
+
+
 def test_who_comes_late_gets_the_newest(feed: Feed) -> None:
     """The newest hello, then the newest picture, unchanged and once."""
     with browser(feed) as first:

@@ -68,7 +68,7 @@ export class CommandPanel {
         element("command-none"),
         hello.kind === "replay"
           ? "A replay takes no orders; those of the run are listed as they were sent."
-          : "Orders are given on the operator's page.",
+          : "Orders are given on the participant's page.",
       );
     element("command-none").hidden = forms.length > 0;
     this.form.hidden = forms.length === 0;

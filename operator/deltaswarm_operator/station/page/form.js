@@ -21,7 +21,7 @@ export class FormPanel {
   }
 
   get asked() {
-    const probe = this.app.model.picture?.probe;
+    const probe = this.app.model.question;
     return probe?.kind === "form" ? probe : null;
   }
 
@@ -31,7 +31,8 @@ export class FormPanel {
   }
 
   update() {
-    document.documentElement.toggleAttribute("data-hides", Boolean(this.asked?.hides));
+    const { asked } = this.app.model;
+    document.documentElement.toggleAttribute("data-hides", asked?.kind === "form" && asked.hides);
     this.question.update();
     const left_s = this.asked?.left_s ?? null;
     setText(element("form-left"), left_s === null ? "" : `${Math.ceil(left_s)} s left`);

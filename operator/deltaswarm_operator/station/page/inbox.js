@@ -99,7 +99,8 @@ export class InboxPanel {
     const item = this.app.model.inbox.get(Number(row.dataset["key"]));
     if (!item) return;
     const { read } = this.app.model;
-    if (!read.has(item[0]) && this.app.send({ type: "read", items: [item[0]] })) {
+    const canRead = this.app.model.hello?.kind !== "watch";
+    if (canRead && !read.has(item[0]) && this.app.send({ type: "read", items: [item[0]] })) {
       read.add(item[0]);
       this.update();
     }

@@ -40,7 +40,7 @@ export class IsaPanel {
   }
 
   update() {
-    const probe = this.app.model.picture?.probe;
+    const probe = this.app.model.question;
     const { number: before } = this;
     const asked = probe?.kind === "isa" && probe.number !== this.answered ? probe : null;
     this.where.hidden = asked === null;

@@ -17,6 +17,7 @@ import { SessionPanel } from "./session.js";
 import { Tabs } from "./tabs.js";
 import { startTheme } from "./theme.js";
 import { TlxPanel } from "./tlx.js";
+import { question } from "./words.js";
 import { WorkloadPanel } from "./workload.js";
 
 const LISTS_EVERY_MS = 250;
@@ -91,10 +92,10 @@ function takeHello(hello) {
   }
   if (isFirst) events.begin();
   setText(element("title"), hello.title);
-  document.documentElement.dataset["kind"] = hello.kind;
-  element("researcher").hidden = hello.kind !== "researcher";
-  if (hello.kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
-  tabs.offer("tab-notes", hello.kind === "live");
+  const { kind } = app.model.hello ?? hello;
+  document.documentElement.dataset["kind"] = kind;
+  if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
+  tabs.offer("tab-notes", kind === "live");
   map.start();
   workload.start();
   commands.start();
@@ -119,6 +120,15 @@ function takePicture(picture) {
   showStatus();
 }
 
+/** Say whose page this is, if not the participant's, and what the participant is asked now. */
+function showRole() {
+  const words = { watch: "You only watch", researcher: "Researcher's view: shows what no operator knows", live: "", replay: "" };
+  const { hello, asked } = app.model;
+  const text = hello ? words[hello.kind] : "";
+  element("role").hidden = !text;
+  setText(element("role"), text + (text && asked ? `. The participant is asked: ${question(asked)}` : ""));
+}
+
 let askTimer = 0;
 
 /** Ask for missing messages, at most once a second, until an answer comes. */
@@ -133,6 +143,7 @@ function askForMissing() {
 
 /** Update the text panels. Pictures cause this at most four times a second, since nobody reads faster. */
 function showLists() {
+  showRole();
   window.clearTimeout(listsTimer);
   listsTimer = 0;
   workload.update();
@@ -162,7 +173,8 @@ function showStatus() {
 
 /** @param {import("./types.js").Message} message */
 function take(message) {
-  if (message.type === "hello") takeHello(message);
+  if (message.type === "role") app.model.isWatching = true;
+  else if (message.type === "hello") takeHello(message);
   else if (message.type === "picture") takePicture(message);
   else if (message.type === "catch_up") {
     app.model.takeCatchUp(message);

@@ -17,6 +17,8 @@ export class Model {
   constructor() {
     /** @type {Hello | null} */
     this.hello = null;
+    /** Whether this page's address is one that only watches. */
+    this.isWatching = false;
     /** @type {Picture | null} */
     this.picture = null;
     /** @type {Map<number, InboxRow>} in the order of their numbers */
@@ -30,6 +32,16 @@ export class Model {
     this.newest = -1;
     /** @type {Map<number, number>} running numbers of the truth's events, whose ids are too long to read */
     this.eventNumbers = new Map();
+  }
+
+  /** The question that is open on the participant's page. */
+  get asked() {
+    return this.picture?.probe ?? null;
+  }
+
+  /** The question that this page asks: only the participant answers. */
+  get question() {
+    return this.hello?.kind === "live" ? this.asked : null;
   }
 
   get now_s() {
@@ -76,7 +88,7 @@ export class Model {
    */
   takeHello(hello) {
     const isOther = this.hello !== null && this.hello.run !== hello.run;
-    this.hello = hello;
+    this.hello = this.isWatching ? { ...hello, kind: "watch", speeds: [] } : hello;
     if (isOther) this.forget();
     return isOther;
   }

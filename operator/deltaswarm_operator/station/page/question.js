@@ -23,7 +23,7 @@ export class Question {
   }
 
   update() {
-    const probe = this.app.model.picture?.probe;
+    const probe = this.app.model.question;
     const isAsked = probe?.kind === this.kind;
     const of = `${this.app.model.hello?.run}/${probe?.kind === "form" ? `${probe.form.name}/${probe.number}` : ""}`;
     if (!isAsked || of !== this.of) this.isSent = false;

@@ -55,7 +55,8 @@ export interface Session {
 
 export interface Hello {
   type: "hello";
-  kind: "live" | "replay" | "researcher";
+  /** Of the feed; `watch`: a page without the right to do anything. */
+  kind: "live" | "replay" | "researcher" | "watch";
   run: string;
   title: string;
   step_s: number;
@@ -145,6 +146,7 @@ export type Message =
   | { type: "refused"; id: string | null; why: string }
   | { type: "accepted"; id: string; number: number }
   | { type: "read"; items: number[] }
+  | { type: "role"; role: "watch" }
   | { type: "ended" };
 
 export type Target =

@@ -185,3 +185,13 @@ export function fate([, , , , , heard, done, refused, expires_s, state, supersed
   if (state === "expired") return "heard by nobody in time";
   return now_s < expires_s ? `${parts.join(", ")}; passed on until ${clock(expires_s)}` : parts.join(", ");
 }
+
+/**
+ * Name an open question.
+ * @param {import("./types.js").Probe} probe
+ */
+export function question(probe) {
+  if (probe.kind === "sheet") return "to consent";
+  if (probe.kind === "tlx") return "NASA-TLX";
+  return probe.kind === "isa" ? `ISA (question ${probe.number + 1})` : probe.form.title || probe.form.name;
+}
