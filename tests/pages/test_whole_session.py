@@ -46,8 +46,8 @@ label = "{}"
 scenario = "smoke"
 set = [
     "control.delta={}", "run.duration_s=40", "run.start_timeout_s=240", "operator.probes.tlx=true",
-    "operator.probes.isa_every_s=25", "operator.probes.isa_wait_s=200", "operator.probes.sagat_at_s=[26]",
-    "operator.probes.sagat_questions=['trees']",
+    "operator.probes.isa_every_s=25", "operator.probes.isa_jitter_s=0", "operator.probes.isa_wait_s=200",
+    "operator.probes.sagat_at_s=[26]", "operator.probes.sagat_questions=['trees']",
 ]
 """
 """The run is held soon after the question of ISA, so that there is time to answer it on a slow machine, too."""

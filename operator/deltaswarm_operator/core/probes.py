@@ -175,11 +175,7 @@ class Probes:
         """Ask the question that is due at a simulated time; about the situation only if a person sits there."""
         self._expire(wall_s, at_once=is_last)
         if is_last:
-            if self._settings.tlx and not self._is_over:
-                self._ask(_Asked(TLX, 0, now_s, wall_s))
-            if not self._is_over:
-                self._ask_forms(AFTER, now_s, wall_s)
-            self._is_over = True
+            self.end(now_s, wall_s)
             return
         if (due_s := self.next_sagat_s) is not None and now_s >= due_s and is_attended and is_held:
             form = self._situation(SAGAT, self._sagat_number)
@@ -194,6 +190,15 @@ class Probes:
             self._ask(_Asked(ISA, self._isa_number, now_s, wall_s))
             self._isa_number += 1
             self._isa_due_s = self._next_isa_s(max(self._isa_due_s, now_s))
+
+    def end(self, now_s: float, wall_s: float) -> None:
+        """Ask what is asked after the last step, unless that is done."""
+        if self._is_over:
+            return
+        if self._settings.tlx:
+            self._ask(_Asked(TLX, 0, now_s, wall_s))
+        self._ask_forms(AFTER, now_s, wall_s)
+        self._is_over = True
 
     def _expire(self, wall_s: float, *, at_once: bool) -> None:
         asked = self._asked

@@ -6,6 +6,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from types import TracebackType
 from typing import Self
 
@@ -54,14 +55,15 @@ class Page:
         return line.decode().strip()
 
     def close(self) -> None:
-        """Close the channel and end the process."""
+        """Close the channel, at which the process tells its pages of the end and ends; one that does not is killed."""
+        with suppress(OSError):  # there may be no other end any more
+            self.end.shutdown(socket.SHUT_RDWR)  # a thread may be reading
         self.end.close()
-        self._process.terminate()
-        try:
-            self._process.wait(ENDS_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        for stop in (self._process.poll, self._process.terminate, self._process.kill):
+            stop()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(ENDS_WITHIN_S)
+                return
 
     def __enter__(self) -> Self:
         return self

@@ -97,9 +97,14 @@ def _ignore_signals() -> None:
         signal.signal(number, signal.SIG_IGN)
 
 
-def decide(code: int) -> None:
-    """Fix the process's exit code: the results are on disk, and no signal changes the code any more."""
+def decide(code: int, stop: Stop | None = None) -> None:
+    """Fix the process's exit code: the results are on disk, and no signal changes the code any more.
+
+    `stop`: its signal was too late for this work, and takes effect if more work follows.
+    """
     _end_at_once.code = code
+    if stop is not None and stop.by is not None:
+        _end_at_once.late = signal.Signals[stop.by]
 
 
 def heed_signals_again() -> None:

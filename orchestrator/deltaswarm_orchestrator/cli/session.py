@@ -20,6 +20,7 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
     whole,
 )
+from deltaswarm_orchestrator.participants.again import ask_again, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
     attempt_number,
@@ -123,28 +124,42 @@ def _do_runs(
     write_json(folder / RECORD, record_of(folder, participant, planned))
     is_first = True
     for run in planned:
-        if any(summary["complete"] for summary in summaries(folder, run).values()):
+        done = [name for name, summary in summaries(folder, run).items() if summary["complete"]]
+        if done:
+            _ask_again(folder / done[-1], run, options_for)
+            write_json(folder / RECORD, record_of(folder, participant, planned))
             continue
         notice(f"run {run.position} of {len(planned) - 1}: {run.label}")
         options, is_first = options_for(run, is_first=is_first), False
         scenario = run.attempt(attempt_number(options.out.name, run))
         with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
             code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
-        record = record_of(folder, participant, planned)
-        write_json(folder / RECORD, record)
+        write_json(folder / RECORD, record_of(folder, participant, planned))
         heed_signals_again()
+        if code == OK:
+            _ask_again(options.out, run, options_for)
+            write_json(folder / RECORD, record_of(folder, participant, planned))
         if code != OK:
             complain(
                 f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
             )
             return code
-        for attempt in record["runs"][run.position]["attempts"][-1:]:
-            if missing := attempt["answers_missing"]:
-                complain(
-                    f"answers missing in run {run.position}, {run.label}: {missing}; ask now, and note them by hand"
-                )
+        for summary in [*summaries(folder, run).values()][-1:]:
+            if missing := (summary.get("person") or {}).get("answers_missing"):
+                complain(f"answers missing in run {run.position}, {run.label}: {missing}")
     show(arguments, {"folder": str(folder), **record_of(folder, participant, planned)}, str(folder))
     return OK
+
+
+def _ask_again(folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions]) -> None:
+    """Ask for the answers that are missing after a complete run, on the same page."""
+    probes = unanswered(folder, run.scenario)
+    station = options_for(run).station
+    if probes is None or station is None:
+        return
+    asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
+    notice(f"asking again after run {run.position}, {run.label}: {asked}")
+    ask_again(folder, run.scenario, probes, station)
 
 
 def _check_design(folder: Path, planned: list[PlannedRun]) -> None:

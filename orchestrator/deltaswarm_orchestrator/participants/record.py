@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
+from deltaswarm_orchestrator.participants.again import with_later_answers
 from deltaswarm_orchestrator.participants.session import PlannedRun
 
 RECORD = "session.json"
@@ -41,7 +42,12 @@ def read_record(folder: Path) -> dict[str, Any]:
 def summaries(folder: Path, run: PlannedRun) -> dict[str, dict[str, Any]]:
     """Return the summaries of all attempts at a run, by folder name, in order. Raises CommandError, as above."""
     files = {name: folder / name / "summary.json" for name in attempts(folder, run)}
-    return {name: read_file(file, "complete") for name, file in files.items() if file.exists()}
+    return {name: summary_of(file.parent) for name, file in files.items() if file.exists()}
+
+
+def summary_of(run: Path) -> dict[str, Any]:
+    """Return the summary of a run, with the answers that were given later. Raises CommandError, as above."""
+    return with_later_answers(run, read_file(run / "summary.json", "complete"))
 
 
 def attempts(folder: Path, run: PlannedRun) -> list[str]:

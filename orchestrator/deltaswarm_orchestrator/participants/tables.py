@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.record import RECORD, read_file, read_record
+from deltaswarm_orchestrator.participants.again import PROBES, answers
+from deltaswarm_orchestrator.participants.record import RECORD, read_record, summary_of
 from deltaswarm_scenario.person_tables import TABLES, Column, columns_of
 
 DICTIONARY, PARTICIPANTS, RUNS = "dictionary", "participants", "runs"
@@ -87,7 +88,7 @@ def write_tables(sessions: Path, out: Path) -> list[Path]:
         _write(out / f"{RUNS}.tsv", {**KEYS, **RUN}, (run for _, run in runs)),
     ]
     for name, table in TABLES.items():
-        rows = (keys | row for folder, keys in runs for row in _rows(folder / f"{name}.csv"))
+        rows = (keys | row for folder, keys in runs for row in _rows(folder, name))
         files.append(_write(out / f"{name}.tsv", {**KEYS, **dict.fromkeys(table._fields)}, rows))
     return [*files, _write(out / f"{DICTIONARY}.tsv", dict.fromkeys(("table", "column", *_TOLD)), _dictionary())]
 
@@ -98,7 +99,7 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         for number, attempt in enumerate(run["attempts"], 1):
             place = folder / attempt["folder"]
-            summary = read_file(place / "summary.json", "complete") | {"attempt": number, "stream": run.get("stream")}
+            summary = summary_of(place) | {"attempt": number, "stream": run.get("stream")}
             values = {name: _value(summary, variable.path) for name, variable in RUN.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
 
@@ -120,8 +121,11 @@ def _value(summary: Row, path: str) -> Any:
     return int(value) if isinstance(value, bool) else value
 
 
-def _rows(file: Path) -> Iterator[dict[str, Any]]:
-    if file.exists():
+def _rows(run: Path, name: str) -> Iterator[dict[str, Any]]:
+    file = run / f"{name}.csv"
+    if file.name == PROBES:
+        yield from answers(run)
+    elif file.exists():
         with file.open(newline="", encoding="utf-8") as stream:
             yield from csv.DictReader(stream)
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base import disk, limits, provenance
 from deltaswarm_orchestrator.base.disk import RoomError
-from deltaswarm_orchestrator.base.exits import INTERRUPTED, CommandError
+from deltaswarm_orchestrator.base.exits import INTERRUPTED, OK, CommandError
 from deltaswarm_orchestrator.base.signals import Stop, decide, stoppable
 from deltaswarm_orchestrator.boards.files import commands
 from deltaswarm_orchestrator.live.foxglove_server import FoxgloveServer
@@ -155,7 +155,7 @@ class _Run:
         hint = [f"to go on from the last checkpoint: deltaswarm run --resume {path}"] if self._can_go_on(path) else []
         messages = (*summary["why"], *self.logs, *hint)
         result = RunResult(path, summary, str(self.manifest["exit_reason"]), messages)
-        decide(result.code)
+        decide(result.code, self.stop if result.code == OK else None)
         return result
 
     def _prepare_folder(self) -> None:

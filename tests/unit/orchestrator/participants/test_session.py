@@ -226,7 +226,7 @@ def test_a_run_whose_questions_lack_answers_is_named(
     monkeypatch.setattr(cli_run, "run_and_report", pretend)
     out = tmp_path / "out"
     assert main(["session", str(a_file(tmp_path)), "--participant", "1", "--out", str(out)]) == 0
-    assert ", B: 1;" in capsys.readouterr().err
+    assert ", B: 1" in capsys.readouterr().err
     runs = json.loads((out / "participant-001" / "session.json").read_text())["runs"]
     missing = {run["condition"]: run["attempts"][0]["answers_missing"] for run in runs}
     assert missing == {"training": 0, "A": 0, "B": 1, "C": 0}

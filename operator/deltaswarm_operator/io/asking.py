@@ -1,0 +1,65 @@
+"""`python -m deltaswarm_operator.io.asking`: ask the person what a finished run's questions had no answer to."""
+
+import argparse
+import contextlib
+import json
+import queue
+import signal
+import sys
+import time
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
+from deltaswarm_operator.io.page import Page
+from deltaswarm_scenario.operator_settings import Briefing
+from deltaswarm_wire import checked
+from deltaswarm_wire.command_line import Parser
+
+ADDRESS = "station.json"
+"""The file with the page's URL, as a run has it."""
+
+
+def parser() -> argparse.ArgumentParser:
+    """Make the argument parser."""
+    made = Parser(prog="python -m deltaswarm_operator.io.asking", description="Ask questions on the station's page.")
+    made.add_argument("--briefing", type=Path, required=True, metavar="FILE", help="its probes are what is asked")
+    made.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="for the answers: probes.csv")
+    made.add_argument("--listen", required=True, metavar="HOST:PORT", help="where the page is served")
+    return made
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Serve the page until all is answered or the time is over. Exit code: 1 if the page cannot be served."""
+    arguments = parser().parse_args(argv)
+    briefing = checked.load(Briefing, tomllib.loads(arguments.briefing.read_text(encoding="utf-8")))
+    console, inbox = Console(briefing), queue.SimpleQueue[bytes | None]()
+    try:
+        page = Page(arguments.listen)
+    except OSError as error:
+        print(f"deltaswarm session: {error}", file=sys.stderr)
+        return 1
+    address = arguments.out / ADDRESS
+    address.touch(mode=0o600)
+    address.write_text(json.dumps({"url": page.url}) + "\n", encoding="utf-8")
+    print(f"the page: {page.url}", file=sys.stderr)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with page:
+        server = ConsoleServer(
+            arguments.out.name, console, arguments.out, lambda _: None, lambda _: None, inbox.put, page.end
+        )
+        console.probes.end(briefing.duration_s, time.monotonic())
+        deadline = time.monotonic() + ANSWER_WITHIN_S
+        with contextlib.suppress(KeyboardInterrupt):
+            while server.is_asking and time.monotonic() < deadline:
+                server.show()
+                with contextlib.suppress(queue.Empty):
+                    server.on_intent(inbox.get(timeout=server.wait_s))
+        server.finish()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

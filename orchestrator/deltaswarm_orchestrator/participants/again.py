@@ -1,0 +1,87 @@
+"""Questions of a finished run that have no answer: which they are, asking them again, and the answers given then.
+
+Those about a moment of the run (ISA, SAGAT, SPAM) are not asked again.
+"""
+
+import csv
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from deltaswarm_orchestrator.processes.station import Station, write_briefing
+from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
+from deltaswarm_scenario.questions import AFTER
+from deltaswarm_scenario.scenario import Scenario
+from deltaswarm_wire.session import PASSWORD_VARIABLE
+
+PROBES = "probes.csv"
+Row = dict[str, str]
+
+
+def unanswered(folder: Path, scenario: Scenario) -> ProbeSettings | None:
+    """Return what to ask again after a run in this folder; None if nothing is missing."""
+    answered = {row["probe"] for row in answers(folder) if row["answered_utc"]}
+    probes = scenario.operator.probes
+    forms = tuple(replace(form, when=AFTER) for form in probes.form if form.question and form.name not in answered)
+    has_tlx = probes.tlx and TLX not in answered
+    if not has_tlx and not forms:
+        return None
+    return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
+
+
+def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:
+    """Ask on the station's page, until all is answered, the time is over or a signal ends it."""
+    number = len(_folders(folder)) + 1
+    out = folder.with_name(f"{folder.name}.again-{number}")
+    out.mkdir()
+    briefing = write_briefing(out, replace(scenario, operator=replace(scenario.operator, probes=probes)), None)
+    command = [sys.executable, "-P", "-m", "deltaswarm_operator.io.asking"]
+    options = ["--briefing", str(briefing), "--out", str(out), "--listen", station.listen]
+    subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: station.token}, check=False)
+
+
+def answers(folder: Path) -> list[Row]:
+    """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
+    later = [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    given = {(row["probe"], row["item"]) for row in later}
+    first = [row for row in _rows(folder) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
+    return [*first, *later]
+
+
+def with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
+    """Return a run's summary with the answers that were given later."""
+    later = [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    person = summary.get("person")
+    if not later or not isinstance(person, dict):
+        return summary
+    missing = (person.get("answers_missing") or 0) - len({row["probe"] for row in later})
+    changed = {**person, "answers_missing": max(0, missing)}
+    scales = {row["item"]: float(row["value"]) for row in later if row["probe"] == TLX}
+    plain = {name: value for name, value in scales.items() if not name.endswith(WEIGHT)}
+    if plain:
+        changed["tlx"] = {"raw": sum(plain.values()) / len(plain)}
+        weights = [scales[f"{name}{WEIGHT}"] for name in plain if f"{name}{WEIGHT}" in scales]
+        if len(weights) == len(plain):
+            weighted = sum(value * weight for value, weight in zip(plain.values(), weights, strict=True))
+            changed["tlx"]["weighted"] = weighted / sum(weights)
+    return {**summary, "person": changed}
+
+
+WEIGHT = " weight"
+"""What the name of a weight ends with; before it stands that of its scale."""
+
+
+def _folders(folder: Path) -> list[Path]:
+    """Return the folders with later answers, in order."""
+    return sorted(folder.parent.glob(f"{folder.name}.again-*"), key=lambda path: int(path.name.rpartition("-")[2]))
+
+
+def _rows(folder: Path) -> list[Row]:
+    file = folder / PROBES
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))

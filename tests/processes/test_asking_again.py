@@ -1,0 +1,121 @@
+"""A session asks again for answers that a run has not got, on the same page, and its tables have them."""
+
+import csv
+import json
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+from websockets.sync.client import connect
+
+from tests.support.persons import headless
+from tests.support.swarms import COMMAND, PATIENCE_S, wait_until
+
+pytestmark = pytest.mark.processes
+
+FILE = """
+schema = 1
+
+[session]
+speed = 0
+
+[session.training]
+label = "training"
+scenario = "smoke"
+set = ["run.duration_s=5", "operator.probes.isa_every_s=0"]
+
+[[session.condition]]
+label = "A"
+scenario = "smoke"
+set = ["run.duration_s=5", "operator.probes.isa_every_s=0", "operator.probes.tlx=true"]
+
+[[session.form]]
+name = "trust"
+question = [
+    { name = "reliable", text = "The swarm is reliable." },
+    { name = "why", text = "Why?", kind = "text", required = false },
+]
+"""
+SCALES = {"mental": 60, "physical": 0, "temporal": 60, "performance": 0, "effort": 60, "frustration": 0}
+
+
+class Browser:
+    """Answers what one page asks, until the page's process has gone."""
+
+    def __init__(self, address: Path, tlx: bool) -> None:
+        wait_until(lambda: address.exists() and address.read_text().endswith("\n"), str(address))
+        self.url = json.loads(address.read_text())["url"]
+        live = f"{self.url.replace('http', 'ws', 1)}live"
+        origin: Any = self.url[: self.url.index("/", 8)]
+        self.asked: list[str] = []
+        with connect(live, origin=origin, max_size=1 << 22, ping_interval=None, open_timeout=PATIENCE_S) as socket:
+            answered = None
+            while True:
+                message = json.loads(socket.recv(PATIENCE_S))
+                if message["type"] == "ended":
+                    return
+                probe = message.get("probe")
+                if probe is None or probe == answered:
+                    continue
+                if probe["kind"] == "tlx" and not tlx:
+                    return
+                answered = probe
+                self.asked.append(probe["kind"])
+                socket.send(json.dumps(self.answer(probe)))
+
+    @staticmethod
+    def answer(probe: dict[str, Any]) -> dict[str, Any]:
+        """What this person says."""
+        if probe["kind"] == "sheet":
+            return {"type": "sheet", "consent": True, "participant": "P001", "condition": CONDITION.pop(0)}
+        if probe["kind"] == "tlx":
+            return {"type": "tlx", "scales": SCALES}
+        return {"type": "form", "form": probe["form"]["name"], "answers": {"reliable": 6}}
+
+
+CONDITION: list[str] = []
+
+
+def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
+    """The person leaves before NASA-TLX; the run is kept, and the next start of the session asks what is missing."""
+    CONDITION[:] = ["0 training", "1 A"]
+    (tmp_path / "study.toml").write_text(FILE)
+    folder = tmp_path / "sessions" / "study" / "participant-001"
+    command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
+    options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **options) as session:
+        try:
+            first = Browser(folder / "0-training.part" / "station.json", tlx=True)
+            second = Browser(folder / "1-A.part" / "station.json", tlx=False)
+            session.terminate()  # so does the experimenter
+            assert session.wait(PATIENCE_S) == 130
+        finally:
+            session.kill()
+    assert (first.asked, second.asked) == (["sheet"], ["sheet"])
+    assert json.loads((folder / "1-A" / "summary.json").read_text())["complete"]
+    assert table(tmp_path, "runs")[1]["answers_missing"] == "2"
+    with subprocess.Popen(command, **options) as session:
+        try:
+            third = Browser(folder / "1-A.again-1" / "station.json", tlx=True)
+            assert session.wait(PATIENCE_S) == 0, session.stderr and session.stderr.read()
+        finally:
+            session.kill()
+    assert third.asked == ["tlx", "form"]
+    [_, run] = table(tmp_path, "runs")
+    assert (run["run"], run["answers_missing"], run["tlx_raw"]) == ("1-A", "0", "30.0")
+    given = {(row["probe"], row["item"]): row["value"] for row in table(tmp_path, "probes")}
+    assert given == {("tlx", scale): str(value) for scale, value in SCALES.items()} | {
+        ("trust", "reliable"): "6",
+        ("trust", "why"): "",
+    }
+    record = json.loads((folder / "session.json").read_text())
+    assert [run["attempts"][-1]["answers_missing"] for run in record["runs"]] == [0, 0]
+    assert subprocess.run(command, check=False, **options).returncode == 0  # nothing is left to ask
+
+
+def table(folder: Path, name: str) -> list[dict[str, str]]:
+    """The rows of a table of all participants."""
+    subprocess.run([*COMMAND, "session", "study.toml", "--table", "data"], cwd=folder, check=True, capture_output=True)
+    with (folder / "data" / f"{name}.tsv").open(newline="") as stream:
+        return list(csv.DictReader(stream, delimiter="\t"))
