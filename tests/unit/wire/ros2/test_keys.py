@@ -1,0 +1,88 @@
+"""Keys, tokens and attachments of ROS 2 on Zenoh: the examples of rmw_zenoh's design document."""
+
+import pytest
+from zenoh.ext import Int64, z_serialize
+
+from deltaswarm_wire.ros2.definitions import TWIST
+from deltaswarm_wire.ros2.keys import (
+    NODE,
+    PUBLISHER,
+    RMW_ZENOH,
+    ROS2DDS,
+    SUBSCRIPTION,
+    Attachment,
+    AttachmentError,
+    Node,
+    decode_attachment,
+    encode_attachment,
+    endpoint_token,
+    full_name,
+    gid_of,
+    is_name,
+    node_token,
+    topic_key,
+)
+
+STRING = "std_msgs/msg/String"
+HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
+LISTENER = Node(2, "aac3178e146ba6f1fc6e6a4085e77f21", "", "listener")
+
+
+@pytest.mark.parametrize(
+    ("namespace", "key"),
+    [
+        ("", f"0/chatter/std_msgs::msg::dds_::String_/{HASH}"),
+        ("/robot1", f"0/robot1/chatter/std_msgs::msg::dds_::String_/{HASH}"),
+    ],
+)
+def test_a_topics_key_has_domain_name_type_and_hash(namespace: str, key: str) -> None:
+    """As in the document's examples, without and with a namespace."""
+    assert topic_key(RMW_ZENOH, 0, full_name("chatter", namespace), STRING) == key
+
+
+def test_the_bridges_key_is_the_topics_name_alone() -> None:
+    """Whatever the domain and the type: the bridge keeps these to itself."""
+    assert topic_key(ROS2DDS, 7, full_name("cmd_vel", "/robot7"), TWIST) == "robot7/cmd_vel"
+
+
+def test_tokens_are_those_of_the_documents_listener() -> None:
+    """A node and its subscription, which keeps the last ten samples."""
+    assert node_token(LISTENER) == f"@ros2_lv/2/{LISTENER.session}/0/0/{NODE}/%/%/listener"
+    token = endpoint_token(LISTENER, 10, SUBSCRIPTION, "/chatter", STRING)
+    assert token == (
+        f"@ros2_lv/2/{LISTENER.session}/0/10/MS/%/%/listener/%chatter/std_msgs::msg::dds_::String_/{HASH}/::,10:,:,:,,"
+    )
+
+
+def test_slashes_within_a_name_become_percent_signs() -> None:
+    """In namespace and topic, so that a token always has as many parts."""
+    token = endpoint_token(LISTENER._replace(namespace="/a/robot7"), 1, PUBLISHER, "/a/robot7/cmd_vel", TWIST)
+    assert token.split("/")[7:10] == ["%a%robot7", "listener", "%a%robot7%cmd_vel"]
+
+
+def test_an_attachment_is_33_bytes_little_endian() -> None:
+    """Number, time, the length of the id, the id."""
+    attachment = Attachment(258, 0x0123_4567_89AB_CDEF, bytes(range(16)))
+    data = encode_attachment(attachment)
+    assert data.hex() == "0201000000000000" + "efcdab8967452301" + "10" + bytes(range(16)).hex()
+    assert data == z_serialize((Int64(attachment.number), Int64(attachment.time_ns), attachment.gid)).to_bytes()
+    assert decode_attachment(data) == attachment
+
+
+@pytest.mark.parametrize("data", [b"", bytes(32), bytes(33), bytes(16) + b"\x10" + bytes(17)])
+def test_other_attachments_are_errors(data: bytes) -> None:
+    """Too short or too long, or an id of another length."""
+    with pytest.raises(AttachmentError, match="33 bytes"):
+        decode_attachment(data)
+
+
+def test_an_id_belongs_to_one_token() -> None:
+    """The same each time, of 16 bytes, and another for another token."""
+    assert gid_of("a") == gid_of("a") != gid_of("b")
+    assert len(gid_of("a")) == 16
+
+
+@pytest.mark.parametrize(("text", "holds"), [("cmd_vel", True), ("/a/b2", True), ("2b", False), ("a//b", False)])
+def test_names_are_those_of_ros(text: str, holds: bool) -> None:
+    """Words of letters, digits and underscores."""
+    assert is_name(text) is holds
