@@ -31,10 +31,10 @@ class Limits:
     """Time for which a velocity must keep the vehicle inside its fence."""
     position_s: float
     """Maximum age of a position."""
-    heartbeat_s: float
+    heartbeat_s: float = math.inf
     """Maximum age of a heartbeat."""
-    needs_armed: bool
-    modes: tuple[str, ...]
+    needs_armed: bool = False
+    modes: tuple[str, ...] = ()
     """Flight modes in which the agent is in control; empty: all."""
     jump_m: float = math.inf
     """A position this much farther away than the speed limit allows is doubtful."""

@@ -16,13 +16,13 @@ import time
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
-from deltaswarm_agent.bodies.events_file import event_field
-from deltaswarm_agent.bodies.guard import STAND, Guard
+from deltaswarm_agent.bodies.guard import STAND
+from deltaswarm_agent.bodies.guarded import GuardedBody
 from deltaswarm_agent.bodies.local_frame import LocalFrame
 from deltaswarm_agent.bodies.mavlink_link import open_link, parse_device
 from deltaswarm_agent.bodies.mavlink_modes import PX4, ROVERS, SUBMARINE, mode_name
 from deltaswarm_agent.bodies.mavlink_settings import MavlinkSettings
-from deltaswarm_agent.body import BodyContext, Sensed
+from deltaswarm_agent.body import BodyContext
 
 log = logging.getLogger("deltaswarm.mavlink")
 
@@ -48,7 +48,7 @@ CLOSE_S = 1.0
 RETRY_S = 1.0
 
 
-class MavlinkBody:
+class MavlinkBody(GuardedBody):
     """One vehicle, which may appear later and disappear; meanwhile the body has a fault.
 
     Raises:
@@ -59,15 +59,9 @@ class MavlinkBody:
     REAL_TIME: ClassVar[bool] = True
 
     def __init__(self, options: MavlinkSettings, context: BodyContext) -> None:
-        agent = context.settings
+        super().__init__(options, context)
         self._options = options
         self._frame = LocalFrame(options.origin_north_m, options.origin_east_m, options.heading_deg)
-        fence = options.fence(agent.width_m, agent.height_m)
-        self._guard = Guard(options.limits(agent.step_s), fence, options.std_m)
-        self._surroundings = event_field(options.events, agent.sensing_range_m)
-        self._observed: tuple[int, ...] = ()
-        self._sensed_s = 0.0
-        self._lock = threading.Lock()
         self._closing = threading.Event()
         self._target: tuple[int, int] | None = None
         self._flies = False
@@ -80,8 +74,6 @@ class MavlinkBody:
         """Other autopilots that were heard."""
         self._boot_ms: int | None = None
         self._came_s: dict[int, float] = {}
-        self._no_link = ""
-        self._told_stalls = 0
         self._mavlink = _dialect()
         self._link = open_link(parse_device(options.device, options.baud))
         self._mav = self._parser()
@@ -90,25 +82,6 @@ class MavlinkBody:
 
     # The agent's thread
 
-    def sense(self, time_s: float) -> Sensed:
-        """Return the vehicle's newest position and the events near it."""
-        with self._lock:
-            sensed = self._guard.sensed(time.monotonic())
-        if self._no_link:
-            return sensed._replace(fault=self._no_link)
-        if sensed.fault:
-            return sensed
-        at = (sensed.x_m, sensed.y_m)
-        self._surroundings.observe(self._observed, *at, time_s, time_s - self._sensed_s)
-        self._sensed_s = time_s
-        return sensed._replace(events=self._surroundings.sensed(*at, time_s, at))
-
-    def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
-        """Pass a velocity to the guard; it reaches the vehicle within 0.1 s."""
-        self._observed = observed
-        with self._lock:
-            self._guard.command(vx_mps, vy_mps, time.monotonic())
-
     def close(self) -> None:
         """Stop the vehicle and close the link."""
         with self._lock:
@@ -116,9 +89,7 @@ class MavlinkBody:
         self._closing.set()
         self._thread.join(CLOSE_S)
         self._link.close()
-        log.info(
-            "set-points refused at the fence: %d; stalls of the agent: %d", self._guard.refused, self._guard.stalls
-        )
+        self._log_counts()
 
     # The vehicle's thread
 
@@ -272,11 +243,7 @@ class MavlinkBody:
         )
 
     def _send_set_point(self, now_s: float) -> None:
-        with self._lock:
-            velocity, stalls = self._guard.velocity(now_s), self._guard.stalls
-        if stalls > self._told_stalls:
-            self._told_stalls = stalls
-            log.warning("stall %d of the agent: the vehicle must stand", stalls)
+        velocity = self._next_velocity(now_s)
         # A set-point would end an ArduPilot's take-off; a PX4 requires them before it changes to OFFBOARD.
         if self._target is None or (self._is_grounded and not self._is_px4):
             return
