@@ -26,6 +26,7 @@ CONTROLLERS = {
 BODIES = {
     "kinematic": "deltaswarm_agent.bodies.kinematic:KinematicBody",
     "mavlink": "deltaswarm_agent.bodies.mavlink:MavlinkBody",
+    "ros2": "deltaswarm_agent.bodies.ros2.body:Ros2Body",
 }
 """The shipped bodies, by the short names that `body.kind` takes on a board. A new one is a line here."""
 

@@ -83,7 +83,7 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
         ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"a": 1}}}, "air.zenoh.a must"),
         ({"air": {"listen": ["tcp/0.0.0.0:1"], "zenoh": {"no/such": "1"}}}, "no/such=1"),
         ({"log": {"record": "mcap"}}, "log.record must"),
-        ({"body": {"kind": "kinematik"}}, "kinematic, mavlink, world, or module:Class"),
+        ({"body": {"kind": "kinematik"}}, "kinematic, mavlink, ros2, world, or module:Class"),
         ({"body": {"kind": "no_such_module:Body"}}, "ModuleNotFoundError"),
         ({"body": {"kind": "math:pi"}}, "body with Settings"),
         ({"body": {"options": {"drfit": 1}}}, "body.options.drfit"),

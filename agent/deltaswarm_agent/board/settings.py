@@ -157,7 +157,7 @@ class AirSettings:
 class BodyChoice:
     """The body, and the required quality of its position."""
 
-    kind: str = key(KINEMATIC, "world, kinematic, mavlink, another by entry point, or module:Class")
+    kind: str = key(KINEMATIC, "world, kinematic, mavlink, ros2, another by entry point, or module:Class")
     arrive_m: float = key(0.2, "tolerance for arriving at a target [m]", low=0, high=10)
     max_std_m: float = key(5.0, "largest standard deviation of a usable position [m]", above=0)
     options: dict[str, Any] = key(dict, "the body's own options")

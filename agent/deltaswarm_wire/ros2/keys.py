@@ -20,6 +20,7 @@ QOS = "::,10:,:,:,,"
 
 _TOKENS = "@ros2_lv"
 _NONE = "%"
+_TOKEN_PARTS = 13
 _ATTACHMENT = struct.Struct("<qqB16s")
 GID_BYTES = 16
 
@@ -47,6 +48,15 @@ class Node(NamedTuple):
     session: str
     namespace: str
     name: str
+
+
+class Endpoint(NamedTuple):
+    """A publisher or subscription of the ROS graph: its session's id, its kind, topic and type (as DDS names it)."""
+
+    session: str
+    kind: str
+    topic: str
+    dds_type: str
 
 
 def is_name(text: str) -> bool:
@@ -79,6 +89,19 @@ def node_token(node: Node) -> str:
 def endpoint_token(node: Node, number: int, kind: str, topic: str, message_type: str) -> str:
     """Make rmw_zenoh's liveliness token of a publisher or subscription; `number` is unique in the session."""
     return "/".join((_token(node, number, kind), _mangled(topic), dds_type(message_type), type_hash(message_type), QOS))
+
+
+def all_tokens(domain: int) -> str:
+    """Make the key expression of all tokens of a domain."""
+    return f"{_TOKENS}/{domain}/**"
+
+
+def parse_endpoint(token: str) -> Endpoint | None:
+    """Parse the token of a publisher or subscription; None for any other."""
+    parts = token.split("/")
+    if len(parts) != _TOKEN_PARTS or parts[5] not in (PUBLISHER, SUBSCRIPTION):
+        return None
+    return Endpoint(parts[2], parts[5], parts[9].replace(_NONE, "/"), parts[10])
 
 
 def _token(node: Node, number: int, kind: str) -> str:

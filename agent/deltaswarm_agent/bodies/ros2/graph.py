@@ -1,0 +1,34 @@
+"""What the ROS graph says of a robot's topics: who publishes them, who subscribes to them, as which type."""
+
+from deltaswarm_wire.ros2.keys import PUBLISHER, Endpoint, dds_type, parse_endpoint
+
+
+class Graph:
+    """The endpoints of a domain, by their liveliness tokens."""
+
+    def __init__(self) -> None:
+        self._endpoints: dict[str, Endpoint] = {}
+
+    def add(self, token: str) -> None:
+        """Take a token that has appeared."""
+        endpoint = parse_endpoint(token)
+        if endpoint is not None:
+            self._endpoints[token] = endpoint
+
+    def remove(self, token: str) -> None:
+        """Take a token that has gone."""
+        self._endpoints.pop(token, None)
+
+    def mismatch(self, session: str, kind: str, topic: str, message_type: str) -> str:
+        """Why nobody of another session matches an endpoint that expects this kind at the other end; "" if one does."""
+        types = {
+            found.dds_type
+            for found in self._endpoints.values()
+            if (found.kind, found.topic) == (kind, topic) and found.session != session
+        }
+        if dds_type(message_type) in types:
+            return ""
+        verb = "published" if kind == PUBLISHER else "subscribed to"
+        if types:
+            return f"{topic} is {verb} as {', '.join(sorted(types))} and not as {message_type}"
+        return f"{topic} is not {verb}"
