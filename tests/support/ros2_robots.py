@@ -1,9 +1,9 @@
 """Stand-in ROS 2 robots, written from the documents of ROS 2, rmw_zenoh and zenoh-plugin-ros2dds alone.
 
-`fleet(port, "/robot1", ...)` is a Zenoh router and, each with a session of its own, robots with a differential drive
-that publish `odom` at 20 Hz and follow `cmd_vel`. They share no code with deltaswarm: keys and tokens are written out
-here, messages are rosbags'. What deviates from the documents is in `Robot.complaints`: a key, a token, an attachment,
-a byte of a message, a motion that such a robot cannot do.
+`fleet(port, "/robot1", ...)` is a Zenoh router and, each with a session of its own, robots that publish `odom` at 20 Hz
+and follow `cmd_vel`; with `sim_time`, as if in a simulator, which publishes `/clock`. They share no code of messages
+and keys with deltaswarm: keys and tokens are written out here, messages are rosbags'. What deviates from the documents
+is in `Robot.complaints`: a key, a token, an attachment, a byte of a message, a motion that such a robot cannot do.
 
 The documents: rmw_zenoh's docs/design.md (keys, liveliness tokens, attachments), the plugin's README.md (keys),
 nav_msgs/Odometry, geometry_msgs/Twist and REP 103 (frames and units).
@@ -16,6 +16,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 from deltaswarm_wire.session import use_one_worker_thread
@@ -30,7 +31,39 @@ TIMEOUT_S = 0.5
 
 FASTEST_MPS, FASTEST_RADPS = 2.0, 1.5
 
-ODOMETRY, TWIST, POSE_ARRAY = "nav_msgs/msg/Odometry", "geometry_msgs/msg/Twist", "geometry_msgs/msg/PoseArray"
+ODOMETRY, CLOCK = "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock"
+TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
+POSE_ARRAY = "geometry_msgs/msg/PoseArray"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """What the robots of a fleet have in common."""
+
+    layout: str = "rmw_zenoh"
+    domain: int = 0
+    command_type: str = TWIST
+    is_holonomic: bool = False
+    sim_time: bool = False
+
+
+class Clock:
+    """The robots' time: of the machine, or of a simulator that began with 100 s and can be paused."""
+
+    def __init__(self, is_simulated: bool) -> None:
+        self.is_paused = False
+        self._simulated_ns = 100_000_000_000 if is_simulated else None
+
+    def advance(self, for_s: float) -> None:
+        """Let time pass."""
+        if self._simulated_ns is not None and not self.is_paused:
+            self._simulated_ns += round(for_s * 1e9)
+
+    def stamp(self) -> dict[str, int]:
+        """The time as ROS has it."""
+        time_ns = time.time_ns() if self._simulated_ns is None else self._simulated_ns
+        sec, nanosec = divmod(time_ns, 1_000_000_000)
+        return {"sec": sec, "nanosec": nanosec}
 
 
 def dds_name(message_type: str) -> str:
@@ -53,10 +86,10 @@ def session(mode: str, endpoint: str) -> zenoh.Session:
 class Robot:
     """One robot: a unicycle whose place and heading [m, rad] are its odometry."""
 
-    def __init__(self, name: str, port: int, layout: str, domain: int) -> None:
+    def __init__(self, name: str, port: int, kind: Kind, clock: Clock) -> None:
         self.name = name
         self.x_m, self.y_m, self.heading_rad = 0.0, 0.0, 0.0
-        self.speed_mps = self.turn_radps = 0.0
+        self.speed_mps = self.left_mps = self.turn_radps = 0.0
         self.is_blind = self.is_stuck = False
         self.frame_id = "odom"
         self.detected: list[tuple[float, float]] = []
@@ -64,8 +97,10 @@ class Robot:
         self.commands = 0
         self.complaints: list[str] = []
         self.tokens: set[str] = set()
-        self._is_rmw = layout == "rmw_zenoh"
-        self._domain = domain
+        self._kind = kind
+        self._clock = clock
+        self._is_rmw = kind.layout == "rmw_zenoh"
+        self._domain = kind.domain
         self._number = 0
         self._gids: dict[bytes, int] = {}
         self._told_s = -math.inf
@@ -78,7 +113,9 @@ class Robot:
         self._detections = self._session.declare_publisher(self._key("detections", POSE_ARRAY))
         if self._is_rmw:
             self._join_the_graph()
-        self._declared.append(self._session.declare_subscriber(self._key("cmd_vel", TWIST), self._on_command))
+        self._declared.append(
+            self._session.declare_subscriber(self._key("cmd_vel", kind.command_type), self._on_command)
+        )
 
     def _join_the_graph(self) -> None:
         """Declare its tokens, and take those that are there before the first command comes."""
@@ -86,7 +123,7 @@ class Robot:
         own = [
             f"@ros2_lv/{self._domain}/{self._zid}/0/0/NN/%/{self._mangled}/driver",
             self._token("1", "MP", "odom", ODOMETRY),
-            self._token("2", "MS", "cmd_vel", TWIST),
+            self._token("2", "MS", "cmd_vel", self._kind.command_type),
         ]
         self._declared += [liveliness.declare_token(token) for token in own]
         self._declared.append(liveliness.declare_subscriber(everything, self._on_token))
@@ -130,16 +167,27 @@ class Robot:
         self._check_attachment(None if sample.attachment is None else sample.attachment.to_bytes())
         data = sample.payload.to_bytes()
         assert data[:4] == b"\0\1\0\0", data[:4]
-        twist = bag_decoded(TWIST, data)
-        assert data == bag_encoded(TWIST, twist), "bytes that are not the message's"
+        twist = bag_decoded(self._kind.command_type, data)
+        assert data == bag_encoded(self._kind.command_type, twist), "bytes that are not the message's"
+        if self._kind.command_type == TWIST_STAMPED:
+            self._check_header(twist["header"])
+            twist = twist["twist"]
         linear, angular = twist["linear"], twist["angular"]
-        unused = (linear["y"], linear["z"], angular["x"], angular["y"])
-        assert not any(unused), f"a differential drive moves only ahead and turns only about z: {twist}"
-        assert 0.0 <= linear["x"] <= FASTEST_MPS + 1e-9, f"too fast: {twist}"
+        unused = (linear["z"], angular["x"], angular["y"])
+        assert not any(unused), f"a robot moves on the ground and turns about z: {twist}"
+        if not self._kind.is_holonomic:
+            assert linear["x"] >= 0.0, f"told to drive backwards: {twist}"
+            assert linear["y"] == 0.0, f"a differential drive moves only ahead: {twist}"
+        assert math.hypot(linear["x"], linear["y"]) <= FASTEST_MPS + 1e-9, f"too fast: {twist}"
         assert abs(angular["z"]) <= FASTEST_RADPS + 1e-9, f"turns too fast: {twist}"
         self.commands += 1
-        self.speed_mps, self.turn_radps = linear["x"], angular["z"]
+        self.speed_mps, self.left_mps, self.turn_radps = linear["x"], linear["y"], angular["z"]
         self._told_s = time.monotonic()
+
+    def _check_header(self, header: dict[str, Any]) -> None:
+        assert header["frame_id"] == "base_link", header
+        now, stamp = self._clock.stamp(), header["stamp"]
+        assert 0 <= now["sec"] - stamp["sec"] <= 10, f"a stamp of another clock: {stamp} at {now}"
 
     def _check_attachment(self, attachment: bytes | None) -> None:
         if not self._is_rmw:
@@ -154,7 +202,8 @@ class Robot:
         assert number == self._gids.get(gid, number - 1) + 1 > 0, f"number {number} after {self._gids.get(gid)}"
         self._gids[gid] = number
         assert abs(time_ns / 1e9 - time.time()) < 60.0, time_ns
-        tail = f"{self._mangled}%cmd_vel/{dds_name(TWIST)}/{STORE.hash_rihs01(TWIST)}/::,10:,:,:,,"
+        command_type = self._kind.command_type
+        tail = f"{self._mangled}%cmd_vel/{dds_name(command_type)}/{STORE.hash_rihs01(command_type)}/::,10:,:,:,,"
         publishers = [token.split("/") for token in self.tokens if "/MP/" in token and token.endswith(tail)]
         assert publishers, f"no token of a publisher of cmd_vel in {self.tokens}"
         for parts in publishers:
@@ -167,11 +216,12 @@ class Robot:
         """Move, and publish where it is."""
         with self._lock:
             if time.monotonic() - self._told_s > TIMEOUT_S:
-                self.speed_mps = self.turn_radps = 0.0
+                self.speed_mps = self.left_mps = self.turn_radps = 0.0
             if not self.is_stuck:
                 self.heading_rad += self.turn_radps * for_s
-                self.x_m += self.speed_mps * math.cos(self.heading_rad) * for_s
-                self.y_m += self.speed_mps * math.sin(self.heading_rad) * for_s
+                sine, cosine = math.sin(self.heading_rad), math.cos(self.heading_rad)
+                self.x_m += (self.speed_mps * cosine - self.left_mps * sine) * for_s
+                self.y_m += (self.speed_mps * sine + self.left_mps * cosine) * for_s
         if not self.is_blind:
             self._publish(self._odom, ODOMETRY, self.odometry())
         if self.detected:
@@ -192,8 +242,7 @@ class Robot:
         }
 
     def _header(self) -> dict[str, Any]:
-        sec, nanosec = divmod(time.time_ns(), 1_000_000_000)
-        return {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": self.frame_id}
+        return {"stamp": self._clock.stamp(), "frame_id": self.frame_id}
 
     @staticmethod
     def _pose(x_m: float, y_m: float, heading_rad: float) -> dict[str, Any]:
@@ -202,16 +251,22 @@ class Robot:
 
     def _publish(self, publisher: zenoh.Publisher, message_type: str, message: dict[str, Any]) -> None:
         self._number += 1
-        attachment = struct.pack("<qqb", self._number, time.time_ns(), 16) + self._gid if self._is_rmw else None
+        attachment = attached(self._number, self._gid) if self._is_rmw else None
         publisher.put(bag_encoded(message_type, message), attachment=attachment)
+
+
+def attached(number: int, gid: bytes) -> bytes:
+    """An attachment, as rmw_zenoh's document describes it."""
+    return struct.pack("<qqb", number, time.time_ns(), 16) + gid
 
 
 class Fleet:
     """Robots under way, in the order in which they were named."""
 
-    def __init__(self, port: int, layout: str, domain: int) -> None:
+    def __init__(self, port: int, kind: Kind) -> None:
         self.robots: list[Robot] = []
-        self._made = (port, layout, domain)
+        self.clock = Clock(kind.sim_time)
+        self._port, self._kind = port, kind
         self._is_over = threading.Event()
         self._router = session("router", f"tcp/127.0.0.1:{port}")
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -219,7 +274,7 @@ class Fleet:
 
     def add(self, name: str) -> Robot:
         """Another robot; it may have the name of one that is there."""
-        robot = Robot(name, *self._made)
+        robot = Robot(name, self._port, self._kind, self.clock)
         self.robots.append(robot)
         return robot
 
@@ -233,11 +288,16 @@ class Fleet:
         return [complaint for robot in self.robots for complaint in robot.complaints]
 
     def _run(self) -> None:
-        last_s = time.monotonic()
+        last_s, ticks = time.monotonic(), 0
         while not self._is_over.wait(PERIOD_S):
-            now_s = time.monotonic()
+            now_s, ticks = time.monotonic(), ticks + 1
+            self.clock.advance(now_s - last_s)
+            if self._kind.sim_time:
+                key = f"{self._kind.domain}/clock/{dds_name(CLOCK)}/{STORE.hash_rihs01(CLOCK)}"
+                data = bag_encoded(CLOCK, {"clock": self.clock.stamp()})
+                self._router.put(key, data, attachment=attached(ticks, bytes(15) + b"\1"))
             for robot in list(self.robots):
-                robot.go(now_s - last_s)
+                robot.go(0.0 if self.clock.is_paused else now_s - last_s)
             last_s = now_s
 
     def close(self) -> None:
@@ -250,9 +310,9 @@ class Fleet:
 
 
 @contextmanager
-def fleet(port: int, *names: str, layout: str = "rmw_zenoh", domain: int = 0) -> Iterator[Fleet]:
+def fleet(port: int, *names: str, **kind: Any) -> Iterator[Fleet]:
     """Robots, of which none is left afterwards; fails if they have complained."""
-    made = Fleet(port, layout, domain)
+    made = Fleet(port, Kind(**kind))
     try:
         for name in names:
             made.add(name)

@@ -14,13 +14,14 @@ from deltaswarm_agent.body import BodyContext
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.settings import AgentSettings
 from tests.support.fields import free_port
-from tests.support.ros2_robots import Fleet, Robot, fleet
+from tests.support.ros2_robots import TWIST_STAMPED, Fleet, Kind, Robot, fleet
 from tests.support.swarms import wait_until
 
 pytestmark = pytest.mark.processes
 
 TASK = {"step_s": 0.2, "width_m": 20.0, "height_m": 20.0, "sensing_range_m": 4.0}
 AGENT = 7
+KIND = Kind()
 
 
 @contextmanager
@@ -34,11 +35,12 @@ def a_body(port: int, **options: Any) -> Iterator[Ros2Body]:
 
 
 @contextmanager
-def driven(layout: str = "rmw_zenoh", domain: int = 0, **options: Any) -> Iterator[tuple[Ros2Body, Robot, Fleet]]:
+def driven(kind: Kind = KIND, **options: Any) -> Iterator[tuple[Ros2Body, Robot, Fleet]]:
     """A body with its robot, once it is well."""
     port = free_port()
-    same = {"layout": layout, "domain": domain}
-    with fleet(port, f"/robot{AGENT}", **same) as robots, a_body(port, **same, **options) as body:
+    options |= {"layout": kind.layout, "domain": kind.domain, "command_type": kind.command_type}
+    options |= {"use_sim_time": kind.sim_time, "drive": "holonomic" if kind.is_holonomic else "differential"}
+    with fleet(port, f"/robot{AGENT}", **vars(kind)) as robots, a_body(port, **options) as body:
         wait_until(lambda: not body.sense(0.0).fault, "a robot that is well")
         yield body, robots.robots[0], robots
 
@@ -57,10 +59,12 @@ def wait_for_fault(body: Ros2Body, text: str) -> None:
     go(body, 1.0, 0.0, lambda: text in body.sense(0.0).fault, f"the fault {text!r}")
 
 
-@pytest.mark.parametrize(("layout", "domain"), [("rmw_zenoh", 0), ("rmw_zenoh", 42), ("ros2dds", 0)])
-def test_a_robot_goes_where_the_agent_wants(layout: str, domain: int) -> None:
+@pytest.mark.parametrize(
+    "kind", [KIND, Kind(domain=42), Kind(layout="ros2dds"), Kind(command_type=TWIST_STAMPED)], ids=repr
+)
+def test_a_robot_goes_where_the_agent_wants(kind: Kind) -> None:
     """In both formats of keys, and in a domain; positions come back in the arena's frame, with their uncertainty."""
-    with driven(layout, domain, origin_x_m=-5.0, origin_y_m=-2.0) as (body, robot, _):
+    with driven(kind, origin_x_m=-5.0, origin_y_m=-2.0) as (body, robot, _):
         sensed = body.sense(0.0)
         assert sensed[:3] == pytest.approx((5.0, 2.0, 0.05))
         go(body, 0.0, 1.0, lambda: robot.y_m > 1.0, "a metre to the left")
@@ -68,6 +72,23 @@ def test_a_robot_goes_where_the_agent_wants(layout: str, domain: int) -> None:
         go(body, -30.0, 0.0, lambda: robot.speed_mps == pytest.approx(2.0, abs=0.1), "the speed limit, back")
         wait_until(lambda: robot.speed_mps == 0.0, "a stand, as the agent says nothing more")
         assert robot.commands > 10
+
+
+def test_a_holonomic_robot_moves_sideways() -> None:
+    """Without turning."""
+    with driven(Kind(is_holonomic=True)) as (body, robot, _):
+        go(body, 0.0, -1.0, lambda: robot.y_m < -0.5, "half a metre to the right")
+        assert (robot.x_m, robot.heading_rad) == pytest.approx((0.0, 0.0))
+
+
+def test_commands_are_stamped_with_the_simulators_time() -> None:
+    """A simulator that pauses, or that has not begun, is a fault."""
+    with driven(Kind(sim_time=True, command_type=TWIST_STAMPED)) as (body, robot, robots):
+        go(body, 1.0, 0.0, lambda: robot.x_m > 0.5, "half a metre ahead")
+        robots.clock.is_paused = True
+        wait_for_fault(body, "no /clock")
+        robots.clock.is_paused = False
+        go(body, 1.0, 0.0, lambda: not body.sense(0.0).fault, "the end of the pause")
 
 
 def test_a_turned_arena_turns_both_ways() -> None:
@@ -113,6 +134,13 @@ def test_two_robots_of_one_name_are_a_fault_until_one_is_gone() -> None:
         go(body, 1.0, 0.0, lambda: second.commands > 5 and robot.speed_mps == 0.0 == second.speed_mps, "a stand")
         robots.remove(second)
         go(body, 1.0, 0.0, lambda: not body.sense(0.0).fault, "its end")
+
+
+def test_two_robots_of_one_name_behind_bridges_show_by_jumps() -> None:
+    """The bridge's messages do not say who sent them."""
+    with driven(Kind(layout="ros2dds")) as (body, robot, robots):
+        robots.add(robot.name).x_m = 9.0
+        wait_for_fault(body, "jumped by 9.0 m")
 
 
 @pytest.mark.parametrize("fixed_frame", [False, True])

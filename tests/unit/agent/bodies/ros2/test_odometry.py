@@ -1,0 +1,128 @@
+"""Which odometry is believed, and what is said of any other."""
+
+import math
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from deltaswarm_agent.bodies.ros2.odometry import RESTARTED, Expected, Odometry
+from deltaswarm_agent.bodies.ros2.planar_frame import PlanarFrame, Pose, beside
+from deltaswarm_wire.ros2.cdr import decode, encode
+from deltaswarm_wire.ros2.definitions import ODOMETRY, POSE_STAMPED
+
+ONE, TWO = b"one", b"two"
+
+
+def an_odometry(**changes: Any) -> Odometry:
+    expected = {"topic": "/odom", "frame_id": "odom", "frame": PlanarFrame(), "lost_s": 1.0, "survives_restart": False}
+    return Odometry(Expected(**{**expected, **changes}))
+
+
+def a_message(at_s: float = 1.0, *, x_m: float = 1.0, frame_id: str = "odom", **pose: Any) -> dict[str, Any]:
+    """An Odometry as it is received."""
+    sec, nanosec = divmod(round(at_s * 1e9), 1_000_000_000)
+    header = {"stamp": {"sec": sec, "nanosec": nanosec}, "frame_id": frame_id}
+    posed = {"position": {"x": x_m, "y": 2.0}, "orientation": {"w": 1.0}, **pose}
+    covariance = [0.0] * 36
+    covariance[0], covariance[7] = 0.04, 0.09
+    return decode(ODOMETRY, encode(ODOMETRY, {"header": header, "pose": {"pose": posed, "covariance": covariance}}))
+
+
+def test_an_odometry_gives_pose_and_uncertainty() -> None:
+    """The uncertainty is that of the worse axis."""
+    odometry = an_odometry()
+    assert odometry.take(a_message(orientation={"z": 1.0}), ONE, 0.0)
+    assert odometry.pose == pytest.approx((1.0, 2.0, math.pi))
+    assert odometry.std_m == pytest.approx(0.3)
+    assert odometry.reason_to_stand(0.0) == ""
+
+
+def test_a_pose_stamped_gives_a_pose_alone() -> None:
+    """It has no covariance; the options say how uncertain it is."""
+    message = {"header": {"frame_id": "odom"}, "pose": {"position": {"x": 3.0}, "orientation": {"w": 1.0}}}
+    odometry = an_odometry()
+    assert odometry.take(decode(POSE_STAMPED, encode(POSE_STAMPED, message)), ONE, 0.0)
+    assert (odometry.pose, odometry.std_m) == (Pose(3.0, 0.0, 0.0), None)
+
+
+@pytest.mark.parametrize("yaw_rad", [-3.0, -1.0, 0.0, 0.5, 3.1])
+@pytest.mark.parametrize("pitch_rad", [0.0, 0.4])
+def test_the_heading_is_the_yaw(yaw_rad: float, pitch_rad: float) -> None:
+    """On a slope, too."""
+    half, tilt = yaw_rad / 2, pitch_rad / 2
+    turn = {"x": -math.sin(half) * math.sin(tilt), "y": math.cos(half) * math.sin(tilt)}
+    turn |= {"z": math.sin(half) * math.cos(tilt), "w": math.cos(half) * math.cos(tilt)}
+    odometry = an_odometry()
+    assert odometry.take(a_message(orientation=turn), ONE, 0.0)
+    assert odometry.pose is not None
+    assert odometry.pose.heading_rad == pytest.approx(yaw_rad)
+
+
+@pytest.mark.parametrize(
+    ("message", "reason"),
+    [
+        (a_message(frame_id="map"), "/odom is in the frame 'map' and not 'odom'"),
+        (a_message(x_m=math.nan), "/odom has a position that is not a number"),
+        (a_message(orientation={}), "/odom has an orientation that is no rotation: a quaternion of length 0"),
+        (a_message(orientation={"w": math.nan}), "no rotation: a quaternion of length nan"),
+    ],
+)
+def test_what_is_not_believed_is_a_reason_to_stand(message: dict[str, Any], reason: str) -> None:
+    """Until the next good message."""
+    odometry = an_odometry()
+    assert not odometry.take(message, ONE, 0.0)
+    assert odometry.pose is None
+    assert reason in odometry.reason_to_stand(0.0)
+    assert odometry.take(a_message(1.1), ONE, 0.1)
+    assert odometry.reason_to_stand(0.1) == ""
+
+
+def test_any_frame_may_be_allowed() -> None:
+    """With an empty name."""
+    assert an_odometry(frame_id="").take(a_message(frame_id="robot7/odom"), ONE, 0.0)
+
+
+def test_a_stamp_that_stands_still_gives_no_new_position() -> None:
+    """As of a driver that repeats its last estimate; a publisher without stamps is believed."""
+    odometry = an_odometry()
+    assert [odometry.take(a_message(at_s), ONE, 0.0) for at_s in (1.0, 1.0, 0.9, 1.1)] == [True, False, False, True]
+    assert [odometry.take(a_message(0.0), ONE, 0.0) for _ in range(2)] == [True, True]
+
+
+@pytest.mark.parametrize(("survives", "reason"), [(False, RESTARTED), (True, "")])
+@pytest.mark.parametrize(("gid", "at_s"), [(ONE, 1.0), (TWO, 10.0)])
+def test_a_restart_is_forgiven_only_where_the_frame_survives_it(
+    gid: bytes, at_s: float, survives: bool, reason: str
+) -> None:
+    """It shows by stamps that go back, as of a simulator that is reset, or by another publisher."""
+    odometry = an_odometry(survives_restart=survives)
+    odometry.take(a_message(9.0), ONE, 0.0)
+    assert odometry.take(a_message(at_s), gid, 5.0)
+    assert odometry.reason_to_stand(100.0) == reason
+
+
+def test_a_second_publisher_is_not_believed_while_the_first_is_heard() -> None:
+    """And says that there are two robots of one name, until it is silent."""
+    odometry = an_odometry()
+    odometry.take(a_message(1.0), ONE, 0.0)
+    assert not odometry.take(a_message(1.1, x_m=9.0), TWO, 0.1)
+    assert odometry.pose is not None
+    assert odometry.pose.x_m == 1.0
+    assert odometry.reason_to_stand(0.5) == "two robots have its name: two publishers of /odom"
+    assert odometry.take(a_message(1.2), ONE, 1.2)
+    assert odometry.reason_to_stand(1.2) == ""
+
+
+@given(*[st.floats(-100.0, 100.0)] * 4, st.floats(-360.0, 360.0))
+@settings(deadline=None, derandomize=True)
+def test_the_arena_lies_in_the_frame_where_the_options_say(
+    x_m: float, y_m: float, origin_x_m: float, origin_y_m: float, turn_deg: float
+) -> None:
+    """Walking x along the arena's first axis and y to the left of it, from its corner, leads to the pose."""
+    frame = PlanarFrame(origin_x_m, origin_y_m, turn_deg)
+    corner = Pose(origin_x_m, origin_y_m, math.radians(turn_deg))
+    there = beside(corner, x_m, y_m)
+    pose = frame.to_arena(Pose(*there, math.radians(turn_deg) + 0.5))
+    assert pose == pytest.approx((x_m, y_m, 0.5), abs=1e-6)
