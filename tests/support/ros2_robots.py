@@ -29,6 +29,9 @@ PERIOD_S = 0.05
 TIMEOUT_S = 0.5
 """Time without a command after which a robot stands, as diff_drive_controller does [s]."""
 
+TOKENS_S = 20.0
+"""A publisher's tokens may come later than its first messages, but not by this time [s]."""
+
 FASTEST_MPS, FASTEST_RADPS = 2.0, 1.5
 
 ODOMETRY, CLOCK = "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock"
@@ -104,6 +107,8 @@ class Robot:
         self._number = 0
         self._gids: dict[bytes, int] = {}
         self._told_s = -math.inf
+        self._unknown_s = 0.0
+        """Since when commands have come from a publisher without tokens [s]; 0: from one with tokens."""
         self._lock = threading.Lock()
         self._session = session("client", f"tcp/127.0.0.1:{port}")
         self._zid = str(self._session.zid())
@@ -118,7 +123,7 @@ class Robot:
         )
 
     def _join_the_graph(self) -> None:
-        """Declare its tokens, and take those that are there before the first command comes."""
+        """Declare its tokens, and take all others'."""
         liveliness, everything = self._session.liveliness(), f"@ros2_lv/{self._domain}/**"
         own = [
             f"@ros2_lv/{self._domain}/{self._zid}/0/0/NN/%/{self._mangled}/driver",
@@ -126,10 +131,7 @@ class Robot:
             self._token("2", "MS", "cmd_vel", self._kind.command_type),
         ]
         self._declared += [liveliness.declare_token(token) for token in own]
-        self._declared.append(liveliness.declare_subscriber(everything, self._on_token))
-        for reply in liveliness.get(everything):
-            if reply.ok is not None:
-                self.tokens.add(str(reply.ok.key_expr))
+        self._declared.append(liveliness.declare_subscriber(everything, self._on_token, history=True))
 
     @property
     def _mangled(self) -> str:
@@ -199,16 +201,19 @@ class Robot:
         gid = attachment[17:]
         assert length == 16
         assert any(gid)
-        assert number == self._gids.get(gid, number - 1) + 1 > 0, f"number {number} after {self._gids.get(gid)}"
+        assert number > self._gids.get(gid, 0), f"number {number} after {self._gids.get(gid)}"
         self._gids[gid] = number
         assert abs(time_ns / 1e9 - time.time()) < 60.0, time_ns
+        self._unknown_s = 0.0 if self.knows_who_commands() else self._unknown_s or time.monotonic()
+        assert not self._unknown_s or time.monotonic() - self._unknown_s < TOKENS_S, f"no tokens: {self.tokens}"
+
+    def knows_who_commands(self) -> bool:
+        """Whether a publisher of the commands has a token, and so has its node."""
         command_type = self._kind.command_type
         tail = f"{self._mangled}%cmd_vel/{dds_name(command_type)}/{STORE.hash_rihs01(command_type)}/::,10:,:,:,,"
         publishers = [token.split("/") for token in self.tokens if "/MP/" in token and token.endswith(tail)]
-        assert publishers, f"no token of a publisher of cmd_vel in {self.tokens}"
-        for parts in publishers:
-            node = "/".join((*parts[:3], parts[3], parts[3], "NN", *parts[6:9]))
-            assert node in self.tokens, f"no token of its node: {node}"
+        nodes = ["/".join((*parts[:3], parts[3], parts[3], "NN", *parts[6:9])) for parts in publishers]
+        return bool(nodes) and set(nodes) <= self.tokens
 
     # Motion
 

@@ -72,6 +72,7 @@ def test_a_robot_goes_where_the_agent_wants(kind: Kind) -> None:
         go(body, -30.0, 0.0, lambda: robot.speed_mps == pytest.approx(2.0, abs=0.1), "the speed limit, back")
         wait_until(lambda: robot.speed_mps == 0.0, "a stand, as the agent says nothing more")
         assert robot.commands > 10
+        wait_until(lambda: kind.layout == "ros2dds" or robot.knows_who_commands(), "the agent in the ROS graph")
 
 
 def test_a_holonomic_robot_moves_sideways() -> None:
