@@ -89,6 +89,12 @@ def test_an_unknown_key_hides_no_mistake_between_tables(tmp_path: Path, capsys: 
         ({"body": {"options": {"drfit": 1}}}, "body.options.drfit"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0, 0], [1, 1]]}}}, "body.options.fence_m"),
         ({"body": {"kind": "mavlink", "options": {"fence_m": [[0], [1, 1], [2, 0]]}}}, "two numbers"),
+        ({"body": {"kind": "ros2", "options": {"command": "cmd vel"}}}, "body.options.command must"),
+        ({"body": {"follower": "ros2"}}, "body.follower must be left out"),
+        (
+            {"body": {"kind": "world", "follower": "ros"}, "air": {"connect": ["tcp/127.0.0.1:1"]}},
+            "'ros'; did you mean 'ros2'?",
+        ),
         ({"body": {"kind": "world"}, "air": {"listen": ["tcp/0.0.0.0:1"]}}, "air.connect must"),
         ({"body": {"kind": "world"}, "log": {"record": "mcap", "folder": "/tmp"}}, "log.record must"),
     ],

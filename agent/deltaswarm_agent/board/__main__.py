@@ -10,12 +10,16 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
+from random import Random
+from typing import Any
 
+from deltaswarm_agent.board.following import Follower
 from deltaswarm_agent.board.logs import log_to
 from deltaswarm_agent.board.notify import Notifier
 from deltaswarm_agent.board.process import BoardRun, run_board
-from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, LogSettings, read_settings
-from deltaswarm_agent.bodies.loading import find_body, options_of
+from deltaswarm_agent.board.settings import WORLD_BODY, BoardSettings, read_settings
+from deltaswarm_agent.bodies.loading import find_body, make_body, options_of
+from deltaswarm_agent.body import BodyContext
 from deltaswarm_agent.controller import ControllerError
 from deltaswarm_agent.io.process import AgentConfig, run_agent
 from deltaswarm_wire.arguments import program
@@ -55,7 +59,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if not 1 <= run.steps <= MAX_STEP:
             raise SettingsError([Problem("--steps", str(run.steps), f"must be from 1 to {MAX_STEP}")])
         if settings.body.kind == WORLD_BODY:
-            begin = partial(run_in_world, world_config(settings), settings.log)
+            begin = partial(run_in_world, settings, follower_options(settings))
         else:
             begin = partial(run_board, run, run.check())
         if arguments.check:
@@ -120,12 +124,30 @@ def world_config(settings: BoardSettings) -> AgentConfig:
     )
 
 
-def run_in_world(config: AgentConfig, logs: LogSettings) -> int:
+def follower_options(settings: BoardSettings) -> Any:
+    """Check the options of the robot that follows the simulated body; return None without one."""
+    body = settings.body
+    if not body.follower:
+        return None
+    return options_of(find_body(body.follower, "body.follower"), body.options)
+
+
+def make_follower(settings: BoardSettings, options: Any) -> Follower | None:
+    """Make the robot that follows the simulated body, if there is one."""
+    if options is None:
+        return None
+    agent = settings.agent
+    context = BodyContext(settings.id, agent, Random(f"deltaswarm/{agent.seed}/agent/{settings.id}/body"))
+    return Follower(make_body(find_body(settings.body.follower), options, context), agent.step_s)
+
+
+def run_in_world(settings: BoardSettings, options: Any) -> int:
     """Run an agent of a world, with systemd's watchdog and the board's log; return the exit code.
 
     The world may pause indefinitely, so the watchdog reports that the process lives, not that it steps.
     """
-    log_to(logs, config.agent)
+    config = world_config(settings)
+    log_to(settings.log, settings.id)
     if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
         signal.signal(
             signal.SIGINT, signal.SIG_DFL
@@ -139,10 +161,13 @@ def run_in_world(config: AgentConfig, logs: LogSettings) -> int:
 
     if notifier.alive_every_s is not None:
         threading.Thread(target=tell, name="alive", daemon=True).start()
+    follower = make_follower(settings, options)
     try:
-        return run_agent(config, notifier.ready)
+        return run_agent(config, notifier.ready, *([follower.follow] if follower else []))
     finally:
         ended.set()
+        if follower:
+            follower.close()
         notifier.stopping()
         notifier.close()
 
@@ -162,10 +187,10 @@ def told(settings: BoardSettings) -> str:
         + (f", only agents {air.agents}" if air.agents else "")
         + (f", logs in as {settings.user}" if air.credentials_file else "")
         + (f", drops frames from beyond {air.range_m:g} m" if air.range_m else ""),
-        f"body: {body.kind}",
+        f"body: {body.kind}" + (f", followed by {body.follower}" if body.follower else ""),
     ]
-    if body.kind != WORLD_BODY:
-        options = asdict(options_of(find_body(body.kind), body.options))
+    if body.kind != WORLD_BODY or body.follower:
+        options = asdict(options_of(find_body(body.follower or body.kind), body.options))
         lines.append(f"its options: {', '.join(f'{name} = {value!r}' for name, value in options.items()) or 'none'}")
     where = f"{log.folder}, {log.backups + 1} files of {log.max_bytes} bytes" if log.folder else "standard error"
     lines.append(f"log: {where}" + (", and its frames as MCAP" if log.record != "off" else ""))

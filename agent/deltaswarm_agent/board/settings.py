@@ -160,7 +160,8 @@ class BodyChoice:
     kind: str = key(KINEMATIC, "world, kinematic, mavlink, ros2, another by entry point, or module:Class")
     arrive_m: float = key(0.2, "tolerance for arriving at a target [m]", low=0, high=10)
     max_std_m: float = key(5.0, "largest standard deviation of a usable position [m]", above=0)
-    options: dict[str, Any] = key(dict, "the body's own options")
+    follower: str = key("", "world: a body whose robot follows the simulated one, such as ros2; empty: none")
+    options: dict[str, Any] = key(dict, "the body's own options, or its follower's")
 
 
 @dataclass(frozen=True)
@@ -208,6 +209,8 @@ class BoardSettings:
                 problems.append(Problem("air.credentials_file", repr(self.air.credentials_file), str(error)))
         if self.body.kind == WORLD_BODY:
             problems += self._not_of_a_world()
+        elif self.body.follower:
+            problems.append(Problem("body.follower", repr(self.body.follower), "must be left out without a world"))
         elif self.air.agents and self.id not in self.air.numbers:
             problems.append(Problem("air.agents", repr(self.air.agents), f"must include this agent, {self.id}"))
         ca = self.air.tls.ca_file

@@ -13,7 +13,7 @@ from deltaswarm_agent.core.agent_core import AgentCore, StepOutput
 from deltaswarm_agent.io import saving
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.keys import ACT, AGENT, FRAME, RADIO, REPORT, TAKEN, WORLD, Keys
-from deltaswarm_wire.messages import decode_frame
+from deltaswarm_wire.messages import Act, Frame, decode_frame
 from deltaswarm_wire.orders import decode_save, encode_taken
 from deltaswarm_wire.session import RouterLink, client_pairs, configured, use_one_worker_thread
 from deltaswarm_wire.settings import AgentSettings
@@ -147,8 +147,14 @@ def _save(config: AgentConfig, core: AgentCore, newest: int, step: int, outbox: 
         outbox.taken(step)
 
 
-def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) -> int:
-    """Run one agent until its last frame; return the exit code. `on_ready` is called once its token is declared.
+def run_agent(
+    config: AgentConfig,
+    on_ready: Callable[[], None] = lambda: None,
+    on_step: Callable[[Frame, Act], None] = lambda frame, act: None,
+) -> int:
+    """Run one agent until its last frame; return the exit code.
+
+    `on_ready` is called once its token is declared, `on_step` after each step with what it sensed and does.
 
     Raises:
         ValueError: the controller's options have mistakes, or the user's own Zenoh settings are refused.
@@ -188,7 +194,9 @@ def run_agent(config: AgentConfig, on_ready: Callable[[], None] = lambda: None) 
             if frame.step <= newest:
                 continue
             newest = frame.step
-            outbox.send(core.step(frame))
+            output = core.step(frame)
+            outbox.send(output)
+            on_step(frame, output.act)
             if frame.last:
                 break
         watch.goodbye()

@@ -1,0 +1,96 @@
+"""A robot follows its simulated body, and its faults are its own."""
+
+import logging
+import math
+from typing import Any
+
+import pytest
+
+from deltaswarm_agent.board.following import APART_M, BESIDE_M, Follower
+from deltaswarm_agent.body import NOWHERE, Sensed
+from deltaswarm_wire.messages import FREE, Act, Frame, TreeStatus
+
+
+class Point:
+    """A body that takes each velocity at once, up to a limit."""
+
+    Settings: Any = None
+    REAL_TIME = True
+
+    def __init__(self, top_mps: float) -> None:
+        self.at = [0.0, 0.0]
+        self.fault: Any = ""
+        self.is_closed = False
+        self._top_mps = top_mps
+        self._time_s = 0.0
+        self._velocity = (0.0, 0.0)
+
+    def sense(self, time_s: float) -> Any:
+        """Move until then."""
+        if isinstance(self.fault, Exception):
+            raise self.fault
+        for_s, self._time_s = time_s - self._time_s, time_s
+        self.at = [at_m + rate * for_s for at_m, rate in zip(self.at, self._velocity, strict=True)]
+        return NOWHERE._replace(fault=self.fault) if self.fault else Sensed(*self.at, 0.1)
+
+    def move(self, vx_mps: float, vy_mps: float, observed: tuple[int, ...]) -> None:
+        """Take a velocity."""
+        share = min(1.0, self._top_mps / (math.hypot(vx_mps, vy_mps) or 1.0))
+        self._velocity = (vx_mps * share, vy_mps * share)
+
+    def close(self) -> None:
+        """End."""
+        self.is_closed = True
+
+
+def walked(follower: Follower, steps: int, step_s: float, start: int = 0) -> tuple[float, float]:
+    """Follow a body that walks at 1 m/s from (5, 3) along x; return where it is."""
+    for step in range(start, start + steps):
+        at = (5.0 + step * step_s, 3.0)
+        frame = Frame(step, step * step_s, False, *at, (), (), ())
+        follower.follow(frame, Act(step, 1.0, 0.0, (), TreeStatus(FREE), step + 1))
+    return at
+
+
+@pytest.mark.parametrize("step_s", [0.1, 1.0, 10.0])
+def test_a_robot_catches_up_and_stays_beside(step_s: float, caplog: pytest.LogCaptureFixture) -> None:
+    """However long a step is; it says so once."""
+    body = Point(top_mps=2.0)
+    follower = Follower(body, step_s)
+    with caplog.at_level(logging.INFO):
+        at = walked(follower, round(60.0 / min(step_s, 2.0)), step_s)
+    assert math.dist(body.at, at) < 0.1
+    told = [record.getMessage() for record in caplog.records]
+    assert told == ["the robot is 5.8 m from its simulated body", "the robot is beside its simulated body"]
+
+
+def test_a_robot_that_is_too_slow_is_lost(caplog: pytest.LogCaptureFixture) -> None:
+    """It says how far behind it is."""
+    body = Point(top_mps=0.5)
+    body.at = [5.0, 3.0]
+    with caplog.at_level(logging.INFO):
+        walked(Follower(body, 1.0), 20, 1.0)
+    [told] = [record.getMessage() for record in caplog.records]
+    assert told == f"the robot is {APART_M + 0.5:.1f} m from its simulated body"
+    assert BESIDE_M < APART_M
+
+
+@pytest.mark.parametrize(
+    ("fault", "text"),
+    [("no position", "no position"), (OSError("gone"), "body failed: OSError: gone")],
+)
+def test_a_fault_is_told_once_and_its_end_too(fault: Any, text: str, caplog: pytest.LogCaptureFixture) -> None:
+    """The agent is not concerned."""
+    body = Point(top_mps=2.0)
+    body.at = [5.0, 3.0]
+    follower = Follower(body, 1.0)
+    body.fault = fault
+    walked(follower, 3, 1.0)
+    assert follower.fault == text
+    body.fault = ""
+    walked(follower, 3, 1.0, start=3)
+    assert follower.fault == ""
+    told = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert told == [f"the robot is not well: {text}", "the robot is well"]
+    follower.close()
+    assert body.is_closed
