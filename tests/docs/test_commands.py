@@ -22,12 +22,13 @@ RUN_ELSEWHERE = {
     "README.md": "docs/test_readme",
     "agent/README.md": "boards/test_docs",
     "docs/CONTROLLERS.md": "docs/test_controllers",
+    "docs/ROS2.md": "docs/test_ros2",
     "docs/STATION.md": "docs/test_station",
     "docs/STUDIES.md": "docs/test_studies",
     "docs/SWEEPS.md": "docs/test_readme",
     "docs/TUTORIAL.md": "docs/test_tutorial",
 }
-"""The test that runs all commands of a page."""
+"""The test that runs all commands of a page, except those that need another machine or ROS."""
 RUN_HERE = {"CONTRIBUTING.md", "docs/EXTENDING.md", "docs/FAILURES.md", "docs/LIVE.md", "docs/RECORDING.md"}
 
 PAGES = {

@@ -1,6 +1,9 @@
 """The page about ROS 2 robots: its files, keys and bytes are those of the code."""
 
+import math
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -10,6 +13,7 @@ import pytest
 from deltaswarm_agent.board.settings import read_settings
 from deltaswarm_agent.bodies.loading import find_body, options_of
 from deltaswarm_agent.bodies.ros2.settings import Ros2Settings
+from deltaswarm_orchestrator.live.ros2_publisher import TOPICS as LIVE
 from deltaswarm_wire.ros2.cdr import encode
 from deltaswarm_wire.ros2.definitions import (
     CLOCK,
@@ -31,7 +35,10 @@ from deltaswarm_wire.ros2.keys import (
     node_token,
     topic_key,
 )
+from tests.support.fields import endpoint, free_port
 from tests.support.pages import ROOT, commands
+from tests.support.ros2_robots import fleet
+from tests.support.swarms import PATIENCE_S, wait_until
 
 PAGE = (ROOT / "docs" / "ROS2.md").read_text()
 AGENT = 7
@@ -73,6 +80,28 @@ def test_the_turtles_file_is_a_boards_file(tmp_path: Path) -> None:
     assert f"info -v {full_name(options.command, namespace)}`" in PAGE
 
 
+@pytest.mark.processes
+def test_the_turtles_file_drives_a_turtle(tmp_path: Path) -> None:
+    """The last two commands, with a stand-in turtle where turtlesim puts its own, and a free port for its router."""
+    router = free_port()
+    text = blocks("toml")[0].replace("[body.options]", f'[body.options]\nconnect = ["{endpoint(router)}"]')
+    (tmp_path / "turtle.toml").write_text(text.replace(":7450", f":{free_port()}"))
+    check, start = (line.split()[1:] for line in commands(PAGE)[-2:])
+    agent = [sys.executable, "-P", "-m", "deltaswarm_agent"]
+    done = subprocess.run([*agent, *check], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (done.returncode, "body: ros2" in done.stdout) == (0, True), done.stderr
+    with fleet(router, "/turtle1", odometry_type=POSE_STAMPED) as robots:
+        [turtle] = robots.robots
+        turtle.x_m = turtle.y_m = 5.54
+        with subprocess.Popen([*agent, *start], cwd=tmp_path, stderr=subprocess.DEVNULL) as board:
+            try:
+                wait_until(lambda: math.dist((turtle.x_m, turtle.y_m), (5.54, 5.54)) > 1.0, "a metre of its walk")
+                board.terminate()
+                assert board.wait(PATIENCE_S) == 0
+            finally:
+                board.kill()
+
+
 def test_the_followers_tables_are_of_a_boards_file() -> None:
     """Its options are those of the follower."""
     table = tomllib.loads(blocks("toml")[1])["body"]
@@ -83,9 +112,11 @@ def test_the_followers_tables_are_of_a_boards_file() -> None:
 def test_keys_and_tokens_are_those_of_the_code() -> None:
     """For agent 7 with the defaults, in both layouts."""
     node = Node(DEFAULTS.domain, "8b20917502ee955ac4476e0266340d5c", "/robot7", "deltaswarm_agent_7")
-    rmw, dds, tokens = ([line for line in block.splitlines() if line] for block in blocks("text")[:3])
+    rmw, dds, tokens, live = ([line for line in block.splitlines() if line] for block in blocks("text")[:4])
     assert rmw == [topic_key(RMW_ZENOH, DEFAULTS.domain, topic, kind) for kind, topic in TOPICS.items()]
     assert dds == [topic_key(ROS2DDS, DEFAULTS.domain, topic, kind) for kind, topic in TOPICS.items()]
+    assert live == [topic_key(RMW_ZENOH, DEFAULTS.domain, topic, kind) for kind, topic in LIVE.items()]
+    assert all(f"| `{kind}` | `{type_hash(kind)}` |" in PAGE for kind in LIVE)
     assert tokens == [
         node_token(node),
         endpoint_token(node, 1, PUBLISHER, TOPICS[TWIST], TWIST),
@@ -120,7 +151,7 @@ def test_fields_begin_where_the_page_says() -> None:
 
 def test_the_example_is_that_twist() -> None:
     """Byte for byte."""
-    assert bytes.fromhex(blocks("text")[3]) == encode(TWIST, AHEAD)
+    assert bytes.fromhex(blocks("text")[4]) == encode(TWIST, AHEAD)
 
 
 @pytest.mark.parametrize("name", Ros2Settings.__dataclass_fields__)

@@ -36,7 +36,7 @@ FASTEST_MPS, FASTEST_RADPS = 2.0, 1.5
 
 ODOMETRY, CLOCK = "nav_msgs/msg/Odometry", "rosgraph_msgs/msg/Clock"
 TWIST, TWIST_STAMPED = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
-POSE_ARRAY = "geometry_msgs/msg/PoseArray"
+POSE_STAMPED, POSE_ARRAY = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/PoseArray"
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,7 @@ class Kind:
 
     layout: str = "rmw_zenoh"
     domain: int = 0
+    odometry_type: str = ODOMETRY
     command_type: str = TWIST
     is_holonomic: bool = False
     sim_time: bool = False
@@ -114,7 +115,7 @@ class Robot:
         self._zid = str(self._session.zid())
         self._gid = bytes.fromhex(self._zid.zfill(32))
         self._declared: list[Any] = []
-        self._odom = self._session.declare_publisher(self._key("odom", ODOMETRY))
+        self._odom = self._session.declare_publisher(self._key("odom", kind.odometry_type))
         self._detections = self._session.declare_publisher(self._key("detections", POSE_ARRAY))
         if self._is_rmw:
             self._join_the_graph()
@@ -127,7 +128,7 @@ class Robot:
         liveliness, everything = self._session.liveliness(), f"@ros2_lv/{self._domain}/**"
         own = [
             f"@ros2_lv/{self._domain}/{self._zid}/0/0/NN/%/{self._mangled}/driver",
-            self._token("1", "MP", "odom", ODOMETRY),
+            self._token("1", "MP", "odom", self._kind.odometry_type),
             self._token("2", "MS", "cmd_vel", self._kind.command_type),
         ]
         self._declared += [liveliness.declare_token(token) for token in own]
@@ -228,7 +229,8 @@ class Robot:
                 self.x_m += (self.speed_mps * cosine - self.left_mps * sine) * for_s
                 self.y_m += (self.speed_mps * sine + self.left_mps * cosine) * for_s
         if not self.is_blind:
-            self._publish(self._odom, ODOMETRY, self.odometry())
+            message = self.odometry() if self._kind.odometry_type == ODOMETRY else self.pose_stamped()
+            self._publish(self._odom, self._kind.odometry_type, message)
         if self.detected:
             poses = [self._pose(x_m, y_m, 0.0) for x_m, y_m in self.detected]
             self._publish(self._detections, POSE_ARRAY, {"header": self._header(), "poses": poses})
@@ -245,6 +247,11 @@ class Robot:
             "pose": {"pose": self._pose(self.x_m, self.y_m, self.heading_rad), "covariance": covariance},
             "twist": {"twist": velocity, "covariance": [0.0] * 36},
         }
+
+    def pose_stamped(self) -> dict[str, Any]:
+        """The same without stamp and covariance, as of a node that only passes positions on."""
+        pose = self._pose(self.x_m, self.y_m, self.heading_rad)
+        return {"header": {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": self.frame_id}, "pose": pose}
 
     def _header(self) -> dict[str, Any]:
         return {"stamp": self._clock.stamp(), "frame_id": self.frame_id}

@@ -15,6 +15,8 @@ POSE_STAMPED = "geometry_msgs/msg/PoseStamped"
 POSE_ARRAY = "geometry_msgs/msg/PoseArray"
 ODOMETRY = "nav_msgs/msg/Odometry"
 CLOCK = "rosgraph_msgs/msg/Clock"
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+DIAGNOSTIC_ARRAY = "diagnostic_msgs/msg/DiagnosticArray"
 
 DEFINITIONS = MappingProxyType(
     {
@@ -34,6 +36,22 @@ DEFINITIONS = MappingProxyType(
         " geometry_msgs/TwistWithCovariance twist",
         CLOCK: "builtin_interfaces/Time clock",
         "std_msgs/msg/String": "string data",
+        "builtin_interfaces/msg/Duration": "int32 sec, uint32 nanosec",
+        "std_msgs/msg/ColorRGBA": "float32 r, float32 g, float32 b, float32 a",
+        "sensor_msgs/msg/CompressedImage": "std_msgs/Header header, string format, uint8[] data",
+        "visualization_msgs/msg/UVCoordinate": "float32 u, float32 v",
+        "visualization_msgs/msg/MeshFile": "string filename, uint8[] data",
+        "visualization_msgs/msg/Marker": "std_msgs/Header header, string ns, int32 id, int32 type, int32 action,"
+        " geometry_msgs/Pose pose, geometry_msgs/Vector3 scale, std_msgs/ColorRGBA color,"
+        " builtin_interfaces/Duration lifetime, bool frame_locked, geometry_msgs/Point[] points,"
+        " std_msgs/ColorRGBA[] colors, string texture_resource, sensor_msgs/CompressedImage texture,"
+        " visualization_msgs/UVCoordinate[] uv_coordinates, string text, string mesh_resource,"
+        " visualization_msgs/MeshFile mesh_file, bool mesh_use_embedded_materials",
+        MARKER_ARRAY: "visualization_msgs/Marker[] markers",
+        "diagnostic_msgs/msg/KeyValue": "string key, string value",
+        "diagnostic_msgs/msg/DiagnosticStatus": "byte level, string name, string message, string hardware_id,"
+        " diagnostic_msgs/KeyValue[] values",
+        DIAGNOSTIC_ARRAY: "std_msgs/Header header, diagnostic_msgs/DiagnosticStatus[] status",
     }
 )
 """Fields by type: `.msg` files without comments and default values, a comma for the end of a line."""

@@ -24,7 +24,7 @@ from deltaswarm_orchestrator.cli.arguments import (
 from deltaswarm_orchestrator.scenarios.load import BUILT_IN, DEFAULT_SCENARIO, commented_toml, load_scenario
 from deltaswarm_scenario.scenario import RECORDS, Scenario
 from deltaswarm_wire import checked
-from deltaswarm_wire.arguments import agent_numbers, listens_on, override
+from deltaswarm_wire.arguments import agent_numbers, connects_to, listens_on, override
 
 if TYPE_CHECKING:
     from deltaswarm_orchestrator.run.options import RunOptions
@@ -35,11 +35,17 @@ LIVE_PORT = 8765
 ANYWHERE = "tcp/127.0.0.1:0"
 """Any free port, reachable from this machine only."""
 
+ROS2_ROUTER = "tcp/127.0.0.1:7447"
+"""Where rmw_zenoh's router listens by default."""
+
+FOXGLOVE, ROS2 = "foxglove", "ros2"
+
 NEEDS = {
     "speed": "station",
     "station_listen": "station",
     "markers": "station",
     "live_port": "live",
+    "live_connect": "live",
     "boards_folder": "boards",
 }
 """Options, and the one without which they have no effect."""
@@ -92,15 +98,21 @@ def add_run(command: argparse.ArgumentParser) -> None:
     group = command.add_argument_group("live view")
     group.add_argument(
         "--live",
-        choices=("foxglove",),
-        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1: Foxglove, "
-        "Lichtblick from 1.22 on",
+        choices=(FOXGLOVE, ROS2),
+        help="show the truth of the run under way to viewers that speak the subprotocol foxglove.sdk.v1 (Foxglove, "
+        "Lichtblick from 1.22 on), or as messages of ROS 2 on rmw_zenoh",
     )
     group.add_argument(
         "--live-port",
         type=_port,
         metavar="PORT",
-        help=f"where --live listens on this machine (default: {LIVE_PORT}; 0: any free port)",
+        help=f"where --live foxglove listens on this machine (default: {LIVE_PORT}; 0: any free port)",
+    )
+    group.add_argument(
+        "--live-connect",
+        type=connects_to,
+        metavar="ENDPOINT",
+        help=f"the Zenoh router of the ROS side, for --live ros2 (default: {ROS2_ROUTER})",
     )
     group = command.add_argument_group("station")
     group.add_argument("--station", action="store_true", help="open a page on which a person watches and commands")
@@ -226,6 +238,9 @@ def _problem(arguments: argparse.Namespace) -> str | None:
     for name, needed in NEEDS.items():
         if name in given and needed not in given:
             return f"{_shown(name)} must be given with {_shown(needed)}, without which it has no effect"
+    for name, kind in (("live_port", FOXGLOVE), ("live_connect", ROS2)):
+        if name in given and arguments.live != kind:
+            return f"{_shown(name)} must be given with --live {kind}, without which it has no effect"
     for name, (others, why) in EXCLUDES.items():
         if name in given and (refused := [_shown(other) for other in others if other in given]):
             return f"{_shown(name)} must be given without {', '.join(refused)}: {why}"
@@ -268,7 +283,7 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
     if arguments.station:
         speed = 1.0 if arguments.speed is None else arguments.speed  # 0 is a speed
         station = Station(speed, arguments.station_listen or LOOPBACK, markers=arguments.markers or "")
-    if arguments.live:
+    if arguments.live == FOXGLOVE:
         live_port = LIVE_PORT if arguments.live_port is None else arguments.live_port
     return RunOptions(
         out,
@@ -282,4 +297,5 @@ def _options_of(arguments: argparse.Namespace, scenario: Scenario) -> "RunOption
         arguments.researcher,
         resume=arguments.resume is not None,
         live_port=live_port,
+        live_ros2=(arguments.live_connect or ROS2_ROUTER) if arguments.live == ROS2 else "",
     )

@@ -56,14 +56,23 @@ def run(scenario: Scenario, options: RunOptions, reporter: Reporter) -> RunResul
     check(scenario, options)
     with stoppable() as stop:
         try:
-            with disk.room_in(options.out), _viewer(scenario, options, reporter) as viewer:
-                return _run(scenario, options, reporter, stop, viewer)
+            with (
+                disk.room_in(options.out),
+                _viewer(scenario, options, reporter) as viewer,
+                _ros2(scenario, options, reporter) as ros2,
+            ):
+                return _run(scenario, options, reporter, stop, viewer, ros2)
         except KeyboardInterrupt:
             raise CommandError(f"{STOPPED_BY} {stop.by}", INTERRUPTED) from None
 
 
 def _run(
-    scenario: Scenario, options: RunOptions, reporter: Reporter, stop: Stop, viewer: FoxgloveServer | None
+    scenario: Scenario,
+    options: RunOptions,
+    reporter: Reporter,
+    stop: Stop,
+    viewer: FoxgloveServer | None,
+    ros2: LiveObserver | None,
 ) -> RunResult:
     if options.boards:
         options.boards.prepare(scenario)
@@ -71,9 +80,10 @@ def _run(
         resume.check_inputs(options.out, scenario)  # before the folder is touched
         with ResumedFolder(options.out) as folder:
             resume.wait_for_leftovers(folder.path)
-            return _Run(scenario, options, folder, reporter, stop, viewer, resume.newest(folder.path)).execute()
+            newest = resume.newest(folder.path)
+            return _Run(scenario, options, folder, reporter, stop, viewer, ros2, newest).execute()
     with RunFolder(options.out, force=options.force) as folder:
-        return _Run(scenario, options, folder, reporter, stop, viewer).execute()
+        return _Run(scenario, options, folder, reporter, stop, viewer, ros2).execute()
 
 
 @contextmanager
@@ -87,6 +97,19 @@ def _viewer(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iter
         yield server
 
 
+@contextmanager
+def _ros2(scenario: Scenario, options: RunOptions, reporter: Reporter) -> Iterator[LiveObserver | None]:
+    """Yield the publisher for ROS 2's tools, or None if the run has none."""
+    if not options.live_ros2:
+        yield None
+        return
+    from deltaswarm_orchestrator.live.ros2_publisher import TOPICS, Ros2Publisher  # no other run needs ROS 2's messages
+
+    with Ros2Publisher(options.live_ros2, scenario) as publisher:
+        reporter.say(f"live: {' and '.join(TOPICS.values())} in ROS 2; they show the truth")
+        yield publisher
+
+
 @dataclass(eq=False)
 class _Run:
     """One run and its outcome."""
@@ -97,6 +120,7 @@ class _Run:
     reporter: Reporter
     stop: Stop
     viewer: FoxgloveServer | None
+    ros2: LiveObserver | None
     resumed: Resumed | None = None
     outcome: Outcome | None = None
     why: list[str | Part] = field(default_factory=list)
@@ -109,7 +133,7 @@ class _Run:
     disk_is_full: bool = False
 
     def __post_init__(self) -> None:
-        self.live_observers: list[LiveObserver] = [self.viewer] if self.viewer else []
+        self.live_observers: list[LiveObserver] = [shown for shown in (self.viewer, self.ros2) if shown]
         if self.resumed:
             self.manifest = json.loads((self.folder.path / "manifest.json").read_text(encoding="utf-8"))
             self.manifest |= {"exit_reason": run_tables.RUNNING}

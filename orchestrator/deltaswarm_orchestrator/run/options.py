@@ -6,7 +6,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.base.exits import FAILED, INTERRUPTED, OK
 from deltaswarm_orchestrator.boards.files import Boards
-from deltaswarm_orchestrator.live.foxglove_server import check_installed
+from deltaswarm_orchestrator.live.foxglove_server import LiveError, check_installed
 from deltaswarm_orchestrator.processes.station import Station
 from deltaswarm_orchestrator.results.folder import check_target
 from deltaswarm_scenario.scenario import Scenario
@@ -36,6 +36,8 @@ class RunOptions:
     """Resume the interrupted run in `out` from its newest checkpoint."""
     live_port: int | None = None
     """Port on which to show the run live to Foxglove; 0: any free port; None: do not show it."""
+    live_ros2: str = ""
+    """Router of the ROS side to which the run is shown live; empty: do not show it."""
 
 
 @dataclass(frozen=True)
@@ -71,5 +73,7 @@ def check(scenario: Scenario, options: RunOptions) -> None:
         options.boards.check(scenario)
     if options.live_port is not None:
         check_installed()
+    if options.live_ros2 and scenario.record == "off":
+        raise LiveError("--live ros2 must be given without --record off, since then nothing collects the truth")
     if not options.resume:
         check_target(options.out, options.force)

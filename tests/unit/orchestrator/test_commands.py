@@ -78,6 +78,7 @@ WITH_VALUE = {
     "speed": "2",
     "station_listen": "127.0.0.1:0",
     "live_port": "0",
+    "live_connect": "tcp/127.0.0.1:7447",
     "boards_folder": "there",
     "boards": "4",
     "checkpoint": "5",

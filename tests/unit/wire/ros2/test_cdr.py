@@ -22,6 +22,10 @@ from tests.support.ros2_types import bag_decoded, bag_encoded, idl_decoded, idl_
 BASIC: Mapping[str, st.SearchStrategy[Any]] = {
     "int32": st.integers(-(2**31), 2**31 - 1),
     "uint32": st.integers(0, 2**32 - 1),
+    "uint8": st.integers(0, 255),
+    "byte": st.integers(0, 127),  # rosbags takes it as signed
+    "bool": st.booleans(),
+    "float32": st.floats(allow_nan=False, width=32),
     "float64": st.floats(allow_nan=False),
     "string": st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=9),
 }
@@ -35,7 +39,7 @@ def messages(message_type: str) -> st.SearchStrategy[Any]:
         if field.length is None:
             made[field.name] = one
         else:
-            sizes = (0, 3) if field.length == SEQUENCE else (field.length, field.length)
+            sizes = (0, 2) if field.length == SEQUENCE else (field.length, field.length)
             made[field.name] = st.lists(one, min_size=sizes[0], max_size=sizes[1]).map(tuple)
     return st.fixed_dictionaries(made)
 
