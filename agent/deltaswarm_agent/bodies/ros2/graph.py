@@ -4,15 +4,16 @@ from deltaswarm_wire.ros2.keys import PUBLISHER, Endpoint, dds_type, parse_endpo
 
 
 class Graph:
-    """The endpoints of a domain, by their liveliness tokens."""
+    """The endpoints of these topics, by their liveliness tokens. One thread may change it while another asks."""
 
-    def __init__(self) -> None:
+    def __init__(self, *topics: str) -> None:
+        self._topics = topics
         self._endpoints: dict[str, Endpoint] = {}
 
     def add(self, token: str) -> None:
         """Take a token that has appeared."""
         endpoint = parse_endpoint(token)
-        if endpoint is not None:
+        if endpoint is not None and endpoint.topic in self._topics:
             self._endpoints[token] = endpoint
 
     def remove(self, token: str) -> None:
@@ -23,7 +24,7 @@ class Graph:
         """Why nobody of another session matches an endpoint that expects this kind at the other end; "" if one does."""
         types = {
             found.dds_type
-            for found in self._endpoints.values()
+            for found in list(self._endpoints.values())
             if (found.kind, found.topic) == (kind, topic) and found.session != session
         }
         if dds_type(message_type) in types:

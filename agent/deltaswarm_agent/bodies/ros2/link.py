@@ -58,7 +58,7 @@ class Ros2Link:
         self._agent = agent
         self._command = command
         self._heard = heard
-        self._graph = Graph()
+        self._graph = Graph(command.name, *(topic.name for topic in heard))
         self._session: zenoh.Session | None = None
         self._declared: list[Any] = []
         self._publisher: zenoh.Publisher | None = None
@@ -76,7 +76,8 @@ class Ros2Link:
         if self._session is not None:
             return
         try:
-            self._declare(zenoh.open(self._config))
+            self._session = zenoh.open(self._config)
+            self._declare(self._session)
         except zenoh.ZError as error:
             raise OSError(without_sources(str(error))) from error
 
@@ -111,6 +112,7 @@ class Ros2Link:
     def close(self) -> None:
         """Leave the ROS graph."""
         session, self._session, self._publisher = self._session, None, None
+        self._declared.clear()
         if session is not None:
             session.close()
 
@@ -138,7 +140,7 @@ class Ros2Link:
                 liveliness.declare_subscriber(all_tokens(options.domain), everything, history=True),
                 *(liveliness.declare_token(text) for text in (*tokens, token)),
             ]
-        self._session, self._publisher = session, publisher
+        self._publisher = publisher
         log.info("%s publishes %s as %s", node.name, self._command.name, self._command.type)
 
     # In Zenoh's thread

@@ -9,17 +9,18 @@ TOPIC = "/robot7/cmd_vel"
 
 
 def test_a_topic_nobody_is_at_is_told() -> None:
-    """Nodes, publishers and one's own endpoints are no subscription."""
-    graph = Graph()
+    """Nodes, publishers, one's own endpoints and other topics are no subscription."""
+    graph = Graph(TOPIC)
     graph.add(node_token(ROBOT))
     graph.add(endpoint_token(ROBOT, 1, PUBLISHER, TOPIC, TWIST))
     graph.add(endpoint_token(AGENT, 1, SUBSCRIPTION, TOPIC, TWIST))
+    graph.add(endpoint_token(ROBOT, 2, SUBSCRIPTION, "/robot8/cmd_vel", TWIST))
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == "/robot7/cmd_vel is not subscribed to"
 
 
 def test_another_type_is_told_until_one_with_this_type_is_there() -> None:
     """Keys contain types, so that the two never meet."""
-    graph = Graph()
+    graph = Graph(TOPIC)
     other, same = (endpoint_token(ROBOT, 2, SUBSCRIPTION, TOPIC, name) for name in (TWIST_STAMPED, TWIST))
     graph.add(other)
     expected = (
