@@ -14,9 +14,10 @@ import math
 import struct
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import count
 from typing import Any
 
 from deltaswarm_wire.session import use_one_worker_thread
@@ -106,7 +107,8 @@ class Robot:
         self._is_rmw = kind.layout == "rmw_zenoh"
         self._domain = kind.domain
         self._number = 0
-        self._gids: dict[bytes, int] = {}
+        self.numbers: dict[bytes, int] = {}
+        """The number of the newest command of each publisher."""
         self._told_s = -math.inf
         self._unknown_s = 0.0
         """Since when commands have come from a publisher without tokens [s]; 0: from one with tokens."""
@@ -202,8 +204,8 @@ class Robot:
         gid = attachment[17:]
         assert length == 16
         assert any(gid)
-        assert number > self._gids.get(gid, 0), f"number {number} after {self._gids.get(gid)}"
-        self._gids[gid] = number
+        assert number > self.numbers.get(gid, 0), f"number {number} after {self.numbers.get(gid)}"
+        self.numbers[gid] = number
         assert abs(time_ns / 1e9 - time.time()) < 60.0, time_ns
         self._unknown_s = 0.0 if self.knows_who_commands() else self._unknown_s or time.monotonic()
         assert not self._unknown_s or time.monotonic() - self._unknown_s < TOKENS_S, f"no tokens: {self.tokens}"
@@ -294,6 +296,26 @@ class Fleet:
         """Switch a robot off."""
         self.robots.remove(robot)
         robot.close()
+
+    @contextmanager
+    def commanding(self, name: str, node: str) -> Iterator[Callable[[float], None]]:
+        """Another node that publishes a robot's commands, each a speed ahead [m/s], for Twists on rmw_zenoh's keys."""
+        with session("client", f"tcp/127.0.0.1:{self._port}") as pilot:
+            zid, topic, tail = str(pilot.zid()), f"{name}/cmd_vel", f"{dds_name(TWIST)}/{STORE.hash_rihs01(TWIST)}"
+            publisher = pilot.declare_publisher(f"{self._kind.domain}{topic}/{tail}")
+            head = f"@ros2_lv/{self._kind.domain}/{zid}/0"
+            place = f"%/{name.replace('/', '%')}/{node}"
+            tokens = (f"{head}/0/NN/{place}", f"{head}/1/MP/{place}/{topic.replace('/', '%')}/{tail}/::,10:,:,:,,")
+            declared = [pilot.liveliness().declare_token(token) for token in tokens]
+            assert len(declared) == len(tokens)
+            numbers = count(1)
+
+            def put(speed_mps: float) -> None:
+                zeros = {"x": 0.0, "y": 0.0, "z": 0.0}
+                data = bag_encoded(TWIST, {"linear": zeros | {"x": speed_mps}, "angular": zeros})
+                publisher.put(data, attachment=attached(next(numbers), bytes.fromhex(zid.zfill(32))))
+
+            yield put
 
     def complaints(self) -> list[str]:
         """What deviated from the documents."""

@@ -51,10 +51,11 @@ class Node(NamedTuple):
 
 
 class Endpoint(NamedTuple):
-    """A publisher or subscription of the ROS graph: its session's id, its kind, topic and type (as DDS names it)."""
+    """A publisher or subscription of the ROS graph: its session's id, kind, node, topic and type (as DDS names it)."""
 
     session: str
     kind: str
+    node: str
     topic: str
     dds_type: str
 
@@ -101,7 +102,8 @@ def parse_endpoint(token: str) -> Endpoint | None:
     parts = token.split("/")
     if len(parts) != _TOKEN_PARTS or parts[5] not in (PUBLISHER, SUBSCRIPTION):
         return None
-    return Endpoint(parts[2], parts[5], parts[9].replace(_NONE, "/"), parts[10])
+    namespace, topic = (parts[at].replace(_NONE, "/") for at in (7, 9))
+    return Endpoint(parts[2], parts[5], f"{namespace.rstrip('/')}/{parts[8]}", topic, parts[10])
 
 
 def _token(node: Node, number: int, kind: str) -> str:

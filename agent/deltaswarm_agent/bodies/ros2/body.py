@@ -57,14 +57,16 @@ class Ros2Body(GuardedBody):
         )
         self._clock: tuple[Mapping[str, int], float] | None = None
         """The robot's time by /clock, and when it was heard [s]."""
+        self._commanders: list[str] = []
+        """Other nodes that publish commands, to which the robot is left."""
         self._closing = threading.Event()
         heard: dict[Topic, Hear] = {self._topic: self._hear_odometry}
         if options.detections:
             heard[Topic(full_name(options.detections, namespace), POSE_ARRAY)] = self._hear_detections
         if options.use_sim_time:
             heard[Topic("/clock", CLOCK)] = self._hear_clock
-        command = Topic(full_name(options.command, namespace), options.command_type)
-        self._link = Ros2Link(options, context.agent, command, heard)
+        self._command_topic = Topic(full_name(options.command, namespace), options.command_type)
+        self._link = Ros2Link(options, context.agent, self._command_topic, heard)
         self._thread = threading.Thread(target=self._serve, name="ros2", daemon=True)
         self._thread.start()
 
@@ -106,7 +108,8 @@ class Ros2Body(GuardedBody):
                 self._link.close()
                 self._closing.wait(RETRY_S)
         try:
-            self._send(STOP)
+            if not self._commanders:
+                self._send(STOP)
         except OSError as error:
             log.warning("the robot may not have been stopped: %s", error)
         self._link.close()
@@ -117,11 +120,15 @@ class Ros2Body(GuardedBody):
 
     def _command(self) -> None:
         now_s = time.monotonic()
+        before, self._commanders = self._commanders, [] if self._options.shared else self._link.commanders()
         with self._lock:
             pose = self._odometry.pose
             self._guard.inhibit(self._reason_to_stand(now_s))
         velocity = self._next_velocity(now_s)
-        if pose is not None:
+        if self._commanders:
+            if not before:
+                self._send(STOP)  # the last command, so that the robot stands until the other one comes
+        elif pose is not None:
             self._send(self._drive.twist(velocity, pose.heading_rad))
 
     def _send(self, twist: Twist) -> None:
@@ -143,6 +150,8 @@ class Ros2Body(GuardedBody):
         is_timed = self._clock is not None and now_s - self._clock[1] <= self._options.position_s
         if self._options.use_sim_time and not is_timed:
             return NO_CLOCK
+        if self._commanders:
+            return f"{self._command_topic.name} is also published by {', '.join(self._commanders)}"
         return self._odometry.reason_to_stand(now_s)
 
     # Zenoh's thread

@@ -22,14 +22,18 @@ class Graph:
 
     def mismatch(self, session: str, kind: str, topic: str, message_type: str) -> str:
         """Why nobody of another session matches an endpoint that expects this kind at the other end; "" if one does."""
-        types = {
-            found.dds_type
-            for found in list(self._endpoints.values())
-            if (found.kind, found.topic) == (kind, topic) and found.session != session
-        }
+        types = {found.dds_type for found in self._others(session, kind, topic)}
         if dds_type(message_type) in types:
             return ""
         verb = "published" if kind == PUBLISHER else "subscribed to"
         if types:
             return f"{topic} is {verb} as {', '.join(sorted(types))} and not as {message_type}"
         return f"{topic} is not {verb}"
+
+    def nodes(self, session: str, kind: str, topic: str) -> list[str]:
+        """Return the nodes of other sessions that have an endpoint of this kind at a topic."""
+        return sorted({found.node for found in self._others(session, kind, topic)})
+
+    def _others(self, session: str, kind: str, topic: str) -> list[Endpoint]:
+        found = list(self._endpoints.values())
+        return [one for one in found if (one.kind, one.topic) == (kind, topic) and one.session != session]

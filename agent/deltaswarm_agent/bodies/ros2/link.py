@@ -109,6 +109,11 @@ class Ros2Link:
         ]
         return [text for text in found if text]
 
+    def commanders(self) -> list[str]:
+        """Return the other nodes that publish commands; nothing is known of them without rmw_zenoh."""
+        session = self._session
+        return self._graph.nodes(str(session.zid()), PUBLISHER, self._command.name) if session else []
+
     def close(self) -> None:
         """Leave the ROS graph."""
         session, self._session, self._publisher = self._session, None, None

@@ -28,6 +28,7 @@ class Ros2Settings(GuardedSettings):
     odometry_type: str = key(ODOMETRY, "type of this topic", choices=(ODOMETRY, POSE_STAMPED))
     command: str = key("cmd_vel", "topic of its commands")
     command_type: str = key(TWIST, "type of this topic", choices=(TWIST, TWIST_STAMPED))
+    shared: bool = key(False, "other nodes may publish commands, too; else the agent sends none while one is there")
     detections: str = key("", "topic of detected events, a geometry_msgs/msg/PoseArray; empty: none")
     detections_s: float = key(1.0, "time for which a detection is an event [s]", above=0, high=60)
     detections_cell_m: float = key(1.0, "events closer than this may be one [m]", low=0.01, high=1000)

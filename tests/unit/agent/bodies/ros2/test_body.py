@@ -157,6 +157,26 @@ def test_a_restart_of_the_odometry_is_a_fault_unless_its_frame_survives_it(fixed
             wait_for_fault(body, "restarted")
 
 
+@pytest.mark.parametrize("shared", [False, True])
+def test_a_pilot_takes_the_robot_by_publishing_commands(shared: bool) -> None:
+    """The agent stops it and sends nothing more, until the pilot's node is gone; unless others may command, too."""
+    with driven(shared=shared) as (body, robot, robots):
+        go(body, 1.0, 0.0, lambda: robot.speed_mps > 0.9, "speed")
+        with robots.commanding(robot.name, "teleop") as put:
+            if shared:
+                sent = robot.commands
+                go(body, 1.0, 0.0, lambda: robot.commands > sent + 10, "commands all the same")
+                assert body.sense(0.0).fault == ""
+                return
+            wait_for_fault(body, "/robot7/cmd_vel is also published by /robot7/teleop")
+            go(body, 1.0, 0.0, lambda: robot.speed_mps == 0.0, "a stand")
+            at_m, before = robot.x_m, dict(robot.numbers)
+            go(body, 1.0, 0.0, lambda: put(0.5) or robot.x_m > at_m + 0.5, "half a metre by the pilot")
+            changed = [gid for gid, number in robot.numbers.items() if number != before.get(gid)]
+            assert len(changed) == 1, "the agent says nothing"
+        go(body, 1.0, 0.0, lambda: robot.speed_mps > 0.9, "the agent's speed again")
+
+
 def test_another_frame_is_a_fault() -> None:
     """The arena's place in it is unknown."""
     with driven() as (body, robot, _):

@@ -31,3 +31,14 @@ def test_another_type_is_told_until_one_with_this_type_is_there() -> None:
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == ""
     graph.remove(same)
     assert graph.mismatch("2", SUBSCRIPTION, TOPIC, TWIST) == expected
+
+
+def test_other_publishers_are_named() -> None:
+    """With their namespaces, each once; oneself is not among them."""
+    graph = Graph(TOPIC)
+    pilot = Node(0, "3", "", "teleop")
+    for node in (AGENT, ROBOT, pilot):
+        for number in (1, 2):
+            graph.add(endpoint_token(node, number, PUBLISHER, TOPIC, TWIST))
+    assert graph.nodes("2", PUBLISHER, TOPIC) == ["/robot7/driver", "/teleop"]
+    assert graph.nodes("2", SUBSCRIPTION, TOPIC) == []
