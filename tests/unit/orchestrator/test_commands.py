@@ -81,6 +81,7 @@ WITH_VALUE = {
     "live_connect": "tcp/127.0.0.1:7447",
     "boards_folder": "there",
     "boards": "4",
+    "markers": "127.0.0.1:5000",
     "checkpoint": "5",
     "listen": "tcp/127.0.0.1:0",
     "zenoh": "mode='client'",
