@@ -35,8 +35,8 @@ class AutonomySettings:
     veto_s: float = key(10.0, "time between a proposal and the change, for a veto; 0: none [s]", low=0, high=3600)
 
     @property
-    def is_ours(self) -> bool:
-        """Whether the system commands, so that its turns are waited for."""
+    def commands(self) -> bool:
+        """Whether the system gives commands, so that the operator's turns are waited for."""
         return self.sets_delta == SYSTEM
 
     def problems(self) -> list[Problem]:

@@ -155,7 +155,7 @@ class OperatorSettings:
     @property
     def commands(self) -> bool:
         """Whether a simulated person or the system may give commands, so that the operator's turns are waited for."""
-        return self.person.commands or self.autonomy.is_ours
+        return self.person.commands or self.autonomy.commands
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,7 @@
 """Forms that a person at the station fills in: questions, which answers they take, and those about the situation."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -77,6 +78,25 @@ class FormSettings:
                 "must be questions of different names, or a text, in a named form",
             )
         ]
+
+
+SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
+"""The scales of NASA-TLX, each from 0 to 100."""
+PAIRS = 15
+"""Pairs of scales, of which a person says each time which weighs more."""
+
+
+def weight_of(scale: str) -> str:
+    """Return the name of a scale's weight, as in probes.csv."""
+    return f"{scale} weight"
+
+
+def tlx_scores(answers: Mapping[str, float]) -> dict[str, float]:
+    """Return the scores of NASA-TLX by kind, from the answers by name: raw, and weighted if there are weights."""
+    scores = {"raw": sum(answers[scale] for scale in SCALES) / len(SCALES)}
+    if weight_of(SCALES[0]) in answers:
+        scores["weighted"] = sum(answers[scale] * answers[weight_of(scale)] for scale in SCALES) / PAIRS
+    return scores
 
 
 OPEN_EVENTS, IN_TREES, TREES, MOST_EVENTS = "open_events", "agents_in_trees", "trees", "most_events"

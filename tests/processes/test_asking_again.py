@@ -43,7 +43,7 @@ SCALES = {"mental": 60, "physical": 0, "temporal": 60, "performance": 0, "effort
 class Browser:
     """Answers what one page asks, until the page's process has gone."""
 
-    def __init__(self, address: Path, tlx: bool) -> None:
+    def __init__(self, address: Path, tlx: bool, condition: str = "") -> None:
         wait_until(lambda: address.exists() and address.read_text().endswith("\n"), str(address))
         self.url = json.loads(address.read_text())["url"]
         live = f"{self.url.replace('http', 'ws', 1)}live"
@@ -62,32 +62,28 @@ class Browser:
                     return
                 answered = probe
                 self.asked.append(probe["kind"])
-                socket.send(json.dumps(self.answer(probe)))
+                socket.send(json.dumps(self.answer(probe, condition)))
 
     @staticmethod
-    def answer(probe: dict[str, Any]) -> dict[str, Any]:
+    def answer(probe: dict[str, Any], condition: str) -> dict[str, Any]:
         """What this person says."""
         if probe["kind"] == "sheet":
-            return {"type": "sheet", "consent": True, "participant": "P001", "condition": CONDITION.pop(0)}
+            return {"type": "sheet", "consent": True, "participant": "P001", "condition": condition}
         if probe["kind"] == "tlx":
             return {"type": "tlx", "scales": SCALES}
         return {"type": "form", "form": probe["form"]["name"], "answers": {"reliable": 6}}
 
 
-CONDITION: list[str] = []
-
-
 def test_what_was_not_answered_is_asked_again(tmp_path: Path) -> None:
     """The person leaves before NASA-TLX; the run is kept, and the next start of the session asks what is missing."""
-    CONDITION[:] = ["0 training", "1 A"]
     (tmp_path / "study.toml").write_text(FILE)
     folder = tmp_path / "sessions" / "study" / "participant-001"
     command = [*COMMAND, "session", "study.toml", "--quiet", "--participant", "1"]
     options: dict[str, Any] = {"cwd": tmp_path, "env": headless(), "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, **options) as session:
         try:
-            first = Browser(folder / "0-training.part" / "station.json", tlx=True)
-            second = Browser(folder / "1-A.part" / "station.json", tlx=False)
+            first = Browser(folder / "0-training.part" / "station.json", tlx=True, condition="0 training")
+            second = Browser(folder / "1-A.part" / "station.json", tlx=False, condition="1 A")
             session.terminate()  # so does the experimenter
             assert session.wait(PATIENCE_S) == 130
         finally:

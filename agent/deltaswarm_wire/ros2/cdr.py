@@ -28,7 +28,7 @@ _PADDING = 3
 
 
 class CdrError(ValueError):
-    """Bytes that are not a message of the expected type, or a message that is none."""
+    """Bytes that are not a message of the expected type, or a message that does not fit its type."""
 
 
 def encode(message_type: str, message: Mapping[str, Any]) -> bytes:

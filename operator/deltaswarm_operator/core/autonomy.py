@@ -124,6 +124,6 @@ def first_delta(briefing: Briefing) -> int | None:
 def autonomy_of(briefing: Briefing) -> Autonomy | None:
     """Make the rule by which the system sets delta, if a briefing asks for it."""
     operator, delta = briefing.operator, first_delta(briefing)
-    if not operator.autonomy.is_ours or delta is None:
+    if not operator.autonomy.commands or delta is None:
         return None
     return Autonomy(operator.autonomy, operator.threshold_hz, delta)

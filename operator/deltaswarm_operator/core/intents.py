@@ -49,11 +49,12 @@ def carry_out(console: Console, data: bytes, wall_s: float) -> list[bytes]:
 def _command(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     if console.probes.is_sheet_open:
         raise ValueError(NO_CONSENT)
-    target, offered = raw["target"], [form.name for form in console.briefing.offered]
-    if raw["name"] not in offered:
-        raise ValueError(f"the order must be one that this run offers: {', '.join(offered) or 'none'}")
-    form = named(console.briefing.forms, raw["name"])
-    if form is not None and console.is_refused(form):
+    target, offered = raw["target"], console.briefing.offered
+    form = named(offered, raw["name"])
+    if form is None:
+        names = ", ".join(form.name for form in offered)
+        raise ValueError(f"the order must be one that this run offers: {names or 'none'}")
+    if console.is_refused(form):
         raise ValueError(f"no agent carries out {form.name} in this run")
     numbers = [target[field] for field in TARGET_FIELDS.get(target["kind"], ())]
     aim = make_target([target["kind"], *numbers])

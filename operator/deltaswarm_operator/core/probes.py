@@ -15,14 +15,21 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.operator_settings import ISA, SAGAT, SPAM, TLX, ProbeSettings
 from deltaswarm_scenario.person_tables import ProbeRow
-from deltaswarm_scenario.questions import AFTER, BEFORE, SITUATION, FormSettings
+from deltaswarm_scenario.questions import (
+    AFTER,
+    BEFORE,
+    PAIRS,
+    SCALES,
+    SITUATION,
+    FormSettings,
+    tlx_scores,
+    weight_of,
+)
 from deltaswarm_wire.checked import plain
 
 SHEET, FORM = "sheet", "form"
 IN_PASSING = (ISA, SPAM)
 """Questions that do not hold the run, and whose time to answer ends."""
-SCALES = ("mental", "physical", "temporal", "performance", "effort", "frustration")
-PAIRS = 15
 
 
 class _Asked(NamedTuple):
@@ -270,11 +277,9 @@ class Probes:
             _check_table(weights, 5, "each weight must be from 0 to 5")
             if sum(weights.values()) != PAIRS:
                 raise ValueError(f"the weights must add up to {PAIRS}")
-            answers |= {f"{scale} weight": weights[scale] for scale in SCALES}
+            answers |= {weight_of(scale): weights[scale] for scale in SCALES}
         self._add(asked, answers, wall_s)
-        self._tlx = {"raw": sum(scales.values()) / len(SCALES)}
-        if self._settings.tlx_weights:
-            self._tlx["weighted"] = sum(scales[scale] * weights[scale] for scale in SCALES) / PAIRS
+        self._tlx = tlx_scores(answers)
 
     def answer_form(self, name: Any, answers: Any, wall_s: float) -> None:
         """Take a form's answers by question.

@@ -154,8 +154,7 @@ def _do_runs(
 def _ask_again(folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions]) -> None:
     """Ask for the answers that are missing after a complete run, on the same page."""
     probes = unanswered(folder, run.scenario)
-    station = options_for(run).station
-    if probes is None or station is None:
+    if probes is None or (station := options_for(run).station) is None:
         return
     asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
     notice(f"asking again after run {run.position}, {run.label}: {asked}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from deltaswarm_orchestrator.processes.station import Station, write_briefing
 from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
-from deltaswarm_scenario.questions import AFTER
+from deltaswarm_scenario.questions import AFTER, tlx_scores
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 
@@ -45,7 +45,7 @@ def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: 
 
 def answers(folder: Path) -> list[Row]:
     """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
-    later = [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    later = _later(folder)
     given = {(row["probe"], row["item"]) for row in later}
     first = [row for row in _rows(folder) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
     return [*first, *later]
@@ -53,25 +53,20 @@ def answers(folder: Path) -> list[Row]:
 
 def with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
     """Return a run's summary with the answers that were given later."""
-    later = [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    later = _later(folder)
     person = summary.get("person")
     if not later or not isinstance(person, dict):
         return summary
     missing = (person.get("answers_missing") or 0) - len({row["probe"] for row in later})
     changed = {**person, "answers_missing": max(0, missing)}
-    scales = {row["item"]: float(row["value"]) for row in later if row["probe"] == TLX}
-    plain = {name: value for name, value in scales.items() if not name.endswith(WEIGHT)}
-    if plain:
-        changed["tlx"] = {"raw": sum(plain.values()) / len(plain)}
-        weights = [scales[f"{name}{WEIGHT}"] for name in plain if f"{name}{WEIGHT}" in scales]
-        if len(weights) == len(plain):
-            weighted = sum(value * weight for value, weight in zip(plain.values(), weights, strict=True))
-            changed["tlx"]["weighted"] = weighted / sum(weights)
+    if scales := {row["item"]: float(row["value"]) for row in later if row["probe"] == TLX}:
+        changed["tlx"] = tlx_scores(scales)
     return {**summary, "person": changed}
 
 
-WEIGHT = " weight"
-"""What the name of a weight ends with; before it stands that of its scale."""
+def _later(folder: Path) -> list[Row]:
+    """Return the answers that were given after a run."""
+    return [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
 
 
 def _folders(folder: Path) -> list[Path]:

@@ -92,7 +92,7 @@ def _command_problems(scenario: Scenario) -> list[Problem]:
         wrong = f"needs a controller that accepts {SET_DELTA!r} ({scenario.control.mode} accepts: {names})"
         if operator.person.commands:
             problems.append(Problem("operator.person.policy", repr(operator.person.policy), wrong))
-        if operator.autonomy.is_ours:
+        if operator.autonomy.commands:
             problems.append(Problem("operator.autonomy.sets_delta", repr(operator.autonomy.sets_delta), wrong))
     if operator.autonomy.sets_delta == SWARM and not scenario.control.options.get("adapts_delta"):
         wrong = "needs agents that choose delta themselves: control.mode = 'adaptive', or control.adapts_delta = true"

@@ -25,7 +25,7 @@ export class AutonomyPanel {
   }
 
   veto() {
-    if (!this.where.hidden && this.app.send({ type: "veto" })) this.app.say("Your veto is sent.");
+    if (!this.where.hidden && !button("veto").hidden && this.app.send({ type: "veto" })) this.app.say("Your veto is sent.");
   }
 
   update() {
