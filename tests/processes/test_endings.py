@@ -15,7 +15,7 @@ from typing import Any, cast
 
 import pytest
 
-from deltaswarm_orchestrator.base import disk
+from deltaswarm_orchestrator.base import disk, kernel
 from deltaswarm_orchestrator.processes import launch
 from deltaswarm_orchestrator.processes.process import Part, wait_for
 from deltaswarm_orchestrator.recording.names import ACTIONS
@@ -190,10 +190,20 @@ def test_a_part_that_is_stopped_ends_as_asked(tmp_path: Path) -> None:
         assert process.wait() == -signal.SIGTERM
 
 
+def test_a_swarm_that_started_nothing_ends_no_other_child(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a container, processes of a session that began outside have session 0."""
+    monkeypatch.setattr(launch.FORK_SERVER, "_forkserver_pid", None)
+    with swarm_of("", tmp_path) as (swarm, process):
+        monkeypatch.setattr(kernel, "_processes", lambda: iter([(process.pid, os.getpid(), 0)]))
+        swarm.parts.clear()
+        swarm.end()
+        assert process.poll() is None
+        process.kill()
+
+
 @contextmanager
 def swarm_of(line: str, folder: Path) -> Iterator[tuple[launch.Swarm, subprocess.Popen[bytes]]]:
     """A swarm with one part, which runs this line and waits for signals."""
-    # Some kernels wake it from its pause when it is stopped and sent on.
     source = f"import signal\n{line}\nprint(flush=True)\nwhile True: signal.pause()"
     with subprocess.Popen([sys.executable, "-c", source], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None

@@ -36,9 +36,10 @@ def browser() -> Iterator[webdriver.Chrome]:
 
 
 DRAWN = (
-    "requestAnimationFrame(() => requestAnimationFrame(() => arguments[0](document.querySelector('#map').toDataURL())))"
+    "requestAnimationFrame(() => requestAnimationFrame("
+    "() => arguments[1](document.querySelector(arguments[0]).toDataURL())))"
 )
-"""A script that calls back with the map's picture, once it is painted."""
+"""A script that calls back with a canvas's picture, once it is painted."""
 
 
 class Page:
@@ -72,9 +73,9 @@ class Page:
         script = "return [...document.querySelectorAll(arguments[0])].map((found) => found.textContent)"
         return list(self.driver.execute_script(script, selector))  # type: ignore[no-untyped-call]
 
-    def drawn(self) -> str:
-        """The map as it is painted."""
-        return str(self.driver.execute_async_script(DRAWN))
+    def drawn(self, canvas: str = "#map") -> str:
+        """A canvas as it is painted."""
+        return str(self.driver.execute_async_script(DRAWN, canvas))
 
     def press(self, *keys: str) -> None:
         """Keys, to whatever has the focus."""

@@ -247,7 +247,8 @@ class Swarm:
             for part in wait_for(self.parts, 0):
                 part.send(signal.SIGKILL)
             wait_for(self.parts, END_WITHIN_S)
-            end_orphans(FORK_SERVER._forkserver_pid or 0)  # what a controller has started
+            if server := FORK_SERVER._forkserver_pid:  # none has started if the world could not
+                end_orphans(server)  # what a controller has started
             if any(part.exit_code == UNKNOWN for part in self.parts):
                 kill_fork_server()  # it no longer answers; it, or a caller waiting for it, would be left behind
             self._starter.close()

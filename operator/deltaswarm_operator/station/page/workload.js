@@ -124,7 +124,8 @@ export class WorkloadPanel {
     if (this.plot && (this.shown_s !== now_s || this.rows !== history.length)) {
       [this.shown_s, this.rows] = [now_s, history.length];
       this.plot.setData(this.columns());
-      const words = `Messages per second: ${number(rate_1s_hz)} in the last second, ${number(rate_60s_hz)} over a minute, from ${count(senders, "sender")}.`;
+      const until_s = history.at(-1)?.[0] ?? 0;
+      const words = `Messages per second until ${clock(until_s)}: ${number(rate_1s_hz)} in the last second, ${number(rate_60s_hz)} over a minute, from ${count(senders, "sender")}.`;
       this.where.setAttribute("aria-label", words);
     }
   }
