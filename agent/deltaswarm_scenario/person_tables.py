@@ -17,7 +17,7 @@ class Column(NamedTuple):
 Utc = Annotated[str, Column("", "the same by the wall clock, in UTC to the millisecond; empty: no person was there")]
 _MONOTONIC = "wall s"
 
-PERSON, SIMULATED, SCRIPT, SYSTEM = "person", "simulated", "script", "system"
+PERSON, SIMULATED, SCRIPT, SYSTEM, CONDUCTOR = "person", "simulated", "script", "system", "conductor"
 
 
 class OperatorAction(NamedTuple):
@@ -25,7 +25,9 @@ class OperatorAction(NamedTuple):
 
     time_s: Annotated[float, Column("s", "time of the newest closed step at the act")]
     kind: Annotated[str, Column("", "command, proposal, veto, read, pace, isa, tlx, form, note, sheet or page")]
-    by: Annotated[str, Column("", "who acted: person, simulated, script or system")] = PERSON
+    by: Annotated[str, Column("", "who acted: person, simulated, script, system or (the experiment's) conductor")] = (
+        PERSON
+    )
     utc: Utc = ""
     monotonic_s: Annotated[float | None, Column(_MONOTONIC, "time of the act")] = None
     name: Annotated[str, Column("", "the command; pause, resume, step or speed; what happened to the page")] = ""

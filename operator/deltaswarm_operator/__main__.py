@@ -62,6 +62,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--channel-fd", type=int, metavar="N", help="its end of the socket pair to the station")
     made.add_argument("--markers", default="", metavar="HOST:PORT|lsl", help="tell the person's acts there")
+    made.add_argument("--conductor-fd", type=int, metavar="N", help="the same for the conductor's page")
     made.add_argument("--low-latency", action="store_true", help="for an operator on the world's own machine")
     add_link_arguments(made)
     return made
@@ -146,7 +147,8 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
     )
     return OperatorConfig(
         briefing=briefing,
-        station=None if arguments.channel_fd is None else socket.socket(fileno=arguments.channel_fd),
+        station=_end(arguments.channel_fd),
+        conductor=_end(arguments.conductor_fd),
         run=arguments.run,
         link=link_of(arguments, OPERATOR, low_latency=arguments.low_latency),
         settings=_settings(arguments),
@@ -157,6 +159,10 @@ def _config(arguments: argparse.Namespace) -> OperatorConfig:
         checkpoint_steps=arguments.checkpoint,
         markers=arguments.markers,
     )
+
+
+def _end(descriptor: int | None) -> socket.socket | None:
+    return None if descriptor is None else socket.socket(fileno=descriptor)
 
 
 def _open_air_config(arguments: argparse.Namespace) -> OpenAirConfig:

@@ -122,9 +122,9 @@ def test_axe_finds_nothing(page: Page, state: str) -> None:
 
 
 @pytest.mark.skipif(AXE is None, reason="selenium-axe-python is not installed, which brings axe")
-@pytest.mark.parametrize("kind", ["replay", "researcher"])
+@pytest.mark.parametrize("kind", ["replay", "researcher", "conductor"])
 def test_axe_finds_nothing_on_other_pages(open_page: Callable[..., Page], kind: str) -> None:
-    """The pages of a replay and of the researcher."""
+    """The pages of a replay, of the researcher and of the conductor."""
     page = open_page(Swarm(kind))
     page.until(lambda: page.texts("#agents-list > li"))
     assert violations(page) == []

@@ -1,9 +1,10 @@
 """Who has which page: the participant, watchers, and the conductor of an experiment."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 from selenium import webdriver
+from selenium.webdriver.common.keys import Keys
 
 from tests.support.station_feed import Feed, Swarm
 from tests.support.station_page import NEEDS_BROWSER, Page
@@ -49,3 +50,55 @@ def test_a_watcher_does_not_see_what_a_question_hides(watcher: Page) -> None:
     watcher.player.swarm.probe = None
     watcher.player.show(102.0)
     watcher.until(lambda: watcher.at("map").is_displayed())
+
+
+ACT = {"time_s": 99.0, "by": "person", "kind": "page"}
+
+
+@pytest.fixture
+def conductor(open_page: Callable[..., Page]) -> Page:
+    """The conductor's page; agent 9 is silent, and one event more is there than the participant knows."""
+    page = open_page(Swarm("conductor"))
+    page.feed.send(page.player.swarm.hello(event_numbers=[[700, 1]]))
+    truth = page.player.swarm.truth(100.0)
+    events = [[700, 20.0, 25.0, 3.0], [701, 80.0, 80.0, 90.0]]
+    page.feed.send({"type": "truth", "time_s": 100.0, **truth, "events": events})
+    page.until(lambda: page.all('#agents-list [data-agent="9"]'))
+    return page
+
+
+def test_the_conductor_sees_the_truth_beside_what_the_participant_knows(conductor: Page) -> None:
+    """An event has the participant's number; one that the participant does not know has a name of its own."""
+    page = conductor
+    first, second = page.until(lambda: page.texts("#events-list > li"))
+    assert first.startswith(
+        "event 1at (20, 25) m, since 0:03. Participant: known for 80 s, reported 11 s ago by agent 6, "
+    )
+    assert second == "event u2at (80, 80) m, since 1:30. Participant: does not know of it"
+    assert page.texts('#agents-list [data-agent="9"]')[0].endswith("Participant: never heard of it")
+    page.at("layer-truth").click()
+    page.until(lambda: not page.all('#agents-list [data-agent="9"]'))
+    assert len(page.texts("#events-list > li")) == 5
+
+
+def test_the_conductor_sees_what_the_participant_does(conductor: Page) -> None:
+    """What is selected, asked and done, as it happens; the conductor may pause and write notes, and does not answer."""
+    page = conductor
+    before = page.drawn()
+    page.feed.send({"type": "act", "act": {**ACT, "name": "selected", "text": "agent 7"}})
+    page.until(lambda: page.text("role").endswith("Participant: selected agent 7"))
+    page.until(lambda: page.drawn() != before)
+    page.feed.send({"type": "act", "act": {"time_s": 99.0, "kind": "isa", "by": "person", "value": 4}})
+    page.at("tab-acts").click()
+    page.until(lambda: page.texts("#acts-list > li") == ["1:39isa4"])
+    page.player.swarm.probe = {"kind": "tlx"}
+    page.player.show(101.0)
+    page.until(lambda: page.text("role").endswith("is asked: NASA-TLX"))
+    assert not page.at("tlx").is_displayed()
+    assert not page.at("command-form").is_displayed()
+    page.at("pause").click()
+    assert page.asked("pace") == {"type": "pace", "paused": True}
+    page.press("n")
+    page.press("looks tired", Keys.TAB, Keys.ENTER)
+    assert page.asked("note")["text"] == "looks tired"
+    assert {intent["type"] for intent in page.player.intents} <= {"page"}

@@ -23,13 +23,13 @@ CONSENT = "operator.probes.consent=Yes"
 class Person:
     """Sees the pictures of a run's station, and gives it intents."""
 
-    def __init__(self, swarm: RunningSwarm) -> None:
+    def __init__(self, swarm: RunningSwarm, page: str = "url") -> None:
         file = swarm.part / "station.json"
         self._is_over = lambda: swarm.process.poll() is not None
         found = wait_until(lambda: self._is_over() or (file.exists() and file.read_text().endswith("\n")), "the page")
         assert found
         assert not self._is_over(), swarm.process.communicate()
-        self.url = urlsplit(json.loads(file.read_text())["url"])
+        self.url = urlsplit(json.loads(file.read_text())[page])
         self._stack = ExitStack()
         self._browsers = [self._stack.enter_context(self._browser()) for _ in range(HANDS)]
         self._told = 0

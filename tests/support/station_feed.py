@@ -1,6 +1,6 @@
 """A feed for the station: a small scripted swarm, and an operator who answers what browsers ask.
 
-`python -m tests.support.station_feed [live|replay|researcher]` plays it, to look at the page.
+`python -m tests.support.station_feed [live|replay|researcher|conductor]` plays it, to look at the page.
 """
 
 import contextlib
@@ -159,10 +159,16 @@ class Swarm:
         if self.kind == "replay":
             picture["replay"] = {"from_s": 0, "to_s": 600, "speed": self.speed, "paused": self.paused}
         if self.kind == "researcher":
-            agents = [[*row[:6], row[8]] for row in self.agent_rows(time_s)]
-            picture["truth"] = {"agents": agents, "events": [row[:4] for row in self.event_rows(time_s)]}
+            picture["truth"] = self.truth(time_s)
             picture |= {"agents": [], "events": [], "inbox": []}
         return picture | changes
+
+    def truth(self, time_s: float) -> Message:
+        """What no operator knows, here all that was reported and whoever is silent."""
+        silent, self.silent = self.silent, ()
+        agents = [[*row[:6], row[8]] for row in self.agent_rows(time_s)]
+        self.silent = silent
+        return {"agents": agents, "events": [row[:4] for row in self.event_rows(time_s)]}
 
     def answer(self, intent: Message, time_s: float) -> list[Message]:
         """What an operator says to an intent."""

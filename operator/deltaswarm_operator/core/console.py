@@ -14,6 +14,7 @@ from typing import Any
 from deltaswarm_operator.core.attention import Attention
 from deltaswarm_operator.core.autonomy import Autonomy, autonomy_of
 from deltaswarm_operator.core.command_log import CommandLog
+from deltaswarm_operator.core.mirror import Mirror
 from deltaswarm_operator.core.picture import Item, Picture, item_row
 from deltaswarm_operator.core.probes import Probes
 from deltaswarm_operator.core.simulated_operator import Read, SimulatedOperator, person_of
@@ -24,7 +25,8 @@ from deltaswarm_wire.checked import plain
 from deltaswarm_wire.commands import AGENT, TREE, CommandForm, Pace, Target, Turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
-LIVE = "live"
+LIVE, CONDUCTOR_KIND = "live", "conductor"
+NUMBERS_SHOWN = 1000
 SPEEDS = (1, 2, 5, 10, 20, 50, 0)
 INBOX_SHOWN, INBOX_CAUGHT_UP = 20, 1000
 HISTORY_ROWS = 600
@@ -58,6 +60,7 @@ class Console:
         self.pace = Pace(briefing.speed, -1)
         self.actions: deque[OperatorAction] = deque()
         """Acts not yet written down."""
+        self.mirror = Mirror()
         self.briefing = briefing
         self.in_air = in_air
         self._first_step = 1 if in_air else FIRST_STEP
@@ -275,6 +278,7 @@ class Console:
             thresholds_hz=self._thresholds,
             commands=[self._offer(form) for form in briefing.offered],
             sets_delta=briefing.operator.autonomy.sets_delta,
+            event_numbers=list(self.picture.event_numbers.items())[-NUMBERS_SHOWN:] if kind == CONDUCTOR_KIND else (),
             speeds=speeds if not self.in_air and (page.pace or kind != LIVE) else (),
             layers=page.layers,
             end_text=page.end_text,

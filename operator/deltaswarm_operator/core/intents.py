@@ -11,7 +11,7 @@ from typing import Any
 from deltaswarm_operator.core.console import INBOX_CAUGHT_UP, Console, compact, item_rows
 from deltaswarm_operator.core.probes import FORM
 from deltaswarm_scenario.operator_settings import ISA, TLX
-from deltaswarm_scenario.person_tables import PERSON
+from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_wire.commands import make_target, named
 
 MAX_NOTE, MAX_PAGE_TEXT, MAX_CODE = 2000, 200, 64
@@ -24,22 +24,30 @@ TARGET_FIELDS = {
     "agent": ("agent",),
     "place": ("x_m", "y_m"),
 }
+CONDUCTS = frozenset({"pace", "note", "catch_up"})
+"""What the conductor of an experiment may do; only the participant commands and answers."""
+
 Raw = Mapping[str, Any]
 
 
-def carry_out(console: Console, data: bytes, wall_s: float) -> list[bytes]:
-    """Carry out an intent of the station, if it is one; return the answers."""
+def carry_out(console: Console, data: bytes, wall_s: float, by: str = PERSON) -> list[bytes]:
+    """Carry out an intent of the participant or the conductor, if it is one; return the answers.
+
+    An answer without `to` is for every page.
+    """
     try:
         raw = json.loads(data)
     except ValueError:
         raw = None
     kind = raw.get("type") if isinstance(raw, dict) else None
     act = INTENTS.get(kind) if isinstance(kind, str) else None
-    if act is None:
+    if act is None or (by == CONDUCTOR and kind == "page"):
         return []
     page = raw.get("from")
-    at = {"monotonic_s": wall_s, "page": page if type(page) is int else None}
+    at = {"by": by, "monotonic_s": wall_s, "page": page if type(page) is int else None}
     try:
+        if by == CONDUCTOR and kind not in CONDUCTS:
+            raise ValueError("the conductor may pause and write notes; the participant does all else")
         return [compact(**answer) for answer in act(console, raw, at)]
     except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
         why = str(error) if isinstance(error, ValueError) else f"{kind}: something is missing or wrong"
@@ -58,14 +66,14 @@ def _command(console: Console, raw: Raw, at: Raw) -> list[Raw]:
         raise ValueError(f"no agent carries out {form.name} in this run")
     numbers = [target[field] for field in TARGET_FIELDS.get(target["kind"], ())]
     aim = make_target([target["kind"], *numbers])
-    number = console.command(PERSON, raw["name"], aim, raw.get("arguments", {}), **at)
+    number = console.command(name=raw["name"], target=aim, arguments=raw.get("arguments", {}), **at)
     return [{"type": "accepted", "to": at["page"], "id": str(raw.get("id", ""))[:MAX_CODE], "number": number}]
 
 
 def _pace(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     if console.in_air:
         raise ValueError("in open air the pace cannot be set")
-    if not console.briefing.operator.page.pace:
+    if at["by"] == PERSON and not console.briefing.operator.page.pace:
         raise ValueError("in this run the pace cannot be set")
     if console.probes.holds_run and "speed" not in raw:
         raise ValueError(
@@ -88,14 +96,14 @@ def _pace(console: Console, raw: Raw, at: Raw) -> list[Raw]:
         name = "pause" if raw["paused"] else "resume"
         pace = console.pace._replace(hold_step=console.step + 1 if raw["paused"] else console.next_hold_step)
     console.set_pace(pace, at["monotonic_s"])
-    console.note(PERSON, "pace", name=name, value=value, **at)
+    console.note(kind="pace", name=name, value=value, **at)
     return []
 
 
 def _veto(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     if console.autonomy is None:
         raise ValueError("in this run the system does not set delta")
-    console.note(PERSON, "veto", value=console.autonomy.veto(), **at)
+    console.note(kind="veto", value=console.autonomy.veto(), **at)
     return []
 
 
@@ -106,37 +114,37 @@ def _read(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     if fresh:
         if console.attention is not None:
             console.attention.read(picture, fresh, at["monotonic_s"])
-        console.note(PERSON, "read", items=" ".join(map(str, fresh)), **at)
+        console.note(kind="read", items=" ".join(map(str, fresh)), **at)
     return [{"type": "read", "items": fresh}]
 
 
 def _isa(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     console.probes.answer_isa(raw["number"], raw["answer"], at["monotonic_s"])
-    console.note(PERSON, ISA, value=raw["answer"], **at)
+    console.note(kind=ISA, value=raw["answer"], **at)
     return []
 
 
 def _tlx(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     console.probes.answer_tlx(raw["scales"], raw.get("weights"), at["monotonic_s"])
-    console.note(PERSON, TLX, **at)
+    console.note(kind=TLX, **at)
     return []
 
 
 def _form(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     console.probes.answer_form(raw["form"], raw["answers"], at["monotonic_s"])
-    console.note(PERSON, FORM, name=raw["form"], **at)
+    console.note(kind=FORM, name=raw["form"], **at)
     console.go_on(at["monotonic_s"])
     return []
 
 
 def _note(console: Console, raw: Raw, at: Raw) -> list[Raw]:
-    console.note(PERSON, "note", text=str(raw["text"])[:MAX_NOTE], **at)
+    console.note(kind="note", text=str(raw["text"])[:MAX_NOTE], **at)
     return []
 
 
 def _page(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     name, text = str(raw["event"])[:MAX_PAGE_TEXT], str(raw.get("text", ""))[:MAX_PAGE_TEXT]
-    console.note(PERSON, "page", name=name, text=text, **at)
+    console.note(kind="page", name=name, text=text, **at)
     return []
 
 
@@ -151,7 +159,7 @@ def _sheet(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     console.probes.take_sheet(at["monotonic_s"])
     if probes.consent:
         given["consent_sha256"] = sha256(probes.consent.encode()).hexdigest()
-    console.note(PERSON, "sheet", text="; ".join(f"{name}={value}" for name, value in given.items()), **at)
+    console.note(kind="sheet", text="; ".join(f"{name}={value}" for name, value in given.items()), **at)
     console.go_on(at["monotonic_s"])
     return []
 
@@ -160,7 +168,8 @@ def _catch_up(console: Console, raw: Raw, at: Raw) -> list[Raw]:
     newest = console.picture.inbox[-INBOX_CAUGHT_UP:]
     read = [item.number for item in newest if item.number not in console.picture.unread]
     history = list(console.history)
-    return [{"type": "catch_up", "to": at["page"], "inbox": item_rows(newest), "read": read, "history": history}]
+    answer = {"type": "catch_up", "to": at["page"], "inbox": item_rows(newest), "read": read, "history": history}
+    return [{**answer, "acts": list(console.mirror.acts)} if at["by"] == CONDUCTOR else answer]
 
 
 INTENTS: Mapping[str, Callable[[Console, Raw, Raw], list[Raw]]] = {

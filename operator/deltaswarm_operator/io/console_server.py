@@ -8,13 +8,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_operator.core.console import Console
+from deltaswarm_operator.core.console import CONDUCTOR_KIND, Console, compact
 from deltaswarm_operator.core.intents import carry_out
 from deltaswarm_operator.io.action_log import ActionLog
 from deltaswarm_operator.io.channel import Channel
 from deltaswarm_operator.io.markers import Markers
 from deltaswarm_scenario.downlink import FIRST_STEP
-from deltaswarm_scenario.person_tables import OperatorAction
+from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON, OperatorAction
 from deltaswarm_wire.commands import Pace, Turn, decode_turn, encode_turn
 from deltaswarm_wire.operator_messages import Clock, Report, Workload
 
@@ -37,6 +37,7 @@ class ConsoleServer:
         send_turn, send_pace: send to the world, or on the air.
         on_intent: called in the channel's thread; the main thread must then pass the intent to `on_intent`.
         end: the operator's end of the socket pair, if there is a station.
+        conductor: the operator's end of the socket pair to the conductor's page, if there is one.
         step, saved: resume after this step from the `state` of a killed operator.
         markers: where acts and questions are told as they happen.
     """
@@ -51,6 +52,7 @@ class ConsoleServer:
         on_intent: Callable[[bytes | None], None],
         end: socket.socket | None,
         *,
+        conductor: Channel | None = None,
         is_awaited: bool = False,
         step: int = -1,
         saved: str | None = None,
@@ -62,6 +64,7 @@ class ConsoleServer:
         self._run = run
         self._send_turn, self._send_pace = send_turn, send_pace
         self._channel = None if end is None else Channel(end, on_intent)
+        self._conductor = conductor
         if self._channel is not None:
             console.attend()
         self._pace = self.console.pace
@@ -107,14 +110,14 @@ class ConsoleServer:
             self._show_due = 0.0
         self.show()
 
-    def on_intent(self, intent: bytes | None) -> bool:
-        """Carry out an intent of the station; return whether to save `state` before `show` shows the result.
+    def on_intent(self, intent: bytes | None, by: str = PERSON) -> bool:
+        """Carry out an intent of the participant or the conductor; return whether to save `state` before `show`.
 
         It must be saved if anything was written down, or else the operator that replaces a killed one cuts it off.
         None: the station has gone, and the run continues without it.
         """
         console, channel = self.console, self._channel
-        if channel is None:
+        if channel is None or (intent is None and by == CONDUCTOR):
             return False
         if intent is None:
             self._channel = None
@@ -122,8 +125,11 @@ class ConsoleServer:
             if console.pace.hold_step >= 0:  # nobody could resume the run
                 console.pace = console.pace._replace(hold_step=-1)
         else:
-            for answer in carry_out(console, intent, time.monotonic()):
-                channel.send(answer)
+            for answer in carry_out(console, intent, time.monotonic(), by):
+                if by == PERSON:
+                    channel.send(answer)
+                if self._conductor is not None and (by == CONDUCTOR or "to" not in json.loads(answer)):
+                    self._conductor.send(answer)
         if not self.is_awaited and (turn := console.turn()).commands:
             self._send_turn(turn)
         has_news = self._write() or console.pace != self._pace
@@ -145,11 +151,18 @@ class ConsoleServer:
         if now >= self._hello_due:
             self._hello_due = now + HELLO_EVERY_S
             self._channel.send(self.console.hello(self._run))
-        self._channel.send(self.console.show(now))
+            if self._conductor is not None:
+                self._conductor.send(self.console.hello(self._run, CONDUCTOR_KIND))
+        picture = self.console.show(now)
+        for channel in filter(None, (self._channel, self._conductor)):
+            channel.send(picture)
 
     def _write(self) -> bool:
-        """Write down new acts and answers, and mark them; return whether there are any."""
+        """Write down new acts and answers, mark them, and tell the conductor; return whether there are any."""
         rows = self._tables.write(self.console)
+        if self._conductor is not None:
+            for act in self.console.mirror.take(rows):
+                self._conductor.send(compact(type="act", act=act))
         while self.console.probes.opened:
             asked = self.console.probes.opened.popleft()
             self._mark(asked.asked_monotonic_s, {"kind": "question", "time_s": asked.asked_s, **asked._asdict()})

@@ -14,10 +14,12 @@ from typing import Any, cast
 
 from deltaswarm_operator.core.console import Console
 from deltaswarm_operator.core.workload import WorkloadMeter
+from deltaswarm_operator.io.channel import Channel
 from deltaswarm_operator.io.console_server import ANSWER_WITHIN_S, ConsoleServer
 from deltaswarm_operator.io.files import Output
 from deltaswarm_operator.io.markers import markers_to
 from deltaswarm_scenario.operator_settings import Briefing, OperatorSettings
+from deltaswarm_scenario.person_tables import CONDUCTOR, PERSON
 from deltaswarm_wire.checkpoint import is_due
 from deltaswarm_wire.codec import WireError
 from deltaswarm_wire.commands import encode_pace, encode_turn
@@ -61,6 +63,8 @@ class OperatorConfig:
     """The operator's end of the socket pair, if there is a station."""
     markers: str = ""
     """HOST:PORT or `lsl`: where the person's acts and questions are told as they happen; empty: nowhere."""
+    conductor: socket.socket | None = None
+    """The same for the page of the experiment's conductor."""
 
 
 class ItemKind(Enum):
@@ -71,7 +75,12 @@ class ItemKind(Enum):
     LISTENER = "listener"
     WORLD_GONE = "world gone"
     INTENT = "intent"
+    CONDUCT = "conduct"
     STOP = "stop"
+
+
+BY = {ItemKind.INTENT: PERSON, ItemKind.CONDUCT: CONDUCTOR}
+"""Whose intents these are."""
 
 
 class End(Enum):
@@ -123,6 +132,9 @@ class OperatorProcess:
                 lambda pace: paces.put(encode_pace(pace)),
                 lambda intent: inbox.put((ItemKind.INTENT, intent)),
                 config.station,
+                conductor=None
+                if config.conductor is None
+                else Channel(config.conductor, lambda intent: inbox.put((ItemKind.CONDUCT, intent))),
                 is_awaited=config.briefing.is_awaited,
                 step=self.meter.step,
                 saved=output.console,
@@ -199,9 +211,9 @@ class OperatorProcess:
                     return End.LAST_CLOCK
             elif arrival is ItemKind.LISTENER:
                 self._declare_ready()
-            elif arrival is ItemKind.INTENT:
+            elif arrival in BY:
                 if self._console is not None:
-                    if self._console.on_intent(sample) and self.meter.step >= 0:
+                    if self._console.on_intent(sample, BY[arrival]) and self.meter.step >= 0:
                         self._output.save(self.meter.state(), self._console.state())
                     self._console.show()
             else:
@@ -259,8 +271,8 @@ class OperatorProcess:
             except queue.Empty:
                 console.show()
                 continue
-            if arrival is ItemKind.INTENT:
-                console.on_intent(sample)
+            if arrival in BY:
+                console.on_intent(sample, BY[arrival])
                 console.show()
             elif arrival is ItemKind.STOP:
                 break

@@ -50,7 +50,8 @@ LINGER_S = 5.0
 
 ENDED = '{"type":"ended"}'
 WATCHES = '{"type":"role","role":"watch"}'
-PICTURE = b'{"type":"picture"'
+NEWEST_ONLY = (b'{"type":"picture"', b'{"type":"truth"')
+"""Beginnings of messages of which each replaces the one before. Only the conductor's station is sent the truth."""
 
 PAGE = Path(__file__).parent / "page"
 MIME_TYPES = {
@@ -108,7 +109,8 @@ class Station:
         self._browsers: dict[int, Visitor] = {}
         self._newest_browser = 0
         self._hello: str | None = None
-        self._picture: str | None = None
+        self._newest: dict[bytes, str] = {}
+        """The newest message with each of these beginnings."""
         self._has_ended = False
         self._stop = asyncio.Event()
         self._buffer = memoryview(bytearray(MAX_DATAGRAM_BYTES))
@@ -153,7 +155,7 @@ class Station:
 
     def _hear_feed(self) -> None:
         """Take the waiting datagrams; show only the newest picture."""
-        picture = None
+        newest: dict[bytes, bytes] = {}
         for _ in range(MAX_DATAGRAMS_AT_ONCE):
             try:
                 datagram = bytes(self._buffer[: self._feed.recv_into(self._buffer)])
@@ -164,14 +166,14 @@ class Station:
             if not datagram:
                 self._end()
                 break
-            if datagram.startswith(PICTURE):
-                picture = datagram
-            else:
+            begin = next(filter(datagram.startswith, NEWEST_ONLY), None)
+            if begin is None:
                 self._pass_on(datagram)
-        if picture is not None:
-            self._picture = picture.decode(errors="replace")
-            browsers = self._browsers.values()
-            broadcast([browser for browser in browsers if browser.waiting_bytes < SLOW_BYTES], self._picture)
+            else:
+                newest[begin] = datagram
+        for begin, shown in newest.items():
+            self._newest[begin] = text = shown.decode(errors="replace")
+            broadcast([browser for browser in self._browsers.values() if browser.waiting_bytes < SLOW_BYTES], text)
 
     def _pass_on(self, datagram: bytes) -> None:
         """Forward a message other than a picture to the browser that it names, else to all."""
@@ -237,7 +239,7 @@ class Station:
         for text in (
             WATCHES if connection.role == rules.WATCH else None,
             self._hello,
-            self._picture,
+            *self._newest.values(),
             ENDED if self._has_ended else None,
         ):
             if text is not None:

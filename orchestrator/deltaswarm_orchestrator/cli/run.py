@@ -130,7 +130,9 @@ def add_run(command: argparse.ArgumentParser) -> None:
     )
     add_markers(group)
     group.add_argument(
-        "--researcher", action="store_true", help="also serve a page that shows the truth, at another address"
+        "--researcher",
+        action="store_true",
+        help="also serve the conductor's page, which shows the truth, at another address",
     )
     group = command.add_argument_group("boards")
     group.add_argument(

@@ -57,7 +57,9 @@ def add_session(command: argparse.ArgumentParser) -> None:
         help="where the page is served, without encryption (default: this machine alone, any free port)",
     )
     add_markers(command)
-    command.add_argument("--researcher", action="store_true", help="also serve a page that shows the truth")
+    command.add_argument(
+        "--researcher", action="store_true", help="also serve the conductor's page, which shows the truth"
+    )
     add_dry_run(command, "the runs, in the order of the file as long as the session has not begun")
     command.add_argument("--plan", action="store_true", help="the same as --dry-run")
     add_quiet(command)

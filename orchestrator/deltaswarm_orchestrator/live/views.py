@@ -120,13 +120,12 @@ def _truth(truth: Truth) -> dict[str, Any]:
 class ViewStream:
     """The feed of one reader: `hello` first, then a picture whenever there is room."""
 
-    def __init__(self, end: socket.socket, greeting: bytes) -> None:
-        end.setblocking(False)
+    def __init__(self, end: socket.socket, greeting: bytes | None) -> None:
         with suppress(OSError):
             end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM_BYTES)
         self.is_closed = False
         self._end = end
-        self._greeting: bytes | None = greeting
+        self._greeting = greeting
 
     def show(self, shown: bytes) -> None:
         """Send a picture, or drop it."""
@@ -139,7 +138,7 @@ class ViewStream:
     def send(self, data: bytes) -> bool:
         """Send a datagram; False if it was dropped."""
         try:
-            self._end.send(data)
+            self._end.send(data, socket.MSG_DONTWAIT)  # another process may use this end, and block at it
         except BlockingIOError:
             return False
         except OSError as error:
@@ -150,7 +149,7 @@ class ViewStream:
     def received(self) -> bytes | None:
         """Return the next datagram from the other end; None if there is none."""
         try:
-            data = self._end.recv(MAX_INTENT_BYTES)
+            data = self._end.recv(MAX_INTENT_BYTES, socket.MSG_DONTWAIT)
         except BlockingIOError:
             return None
         except OSError:
@@ -167,17 +166,31 @@ class ViewStream:
 class ResearcherFeed:
     """A `LiveObserver` that feeds a station's process with the truth, for the researcher's page.
 
-    The station holds the other end of the pair of SOCK_SEQPACKET sockets.
+    The station holds the other end of the pair of SOCK_SEQPACKET sockets. With `is_beside_operator`, the operator uses
+    this end too, greets the page, answers it and mirrors the participant's: then only the truth comes from here.
     """
 
-    def __init__(self, end: socket.socket, run: str, scenario: Scenario, paced: Paced | None = None) -> None:
-        self._reader = ViewStream(end, hello(run, scenario))
+    def __init__(
+        self,
+        end: socket.socket,
+        run: str,
+        scenario: Scenario,
+        paced: Paced | None = None,
+        *,
+        is_beside_operator: bool = False,
+    ) -> None:
+        self._is_beside_operator = is_beside_operator
+        self._reader = ViewStream(end, None if is_beside_operator else hello(run, scenario))
         self._paced = paced or Paced()
         self._history: deque[HistoryRow] = deque(maxlen=HISTORY_ROWS)
 
     def look(self, seen: Seen) -> None:
         """Send the newest picture, and answer the page's intents."""
         if self._reader.is_closed or not self._paced.is_due():
+            return
+        if self._is_beside_operator:
+            if (truth := seen.newest_truth) is not None:
+                self._reader.show(orjson.dumps({"type": "truth", "time_s": truth.time_s, **_truth(truth)}))
             return
         if (counted := seen.newest_workload) and (not self._history or counted.time_s - self._history[-1][0] >= 1.0):
             self._history.append((counted.time_s, counted.rate_1s_hz, counted.rate_60s_hz))

@@ -39,15 +39,15 @@ def main(
     lifeline: Connection,
     ready: Connection | None,
     in_background: bool,
-    channel: socket.socket | None = None,
+    channels: Mapping[str, socket.socket],
 ) -> None:
     """Run `module.main(argv)` with its own log, and never outlive the orchestrator.
 
     `lifeline` is the reading end of a pipe that only the orchestrator can write to: it closes when the orchestrator
-    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channel` is the part's end of the
-    socket pair between operator and station; its file descriptor is appended to `argv`. `in_background` keeps a process
-    that a message wakes from preempting another: the world hands out all frames of a step before the agents take the
-    cores, which saves a third of the context switches.
+    ends, even by kill -9. `ready` is the pipe of `say_ready`, if there is one. `channels` are the part's ends of socket
+    pairs between operator and pages, by the options that are appended to `argv` with their file descriptors.
+    `in_background` keeps a process that a message wakes from preempting another: the world hands out all frames of a
+    step before the agents take the cores, which saves a third of the context switches.
     """
     if in_background and hasattr(os, "SCHED_BATCH"):
         os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
@@ -65,7 +65,8 @@ def main(
     if ready is not None:
         os.environ[READY_VARIABLE] = str(os.dup(ready.fileno()))
         ready.close()
-    argv = argv if channel is None else [*argv, "--channel-fd", str(channel.detach())]
+    for option, channel in channels.items():
+        argv = [*argv, option, str(channel.detach())]
     try:
         threading.Thread(target=_follow, args=(lifeline,), daemon=True).start()
         code = importlib.import_module(module).main(argv)

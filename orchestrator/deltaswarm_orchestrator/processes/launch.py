@@ -50,6 +50,8 @@ class Swarm:
     resumed: Resumed | None = None
     station: Station | None = None
     """The page of the person who watches and commands."""
+    conductor: Station | None = None
+    """The page of the experiment's conductor, to which the operator mirrors the person's."""
 
     def __post_init__(self) -> None:
         self.endpoint = ""
@@ -128,8 +130,9 @@ class Swarm:
             "--briefing": write_briefing(self.folder, scenario, station) if has_briefing else None,
             **self._link_options,
         }
-        channel = station.operators_end if station else None
-        self._starter.start(OPERATOR, 0, options, password=self.password(OPERATOR), channel=channel)
+        ends = {"--channel-fd": station, "--conductor-fd": self.conductor}
+        channels = {option: page.operators_end for option, page in ends.items() if page is not None}
+        self._starter.start(OPERATOR, 0, options, password=self.password(OPERATOR), channels=channels)
 
     def start_station(self, station: Station | None = None, number: int = 0) -> str:
         """Start or restart the process of a page; return the page's URL.
@@ -147,7 +150,7 @@ class Swarm:
         self._pages.add(station)
         options = {"--listen": station.listen, "--watchers": number == 0}
         urls = self._starter.start_and_read(
-            STATION, number, options, password=station.token, channel=station.stations_end
+            STATION, number, options, password=station.token, channels={"--channel-fd": station.stations_end}
         )
         url, station.watch_url = urls.split() if number == 0 else (urls, "")
         station.listen = urlsplit(url).netloc  # a restarted station keeps its address

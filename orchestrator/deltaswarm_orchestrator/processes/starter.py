@@ -35,6 +35,8 @@ PRELOADED = [
 Options = Mapping[str, object]
 """Options of a command line: True is a flag, a list repeats its option, None and False leave it out."""
 
+NO_CHANNELS: Mapping[str, socket.socket] = {}
+
 END_WITHIN_S = 5.0
 PYTHON_S = 8.0
 """Time that a process may take to import its modules, on top of its start timeout [s]."""
@@ -82,9 +84,9 @@ class Starter:
         *,
         password: str = "",
         ready: Connection | None = None,
-        channel: socket.socket | None = None,
+        channels: Mapping[str, socket.socket] = NO_CHANNELS,
     ) -> Part:
-        """Start a part with its password, if it has one, and its end of the channel between operator and station.
+        """Start a part with its password, if it has one, and its ends of channels between operator and pages.
 
         Its output goes to the log; `ready` is the pipe on which it says that it is ready, if that is awaited.
 
@@ -95,7 +97,7 @@ class Starter:
         environment, argv = {PASSWORD_VARIABLE: password} if password else {}, _command_line(options)
         process = self._context.Process(
             target=entry_point.main,
-            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channel),
+            args=(MODULES[role], argv, environment, log_file, self._lifeline, ready, role != WORLD, channels),
             name=f"deltaswarm-{role}-{number}",
             daemon=True,
         )
@@ -110,7 +112,13 @@ class Starter:
         return part
 
     def start_and_read(
-        self, role: str, number: int, options: Options, *, password: str = "", channel: socket.socket | None = None
+        self,
+        role: str,
+        number: int,
+        options: Options,
+        *,
+        password: str = "",
+        channels: Mapping[str, socket.socket] = NO_CHANNELS,
     ) -> str:
         """Start a part that says where it listens once it is ready; return that line.
 
@@ -119,7 +127,7 @@ class Starter:
             StoppedError: the user asked to stop.
         """
         reader, writer = multiprocessing.Pipe(duplex=False)
-        part = self.start(role, number, options, password=password, ready=writer, channel=channel)
+        part = self.start(role, number, options, password=password, ready=writer, channels=channels)
         writer.close()
         text = b""
         deadline = time.monotonic() + self._timeout_s + PYTHON_S

@@ -5,6 +5,7 @@ import os
 import secrets
 import socket
 import webbrowser
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -73,13 +74,13 @@ def write_briefing(folder: Path, scenario: Scenario, station: Station | None) ->
     return file
 
 
-def announce(folder: Path, url: str, watch_url: str, *, opens_browser: bool) -> None:
-    """Write the page's addresses into the run folder, readable by this user alone; maybe open it in a browser."""
+def announce(folder: Path, urls: Mapping[str, str], *, opens_browser: bool) -> None:
+    """Write the pages' addresses into the run folder, readable by this user alone; maybe open `url` in a browser."""
     file = folder / ADDRESS
     file.touch(mode=0o600)
-    file.write_text(json.dumps({"url": url, "watch_url": watch_url}) + "\n", encoding="utf-8")
+    file.write_text(json.dumps(urls) + "\n", encoding="utf-8")
     if opens_browser:
-        open_browser(url)
+        open_browser(urls["url"])
 
 
 def open_browser(url: str) -> None:

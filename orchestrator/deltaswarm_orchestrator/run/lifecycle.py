@@ -281,16 +281,20 @@ class _Run:
             resumed=resumed,
             station=station,
         ) as swarm:
+            urls = {}
             if station:
-                url = swarm.start_station()
-                self.reporter.say(f"station: {url}")
+                urls = {"url": swarm.start_station(), "watch_url": station.watch_url}
+                self.reporter.say(f"station: {urls['url']}")
                 self.reporter.say(f"only to watch it: {station.watch_url}")
-                announce(folder, url, station.watch_url, opens_browser=station.opens_browser)
             if options.researcher and recorder is not None:
                 page = Station()
-                self.live_observers.append(ResearcherFeed(page.operators_end, name, scenario))
-                url = swarm.start_station(page, 1)
-                self.reporter.say(f"researcher's view, which shows the truth: {url}")
+                feed = ResearcherFeed(page.operators_end, name, scenario, is_beside_operator=station is not None)
+                self.live_observers.append(feed)
+                urls["researcher_url"] = swarm.start_station(page, 1)
+                swarm.conductor = page if station else None
+                self.reporter.say(f"conductor's page, which shows the truth: {urls['researcher_url']}")
+            if station:
+                announce(folder, urls, opens_browser=station.opens_browser)
             swarm.start_world(options.listen, record=recorder is not None)
             if boards:
                 self.reporter.say(commands(boards.write(name, swarm.endpoints[-1], scenario, swarm.password)))

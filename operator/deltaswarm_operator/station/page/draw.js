@@ -3,7 +3,7 @@
 import { label, Labels } from "./labels.js";
 import { heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { spread } from "./spread.js";
-import { age, number } from "./words.js";
+import { age, eventName, number } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Hello} Hello */
@@ -42,6 +42,7 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   ordered(on, view, app);
   labels?.draw(on);
   picked(on, view, app, places, hasFocus);
+  seenByThem(on, view, app, places);
   ruler(on, view);
 }
 
@@ -193,7 +194,7 @@ function drawEvent(on, view, [id, x_m, y_m, first_s, seen_s], { model, selection
   markEvent(on, x, y, view.marker_px + 1);
   if (model.now_s - first_s < NEW_EVENT_S) markNew(on, x, y, view.marker_px + 5);
   const isSelected = selection?.kind === "event" && selection.id === id;
-  const text = age_s > OLD_S ? `e${id} · ${age(age_s)}` : `e${id}`;
+  const text = (id < 0 ? "" : "e") + eventName(id) + (age_s > OLD_S ? ` · ${age(age_s)}` : "");
   labels?.add({ text, x, y: y + view.marker_px + 14, strength: strength(age_s), rank: isSelected ? 0 : 2 });
   if (isSelected) ring(on, x, y, view.marker_px);
 }
@@ -255,6 +256,23 @@ function picked(on, view, { pick, model }, places, hasFocus) {
     cross(on, view.width / 2, view.height / 2, 14);
     on.setLineDash([]);
   }
+}
+
+/**
+ * Draw a dashed ring around what the participant has selected, for the conductor.
+ * @param {Canvas} on
+ * @param {View} view
+ * @param {App} app
+ * @param {Places} places
+ */
+function seenByThem(on, view, { model }, places) {
+  const { theirs } = model;
+  const rows = theirs?.kind === "agent" ? model.agents : model.events;
+  const found = theirs && /** @type {[number, number, number][]} */ (/** @type {unknown} */ (rows)).find(([id]) => id === theirs.id);
+  if (!theirs || !found) return;
+  on.setLineDash([4, 3]);
+  ring(on, ...((theirs.kind === "agent" && places.get(theirs.id)) || view.toScreen(found[1], found[2])), view.marker_px + 5);
+  on.setLineDash([]);
 }
 
 /**

@@ -99,7 +99,7 @@ export class InboxPanel {
     const item = this.app.model.inbox.get(Number(row.dataset["key"]));
     if (!item) return;
     const { read } = this.app.model;
-    const canRead = this.app.model.hello?.kind !== "watch";
+    const canRead = ["live", "replay"].includes(this.app.model.hello?.kind ?? "");
     if (canRead && !read.has(item[0]) && this.app.send({ type: "read", items: [item[0]] })) {
       read.add(item[0]);
       this.update();

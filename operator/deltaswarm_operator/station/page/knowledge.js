@@ -1,11 +1,11 @@
 /** What the map shows, as lists for screen readers: reported agents and events, and nothing else. */
 
 import { choice, element, keepRows, make, setText } from "./dom.js";
-import { aboutAgent, aboutEvent, place } from "./words.js";
+import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Selection} Selection */
-/** @typedef {{key: string, words: string, old: boolean}} Line */
+/** @typedef {{key: string, name: string, words: string, old: boolean}} Line */
 
 const OLD_S = 30;
 
@@ -47,6 +47,7 @@ export class KnowledgePanel {
       "agent",
       rows.map((agent) => ({
         key: String(agent[0]),
+        name: String(agent[0]),
         old: now_s - agent[6] > OLD_S,
         words: aboutAgent(agent, model),
       })),
@@ -57,6 +58,7 @@ export class KnowledgePanel {
       "event",
       sorted.map((event) => ({
         key: String(event[0]),
+        name: eventName(event[0]),
         old: now_s - event[4] > OLD_S,
         words: `at ${place(event[1], event[2])}, ${aboutEvent(event, model)}`,
       })),
@@ -64,7 +66,7 @@ export class KnowledgePanel {
     const total = model.hello?.agents ?? 0;
     setText(
       element("agents-count"),
-      model.picture?.truth ? `${agents.length} agents` : `${agents.length}${total ? ` of ${total}` : ""} heard of`,
+      model.shownTruth ? `${agents.length} agents` : `${agents.length}${total ? ` of ${total}` : ""} heard of`,
     );
     setText(element("events-count"), String(events.length));
   }
@@ -77,9 +79,9 @@ export class KnowledgePanel {
   fill(list, kind, lines) {
     const { selection } = this.app;
     /** @param {Line} line */
-    const create = ({ key }) => {
-      const name = make("button", { type: "button", class: "link" }, `${kind} ${key}`);
-      return make("li", { [`data-${kind}`]: key }, name, make("span", { class: "what" }));
+    const create = ({ key, name }) => {
+      const link = make("button", { type: "button", class: "link" }, `${kind} ${name}`);
+      return make("li", { [`data-${kind}`]: key }, link, make("span", { class: "what" }));
     };
     keepRows(
       list,

@@ -2,6 +2,7 @@
 
 import { AutonomyPanel } from "./autonomy.js";
 import { CommandPanel } from "./commands.js";
+import { ConductPanel } from "./conduct.js";
 import { choice, element, setText } from "./dom.js";
 import { FormPanel } from "./form.js";
 import { InboxPanel } from "./inbox.js";
@@ -76,6 +77,10 @@ const isa = new IsaPanel(app);
 const tlx = new TlxPanel(app);
 const session = new SessionPanel(app);
 const form = new FormPanel(app);
+const conduct = new ConductPanel(app, () => {
+  map.update();
+  showLists();
+});
 const events = new PageEvents(
   app,
   () => tabs.chosen,
@@ -89,13 +94,16 @@ function takeHello(hello) {
   if (app.model.takeHello(hello)) {
     app.selection = null;
     isa.forget();
+    conduct.forget();
   }
   if (isFirst) events.begin();
   setText(element("title"), hello.title);
   const { kind } = app.model.hello ?? hello;
   document.documentElement.dataset["kind"] = kind;
   if (kind === "researcher") setText(element("fates-none"), "The participant's page has the orders.");
-  tabs.offer("tab-notes", kind === "live");
+  tabs.offer("tab-notes", kind === "live" || kind === "conductor");
+  tabs.offer("tab-acts", kind === "conductor");
+  conduct.start();
   map.start();
   workload.start();
   commands.start();
@@ -116,13 +124,19 @@ function takePicture(picture) {
   session.update();
   form.update();
   map.update();
-  listsTimer ||= window.setTimeout(showLists, LISTS_EVERY_MS);
+  showListsSoon();
   showStatus();
 }
 
 /** Say whose page this is, if not the participant's, and what the participant is asked now. */
 function showRole() {
-  const words = { watch: "You only watch", researcher: "Researcher's view: shows what no operator knows", live: "", replay: "" };
+  const words = {
+    live: "",
+    replay: "",
+    watch: "You only watch",
+    researcher: "Researcher's view: shows what no operator knows",
+    conductor: `Conductor's view: shows what the participant does not know. Participant: ${conduct.words}`,
+  };
   const { hello, asked } = app.model;
   const text = hello ? words[hello.kind] : "";
   element("role").hidden = !text;
@@ -141,6 +155,10 @@ function askForMissing() {
   }, ASK_EVERY_MS);
 }
 
+function showListsSoon() {
+  listsTimer ||= window.setTimeout(showLists, LISTS_EVERY_MS);
+}
+
 /** Update the text panels. Pictures cause this at most four times a second, since nobody reads faster. */
 function showLists() {
   showRole();
@@ -150,6 +168,7 @@ function showLists() {
   inbox.update();
   knowledge.update();
   commands.update();
+  conduct.update();
 }
 
 /** Show whether the page is up to date. */
@@ -178,7 +197,18 @@ function take(message) {
   else if (message.type === "picture") takePicture(message);
   else if (message.type === "catch_up") {
     app.model.takeCatchUp(message);
+    if (message.acts) {
+      conduct.forget();
+      conduct.take(message.acts);
+    }
     showLists();
+  } else if (message.type === "truth") {
+    app.model.takeTruth(message);
+    map.update();
+    showListsSoon();
+  } else if (message.type === "act") {
+    conduct.take([message.act]);
+    showListsSoon();
   } else if (message.type === "read") {
     for (const item of message.items) app.model.read.add(item);
     inbox.update();

@@ -1,12 +1,13 @@
 /** The map's panel: pan, zoom, select, and choose an order's target. */
 
-import { byId, element, input, make, setText } from "./dom.js";
+import { byId, element, input, setText } from "./dom.js";
 import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
-import { HEAT, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { ages, markers } from "./legend.js";
+import { inks } from "./looks.js";
 import { spread } from "./spread.js";
-import { LEAST_MARKER_PX as MARKER_PX, View } from "./view.js";
-import { aboutAgent, aboutEvent, place } from "./words.js";
+import { View } from "./view.js";
+import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Selection} Selection */
@@ -83,7 +84,7 @@ export class MapPanel {
     const { hello } = this.app.model;
     if (!hello) return;
     this.heat.start(hello.run, hello.arena_m);
-    if (hello.kind !== this.kind) this.layers.heat.checked = hello.kind !== "researcher";
+    if (hello.kind !== this.kind) this.layers.heat.checked = !["researcher", "conductor"].includes(hello.kind);
     this.kind = hello.kind;
     for (const [name, box] of Object.entries(this.layers)) {
       const isOffered = hello.layers?.includes(name) ?? true;
@@ -115,7 +116,7 @@ export class MapPanel {
   /** Take a new picture. */
   update() {
     const { model } = this.app;
-    this.heat.take(model.agents, model.now_s);
+    this.heat.take(model.heard, model.now_s);
     this.legend();
     this.tell();
     this.redraw();
@@ -279,8 +280,8 @@ export class MapPanel {
     if (agent)
       setText(this.info, `${where}Agent ${agent[0]}: ${aboutAgent(agent, model)}, ${place(agent[1], agent[2])}`);
     else if (event)
-      setText(this.info, `${where}Event ${event[0]}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
-    else if (about?.kind === "event") setText(this.info, `Event ${about.id} is no longer reported.`);
+      setText(this.info, `${where}Event ${eventName(event[0])}: ${aboutEvent(event, model)}, ${place(event[1], event[2])}`);
+    else if (about?.kind === "event") setText(this.info, `Event ${eventName(about.id)} is no longer reported.`);
     else setText(this.info, "Nothing is selected. Click an agent or an event.");
   }
 
@@ -293,53 +294,12 @@ export class MapPanel {
       model.events.length > 0,
       model.agents.some((agent) => !agent[7]),
       model.hello?.base_m,
-      Boolean(model.picture?.truth),
+      Boolean(model.shownTruth),
       inks().ink,
     ]);
     if (key === this.legendOf) return;
     this.legendOf = key;
-    const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
-    if (model.agents.some((agent) => !agent[7]))
-      entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
-    if (model.events.length) {
-      entries.push(sample("event (e7: number 7)", (on) => markEvent(on, 10, 10, MARKER_PX)));
-      entries.push(
-        sample("new event", (on) => {
-          markEvent(on, 10, 10, MARKER_PX - 2);
-          markNew(on, 10, 10, MARKER_PX + 1);
-        }),
-      );
-    }
-    if (!model.picture?.truth)
-      entries.push(
-        sample("faded: long unheard", (on) => {
-          on.globalAlpha = strength(Infinity);
-          mark(on, "root", 10, 10, true, MARKER_PX - 2);
-        }),
-      );
-    if (model.hello?.base_m)
-      entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
-    element("map-legend").replaceChildren(...entries);
-    const bands = HEAT.map(([limit, words]) =>
-      sample(words, (on) => {
-        on.fillStyle = heatColour(Math.min(limit, 10000) - 1);
-        on.fillRect(2, 3, 16, 14);
-        on.strokeStyle = inks().soft;
-        on.strokeRect(2.5, 3.5, 15, 13);
-      }),
-    );
-    element("heat-legend").replaceChildren(make("span", {}, "last heard from within"), ...bands);
+    element("map-legend").replaceChildren(...markers(model));
+    element("heat-legend").replaceChildren(...ages());
   }
-}
-
-/**
- * Make an entry of the legend.
- * @param {string} words
- * @param {(on: CanvasRenderingContext2D) => void} paint
- */
-function sample(words, paint) {
-  const canvas = make("canvas", { width: "20", height: "20", "aria-hidden": "true" });
-  const on = canvas.getContext("2d");
-  if (on) paint(on);
-  return make("span", { class: "sample" }, canvas, words);
 }

@@ -7,6 +7,7 @@
 /** @typedef {import("./types.js").EventRow} EventRow */
 /** @typedef {import("./types.js").InboxRow} InboxRow */
 /** @typedef {import("./types.js").HistoryRow} HistoryRow */
+/** @typedef {import("./types.js").Selection} Selection */
 
 const MAX_INBOX = 1000;
 const MAX_HISTORY = 1200;
@@ -19,6 +20,12 @@ export class Model {
     this.hello = null;
     /** Whether this page's address is one that only watches. */
     this.isWatching = false;
+    /** @type {import("./types.js").Truth | null} */
+    this.truth = null;
+    /** Whether the page shows the truth if it has it, or else what the participant knows. */
+    this.showsTruth = true;
+    /** @type {Selection | null} what the participant has selected, for the conductor */
+    this.theirs = null;
     /** @type {Picture | null} */
     this.picture = null;
     /** @type {Map<number, InboxRow>} in the order of their numbers */
@@ -30,7 +37,7 @@ export class Model {
     /** Whether no message is missing; if false, ask for the missing ones. */
     this.isCaughtUp = false;
     this.newest = -1;
-    /** @type {Map<number, number>} running numbers of the truth's events, whose ids are too long to read */
+    /** @type {Map<number, number>} numbers of the truth's events, whose ids are too long to read; below 0: unreported */
     this.eventNumbers = new Map();
   }
 
@@ -48,11 +55,20 @@ export class Model {
     return this.picture?.time_s ?? 0;
   }
 
-  /** @returns {AgentRow[]} the researcher's are the present truth */
+  get shownTruth() {
+    return this.showsTruth ? this.truth : null;
+  }
+
+  /** Agents as they were heard of; where nobody hears of them, as they are. */
+  get heard() {
+    return this.hello?.kind === "researcher" ? this.agents : (this.picture?.agents ?? []);
+  }
+
+  /** @returns {AgentRow[]} the truth's are of the present */
   get agents() {
-    const { picture, now_s } = this;
-    if (picture?.truth)
-      return picture.truth.agents.map(([id, x_m, y_m, role, parent, root, delta]) => [
+    const { picture, now_s, shownTruth } = this;
+    if (shownTruth)
+      return shownTruth.agents.map(([id, x_m, y_m, role, parent, root, delta]) => [
         id,
         x_m,
         y_m,
@@ -68,9 +84,9 @@ export class Model {
 
   /** @returns {EventRow[]} */
   get events() {
-    const { picture, now_s } = this;
-    if (picture?.truth)
-      return picture.truth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, []]);
+    const { picture, now_s, shownTruth } = this;
+    if (shownTruth)
+      return shownTruth.events.map(([id, ...row]) => [this.eventNumbers.get(id) ?? id, ...row, now_s, -1, []]);
     return picture?.events ?? [];
   }
 
@@ -90,6 +106,7 @@ export class Model {
     const isOther = this.hello !== null && this.hello.run !== hello.run;
     this.hello = this.isWatching ? { ...hello, kind: "watch", speeds: [] } : hello;
     if (isOther) this.forget();
+    for (const [id, number] of hello.event_numbers ?? []) this.eventNumbers.set(id, number);
     return isOther;
   }
 
@@ -100,8 +117,7 @@ export class Model {
       else this.forget();
     }
     this.picture = this.picture ? { ...this.picture, ...picture } : picture;
-    for (const [id] of [...(picture.truth?.events ?? [])].sort((a, b) => a[3] - b[3] || a[0] - b[0]))
-      if (!this.eventNumbers.has(id)) this.eventNumbers.set(id, this.eventNumbers.size + 1);
+    if (picture.truth) this.takeTruth(picture.truth);
     const { workload, time_s } = this.picture;
     const last = this.history[this.history.length - 1];
     if (picture.replay && last && time_s - last[0] > JUMP_S) {
@@ -114,6 +130,14 @@ export class Model {
     const oldest = items.reduce((least, item) => Math.min(least, item[0]), Infinity);
     if (oldest !== Infinity && oldest > this.newest + 1) this.isCaughtUp = false;
     this.addItems(items);
+  }
+
+  /** @param {import("./types.js").Truth} truth */
+  takeTruth(truth) {
+    this.truth = truth;
+    const sign = this.hello?.kind === "conductor" ? -1 : 1;
+    for (const [id] of [...truth.events].sort((a, b) => a[3] - b[3] || a[0] - b[0]))
+      if (!this.eventNumbers.has(id)) this.eventNumbers.set(id, sign * (this.eventNumbers.size + 1));
   }
 
   /** @param {CatchUp} answer */
@@ -156,7 +180,7 @@ export class Model {
 
   /** Forget everything, since time went back or another run began. */
   forget() {
-    this.picture = null;
+    this.picture = this.truth = this.theirs = null;
     this.inbox.clear();
     this.read.clear();
     this.eventNumbers.clear();

@@ -56,7 +56,7 @@ export interface Session {
 export interface Hello {
   type: "hello";
   /** Of the feed; `watch`: a page without the right to do anything. */
-  kind: "live" | "replay" | "researcher" | "watch";
+  kind: "live" | "replay" | "researcher" | "conductor" | "watch";
   run: string;
   title: string;
   step_s: number;
@@ -67,6 +67,8 @@ export interface Hello {
   range_m: number | null;
   agents: number;
   thresholds_hz: number[];
+  /** For the conductor: the participant's number of each event of the truth. */
+  event_numbers?: [number, number][];
   commands: Form[];
   /** Who sets delta during the run. */
   sets_delta?: "operator" | "swarm" | "system";
@@ -132,8 +134,21 @@ export interface Picture {
   truth?: Truth;
 }
 
+/** What the participant did or answered. */
+export interface Act {
+  time_s: number;
+  kind: string;
+  by?: string;
+  name?: string;
+  target?: string;
+  value?: number | string;
+  items?: string;
+  text?: string;
+}
+
 export interface CatchUp {
   type: "catch_up";
+  acts?: Act[];
   inbox: InboxRow[];
   read: number[];
   history: HistoryRow[];
@@ -147,6 +162,8 @@ export type Message =
   | { type: "accepted"; id: string; number: number }
   | { type: "read"; items: number[] }
   | { type: "role"; role: "watch" }
+  | ({ type: "truth"; time_s: number } & Truth)
+  | { type: "act"; act: Act }
   | { type: "ended" };
 
 export type Target =

@@ -61,7 +61,7 @@ export function doing([id, x_m, y_m, role, parent, root], agents, events) {
   if (role === "attending") {
     const near = events.filter((event) => event[6].includes(id));
     near.sort((a, b) => Math.hypot(a[1] - x_m, a[2] - y_m) - Math.hypot(b[1] - x_m, b[2] - y_m));
-    return near[0] ? `at event ${near[0][0]}` : "at an event";
+    return near[0] ? `at event ${eventName(near[0][0])}` : "at an event";
   }
   if (role === "member") {
     if (root < 0) return "member of a tree";
@@ -125,17 +125,32 @@ export function message([, , , role, followers, events]) {
  * @param {AgentRow} agent
  * @param {import("./model.js").Model} model
  */
-export function aboutAgent(agent, { agents, events, now_s, picture }) {
+export function aboutAgent(agent, model) {
+  const { agents, events, now_s, picture } = model;
   const what = doing(agent, agents, events) + (agent[8] > 0 ? `, delta ${agent[8]}` : "");
-  return picture?.truth ? what : `${what}, ${seen(agent, now_s)}`;
+  if (!model.shownTruth) return `${what}, ${seen(agent, now_s)}`;
+  if (model.hello?.kind !== "conductor") return what;
+  const known = picture?.agents.find((other) => other[0] === agent[0]);
+  const told = known ? `${doing(known, picture?.agents ?? [], picture?.events ?? [])}, ${seen(known, now_s)}` : "never heard of it";
+  return `${what}. Participant: ${told}`;
 }
+
+/**
+ * Name an event: those that the participant has no number for have names of their own.
+ * @param {number} id
+ */
+export const eventName = (id) => (id < 0 ? `u${-id}` : String(id));
 
 /**
  * @param {EventRow} event
  * @param {import("./model.js").Model} model
  */
-export function aboutEvent(event, { now_s, picture }) {
-  return picture?.truth ? `since ${clock(event[3])}` : reported(event, now_s);
+export function aboutEvent(event, { now_s, picture, shownTruth, hello }) {
+  if (!shownTruth) return reported(event, now_s);
+  const since = `since ${clock(event[3])}`;
+  if (hello?.kind !== "conductor") return since;
+  const known = picture?.events.find((other) => other[0] === event[0]);
+  return `${since}. Participant: ${known ? reported(known, now_s) : "does not know of it"}`;
 }
 
 /**

@@ -1,0 +1,39 @@
+"""What the conductor of an experiment is told of the person: acts and answers, as they happen.
+
+Pure: rows of the person's tables in, messages for the conductor's page out.
+"""
+
+from collections import deque
+from collections.abc import Iterable
+from typing import Any
+
+from deltaswarm_scenario.operator_settings import ISA
+from deltaswarm_scenario.person_tables import OperatorAction, ProbeRow
+
+TOLD = ("time_s", "kind", "by", "name", "target", "value", "items", "text")
+"""Columns of an act that the page shows."""
+
+MAX_KEPT = 200
+
+
+class Mirror:
+    """The newest acts, for a page that connects late."""
+
+    def __init__(self) -> None:
+        self.acts: deque[dict[str, Any]] = deque(maxlen=MAX_KEPT)
+
+    def take(self, rows: Iterable[OperatorAction | ProbeRow]) -> list[dict[str, Any]]:
+        """Return the acts in new rows, for the page."""
+        new = [act for row in rows if (act := act_of(row)) is not None]
+        self.acts += new
+        return new
+
+
+def act_of(row: OperatorAction | ProbeRow) -> dict[str, Any] | None:
+    """Return a row in the page's format; None for an answer to ISA, which is an act too."""
+    if isinstance(row, OperatorAction):
+        return {name: value for name in TOLD if (value := getattr(row, name)) not in ("", None)}
+    if row.probe == ISA and row.value is not None:
+        return None
+    value = "no answer" if row.value is None else row.value
+    return {"time_s": row.asked_s, "kind": "answer", "name": f"{row.probe}: {row.item}", "value": value}

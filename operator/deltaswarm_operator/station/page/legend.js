@@ -1,0 +1,56 @@
+/** The map's legend: what its markers and its shades mean. */
+
+import { make } from "./dom.js";
+import { HEAT, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { LEAST_MARKER_PX as MARKER_PX } from "./view.js";
+
+/** @param {import("./model.js").Model} model */
+export function markers(model) {
+  const roles = [...new Set(model.agents.map((agent) => agent[3]))].sort();
+  const entries = roles.map((role) => sample(role || "unknown", (on) => mark(on, role, 10, 10, true, MARKER_PX - 1)));
+  if (model.agents.some((agent) => !agent[7]))
+    entries.push(sample("hollow: told by another agent", (on) => mark(on, "member", 10, 10, false, MARKER_PX - 1)));
+  if (model.events.length) {
+    entries.push(sample("event (e7: number 7)", (on) => markEvent(on, 10, 10, MARKER_PX)));
+    entries.push(
+      sample("new event", (on) => {
+        markEvent(on, 10, 10, MARKER_PX - 2);
+        markNew(on, 10, 10, MARKER_PX + 1);
+      }),
+    );
+  }
+  if (!model.shownTruth)
+    entries.push(
+      sample("faded: long unheard", (on) => {
+        on.globalAlpha = strength(Infinity);
+        mark(on, "root", 10, 10, true, MARKER_PX - 2);
+      }),
+    );
+  if (model.hello?.base_m)
+    entries.push(sample(model.hello.range_m ? "base and its range" : "base", (on) => markBase(on, 10, 10, 6)));
+  return entries;
+}
+
+export function ages() {
+  const bands = HEAT.map(([limit, words]) =>
+    sample(words, (on) => {
+      on.fillStyle = heatColour(Math.min(limit, 10000) - 1);
+      on.fillRect(2, 3, 16, 14);
+      on.strokeStyle = inks().soft;
+      on.strokeRect(2.5, 3.5, 15, 13);
+    }),
+  );
+  return [make("span", {}, "last heard from within"), ...bands];
+}
+
+/**
+ * Make an entry of the legend.
+ * @param {string} words
+ * @param {(on: CanvasRenderingContext2D) => void} paint
+ */
+function sample(words, paint) {
+  const canvas = make("canvas", { width: "20", height: "20", "aria-hidden": "true" });
+  const on = canvas.getContext("2d");
+  if (on) paint(on);
+  return make("span", { class: "sample" }, canvas, words);
+}
