@@ -8,7 +8,16 @@ from dataclasses import asdict
 from pathlib import Path
 
 from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
-from deltaswarm_orchestrator.cli.arguments import A_RUN, add_json, add_quiet, host_and_port, must_exist, part_of, show
+from deltaswarm_orchestrator.cli.arguments import (
+    A_RUN,
+    add_json,
+    add_quiet,
+    host_and_port,
+    must_exist,
+    number,
+    part_of,
+    show,
+)
 from deltaswarm_wire.keys import OPERATOR
 
 FORMATS = ("csv", "mcap", "rosbag2", "rrd", "mp4")
@@ -24,6 +33,12 @@ def add_export(command: argparse.ArgumentParser) -> None:
     command.add_argument("--format", choices=FORMATS, required=True, help="tables, MCAP, ROS 2 bag, Rerun, or video")
     command.add_argument("--out", type=Path, help="file or folder to write (default: beside the run)")
     command.add_argument("--force", action="store_true", help="replace an earlier export")
+    command.add_argument(
+        "--longest-s",
+        type=number(0.0),
+        metavar="S",
+        help="with mp4: leave out views to make the video at most this long; 0: show all of them (default: 30)",
+    )
     add_quiet(command)
     add_json(command)
     command.set_defaults(func=export)
@@ -34,14 +49,19 @@ def export(arguments: argparse.Namespace) -> int:
     from deltaswarm_orchestrator.export import formats
 
     must_exist(arguments.run, "RUN", f"{A_RUN}, or an MCAP recording")
+    options = {} if arguments.longest_s is None else {"longest_s": arguments.longest_s}
+    if options and arguments.format != "mp4":
+        raise CommandError("--longest-s needs --format mp4")
     out = arguments.out or formats.default_out(arguments.run, arguments.format)
     try:
-        is_complete = formats.export(arguments.run, arguments.format, out, force=arguments.force)
+        exported = formats.export(arguments.run, arguments.format, out, force=arguments.force, **options)
     except OSError as error:
         raise CommandError(f"{error.filename or out} could not be written: {error.strerror or error}", FAILED) from None
-    if not is_complete:
+    if exported.note:
+        notice(exported.note)
+    if not exported.is_complete:
         notice(f"the recording of {arguments.run} is incomplete; what it holds is exported")
-    show(arguments, {"out": str(out), "complete": is_complete}, str(out))
+    show(arguments, {"out": str(out), "complete": exported.is_complete}, str(out))
     return OK
 
 

@@ -2,11 +2,11 @@
 
 import importlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 from deltaswarm_orchestrator.base.exits import CommandError
 from deltaswarm_orchestrator.export.snapshots import read_film
@@ -20,7 +20,7 @@ class ExportError(CommandError):
 
 @dataclass(frozen=True)
 class Format:
-    """A format. Its module in this folder has `write(film, out)` and imports `library`; without one, all is copied."""
+    """A format. Its module here has `write(film, out, **options)` and imports `library`; without one, all is copied."""
 
     module: str
     suffix: str
@@ -45,8 +45,15 @@ def default_out(run: Path, name: str) -> Path:
     return run.with_name(base + FORMATS[name].suffix)
 
 
-def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
-    """Write the recording of a run to `out` in a format; return whether the recording was complete.
+class Exported(NamedTuple):
+    """What was exported: whether the recording was complete, and what the user should know of the result."""
+
+    is_complete: bool
+    note: str | None = None
+
+
+def export(run: Path, name: str, out: Path, *, force: bool = False, **options: Any) -> Exported:
+    """Write the recording of a run to `out` in a format; `options` are the format's own.
 
     `out` appears when it is complete. An existing `out` is replaced only with `force`, and only if it is an earlier
     export of the same kind.
@@ -61,7 +68,7 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
     if source.resolve() == out.resolve():
         raise ExportError(f"--out must be another file than the recording (got {out})")
     try:
-        write = _writer(source, chosen, name)
+        write = _writer(source, chosen, name, options)
     except FileNotFoundError as error:
         raise ExportError(f"there is no recording at {error.filename}") from None
     except RecordingError as error:
@@ -69,17 +76,17 @@ def export(run: Path, name: str, out: Path, *, force: bool = False) -> bool:
     out.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(prefix=".export-", dir=out.parent) as scratch:
         part = Path(scratch) / out.name
-        is_complete = write(part)
+        exported = write(part)
         if os.path.lexists(out):
             if not _is_like(out, part):
                 raise ExportError(f"{out} is not replaced: it holds other things than an export to {name}")
             out.rename(Path(scratch) / f"{out.name}.replaced")
         part.rename(out)
-    return is_complete
+    return exported
 
 
-def _writer(source: Path, chosen: Format, name: str) -> Callable[[Path], bool]:
-    """Return the function that writes the result to a path and returns whether the recording was complete.
+def _writer(source: Path, chosen: Format, name: str, options: Mapping[str, Any]) -> Callable[[Path], Exported]:
+    """Return the function that writes the result to a path.
 
     Raises:
         ExportError: something that the format needs is missing.
@@ -87,7 +94,7 @@ def _writer(source: Path, chosen: Format, name: str) -> Callable[[Path], bool]:
     """
     if not chosen.module:
         next(records(source), None)  # which refuses another file
-        return partial(write_whole_copy, source)
+        return lambda out: Exported(write_whole_copy(source, out))
     try:
         module = importlib.import_module(f"deltaswarm_orchestrator.export.{chosen.module}")
     except ModuleNotFoundError as error:
@@ -96,9 +103,9 @@ def _writer(source: Path, chosen: Format, name: str) -> Callable[[Path], bool]:
         raise ExportError(f"--format {name} needs {chosen.library}: pip install 'deltaswarm[export]'") from None
     film = read_film(source)
 
-    def write(out: Path) -> bool:
-        module.write(film, out)
-        return film.recording.complete
+    def write(out: Path) -> Exported:
+        note = module.write(film, out, **options)
+        return Exported(film.recording.complete, note)
 
     return write
 

@@ -1,6 +1,7 @@
 """Export a video: the swarm from above, drawn by matplotlib and encoded by ffmpeg."""
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -8,21 +9,23 @@ from matplotlib.animation import FFMpegWriter
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.text import Text
 
 from deltaswarm_orchestrator.export.formats import ExportError
 from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
 from deltaswarm_orchestrator.recording.scene import role_colour
+from deltaswarm_scenario.truth import EventState
 
 FRAMES_PER_S = 20
-MAX_FRAMES = 30 * FRAMES_PER_S
-"""Most frames of a video; a longer run is shown faster."""
+LONGEST_S = 30.0
+"""Length of a video [s]; a longer run is shown faster."""
 
-SIZE_IN, DPI = 7.2, 100
-"""720 by 720 pixels."""
+SIZE_IN, DPI = (9.0, 7.2), 100
+"""900 by 720 pixels: the arena, and the legend beside it."""
 
 
-def write(film: Film, out: Path) -> None:
-    """Write one file, at most 30 s long.
+def write(film: Film, out: Path, longest_s: float = LONGEST_S) -> str | None:
+    """Write one file, at most `longest_s` long (0: with a frame for each view); return a note if views are left out.
 
     Raises:
         ExportError: ffmpeg is not installed.
@@ -30,21 +33,26 @@ def write(film: Film, out: Path) -> None:
     if not FFMpegWriter.isAvailable():
         raise ExportError("--format mp4 needs ffmpeg on the PATH (on Debian: apt install ffmpeg)")
     views = sum(1 for _ in film.snapshots())
-    every = -(-max(1, views) // MAX_FRAMES)
+    most = max(1, round(longest_s * FRAMES_PER_S)) if longest_s else max(1, views)
+    every = -(-max(1, views) // most)
     picture = _Picture(film)
     writer = FFMpegWriter(fps=FRAMES_PER_S, metadata={"title": "deltaswarm"})
     with writer.saving(picture.figure, str(out), DPI):
         for view in itertools.islice(film.snapshots(), 0, None, every):
             picture.show(view)
             writer.grab_frame()
+    if every == 1:
+        return None
+    length_s = len(range(0, views, every)) / FRAMES_PER_S
+    return f"the video lasts {length_s:g} s and shows 1 of {every} views; --longest-s allows more, 0 shows all"
 
 
 class _Picture:
     """One figure, whose contents are replaced for each frame."""
 
     def __init__(self, film: Film) -> None:
-        self.figure = Figure(figsize=(SIZE_IN, SIZE_IN))
-        self._axes = self.figure.add_axes((0.1, 0.08, 0.87, 0.87), aspect="equal")
+        self.figure = Figure(figsize=SIZE_IN)
+        self._axes = self.figure.add_axes((0.08, 0.08, 0.7, 0.87), aspect="equal")
         self._axes.set(xlim=(0, film.width_m), ylim=(0, film.height_m), xlabel="x [m]", ylabel="y [m]")
         for wall in film.walls_m:
             self._axes.plot(*zip(*wall, strict=True), color="black", linewidth=1)
@@ -53,17 +61,34 @@ class _Picture:
         self._events = self._axes.scatter([], [], s=30, c="black", marker="s")
         self._agents = self._axes.scatter([], [], s=36, edgecolors="black", linewidths=0.4, zorder=3)
         self._roles: list[str] = []
+        self._numbers: dict[int, int] = {}
+        """Events by the order of their arrival: their ids are long and mean nothing."""
+        self._names: list[Text] = []
 
     def show(self, view: Snapshot) -> None:
         """Draw one view."""
         self._trees.set_segments(view.trees_m)
         self._events.set_offsets(np.array([(event.x_m, event.y_m) for event in view.events]).reshape(-1, 2))
+        self._name_events(view.events)
         self._agents.set_offsets(np.array([(body.x_m, body.y_m) for body in view.bodies]).reshape(-1, 2))
         self._agents.set_facecolor([role_colour(body.role) for body in view.bodies])
         self._axes.set_title(f"{view.time_s:.0f} s")
         if new := {body.role for body in view.bodies} - set(self._roles):
             self._roles += sorted(new)
-            dots = [
-                Line2D([], [], linestyle="", marker="o", color=role_colour(role), label=role) for role in self._roles
+            marks = [("o", role_colour(role), role) for role in self._roles] + [("s", "black", "event")]
+            signs = [
+                Line2D([], [], linestyle="", marker=sign, color=colour, label=text) for sign, colour, text in marks
             ]
-            self._axes.legend(handles=dots, loc="upper right", framealpha=0.8)
+            self._axes.legend(handles=signs, loc="upper left", bbox_to_anchor=(1.01, 1.0), frameon=False)
+
+    def _name_events(self, events: Sequence[EventState]) -> None:
+        for name in self._names:
+            name.remove()
+        for event in sorted(events, key=lambda event: event.arrived_s):
+            self._numbers.setdefault(event.event, len(self._numbers) + 1)
+        self._names = [
+            self._axes.annotate(
+                f"e{self._numbers[event.event]}", (event.x_m, event.y_m), (5, 4), textcoords="offset points", fontsize=8
+            )
+            for event in events
+        ]

@@ -6,6 +6,7 @@ import random
 import shutil
 import sys
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,13 +21,15 @@ from rosbags.typesys import Stores, get_typestore
 from deltaswarm_orchestrator.cli import main
 from deltaswarm_orchestrator.cli import one_run as command
 from deltaswarm_orchestrator.export.formats import FORMATS
+from deltaswarm_orchestrator.export.snapshots import Film, Snapshot
+from deltaswarm_orchestrator.export.video import _Picture
 from deltaswarm_orchestrator.inspect.finishing import finish_recordings
-from deltaswarm_orchestrator.recording.reader import read_recording
+from deltaswarm_orchestrator.recording.reader import Recording, read_recording
 from deltaswarm_orchestrator.recording.recorder import Recorder
 from deltaswarm_orchestrator.recording.scene import log_time_ns
 from deltaswarm_orchestrator.results.folder_lock import FolderLock
 from deltaswarm_scenario.scenario import Scenario
-from deltaswarm_scenario.truth import Body, Truth
+from deltaswarm_scenario.truth import Body, EventState, Truth
 from deltaswarm_wire.checked import load
 from deltaswarm_wire.messages import NOBODY
 from tests.support.complaints import Printed
@@ -120,16 +123,47 @@ def test_rerun_opens_what_is_exported_to_it(run: Path) -> None:
     assert rates == [workload.rate_60s_hz for _, _, workload in TOLD]
 
 
-def test_a_video_has_a_frame_for_each_view(run: Path) -> None:
-    """What ffmpeg gets from us: seen by a stand-in that writes how many bytes came, so that it runs everywhere."""
-    stand_in = run.parent / "ffmpeg"
-    stand_in.write_text(
+FRAME_BYTES = 900 * 720 * 4
+
+
+@pytest.fixture
+def stand_in(run: Path) -> Iterator[None]:
+    """For ffmpeg: writes how many bytes came, so that it runs everywhere."""
+    program = run.parent / "ffmpeg"
+    program.write_text(
         f"#!{sys.executable}\nimport sys\nopen(sys.argv[-1], 'w').write(str(len(sys.stdin.buffer.read())))"
     )
-    stand_in.chmod(0o755)
-    with matplotlib.rc_context({"animation.ffmpeg_path": str(stand_in)}):
-        assert export(run, "mp4") == 0
-    assert int(run.with_name("run.mp4").read_text()) == STEPS * 720 * 720 * 4
+    program.chmod(0o755)
+    with matplotlib.rc_context({"animation.ffmpeg_path": str(program)}):
+        yield
+
+
+@pytest.mark.usefixtures("stand_in")
+def test_a_video_has_a_frame_for_each_view(run: Path, capsys: Printed) -> None:
+    """As far as it may be so long; what is left out is told."""
+    assert export(run, "mp4") == 0
+    assert int(run.with_name("run.mp4").read_text()) == STEPS * FRAME_BYTES
+    assert "views" not in capsys.readouterr().err
+    assert export(run, "mp4", "--longest-s", "0.2", "--force") == 0
+    assert int(run.with_name("run.mp4").read_text()) == 4 * FRAME_BYTES
+    assert "1 of 3 views" in capsys.readouterr().err
+    assert export(run, "mp4", "--longest-s", "0", "--force") == 0
+    assert int(run.with_name("run.mp4").read_text()) == STEPS * FRAME_BYTES
+    assert export(run, "csv", "--longest-s", "9") == 2
+
+
+def test_a_video_names_events_by_their_arrival() -> None:
+    """A name stays with its event while others come and go."""
+    picture = _Picture(Film(Path(), Recording(), 100.0, 100.0, []))
+
+    def names(*events: int) -> list[str]:
+        states = tuple(EventState(event, 1.0, 1.0, float(event), None, None, 0.0) for event in events)
+        picture.show(Snapshot(1, 1.0, (), states))
+        return [name.get_text() for name in picture._names]
+
+    assert names(7) == ["e1"]
+    assert names(9, 8, 7) == ["e3", "e2", "e1"]
+    assert names(9) == ["e3"]
 
 
 @pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="there is no ffmpeg on this machine")
