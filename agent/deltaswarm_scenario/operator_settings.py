@@ -16,7 +16,7 @@ ISA, TLX, SAGAT, SPAM = "isa", "tlx", "sagat", "spam"
 PROBES = (ISA, TLX, SAGAT, SPAM)
 """Questions that the station knows, besides forms."""
 
-LAYERS = ("heat", "labels", "trees")
+LAYERS = ("heat", "activity", "labels", "trees")
 """Layers of the page's map that can be switched on and off."""
 
 

@@ -215,6 +215,37 @@ def test_a_question_in_passing_leaves_all_in_view(page: Page) -> None:
     page.until(lambda: not page.at("form").is_displayed())
 
 
+ACTIVITY = """
+import("./heat.js").then(({ Heat }) => {
+    const heat = new Heat();
+    heat.start("a run", [48, 48]);
+    const cell = (x_m, y_m) => heat.active[y_m * 48 + x_m];
+    const row = (id, x_m, said_s) => [id, x_m, 10, "free", -1, -1, said_s, 1, 0];
+    const found = {};
+    for (let time_s = 0; time_s <= 600; time_s += arguments[0]) heat.take([row(0, 10, time_s), row(1, 30, 0)], time_s);
+    Object.assign(found, { stays: cell(10, 10), left: cell(30, 10), elsewhere: cell(20, 10) });
+    heat.take([row(0, 10, 600)], 780);
+    Object.assign(found, { faded: cell(10, 10) });
+    heat.take([], 100);
+    arguments[1](Object.assign(found, { back: cell(10, 10) }));
+});
+"""
+
+
+def test_activity_is_the_number_of_agents_heard_in_a_place(page: Page) -> None:
+    """At any speed of the run; it fades, and a replay that jumps back begins anew."""
+    for every_s in (1, 5):
+        found = page.driver.execute_async_script(ACTIVITY, every_s)
+        assert found["stays"] == pytest.approx(1.0, abs=0.06)
+        assert found["left"] < 0.001
+        assert found["faded"] == pytest.approx(0.05 * found["stays"], abs=0.01)
+        assert found["elsewhere"] == found["back"] == 0
+    page.until(lambda: page.texts("#agents-list > li"))
+    before = page.drawn()
+    page.press("y")
+    page.until(lambda: page.drawn() != before and page.at("activity-legend").is_displayed())
+
+
 @pytest.mark.parametrize("kind", ["live", "replay", "researcher"])
 def test_agents_at_one_place_are_told_apart(open_page: Callable[..., Page], kind: str) -> None:
     """On the map: four at one event, up to a pixel apart, look like four, and each can be selected by a click."""

@@ -73,7 +73,7 @@ export class ConductPanel {
         setText(time, clock(act.time_s));
         setText(kind, act.by && act.by !== "person" ? `${act.kind} (${act.by})` : act.kind);
         const { name, target, value, items, text } = act;
-        setText(what, [name, target && `to ${target}`, value, items && `items ${items}`, text].filter((part) => part !== undefined && part !== "").join(" "));
+        setText(what, [name, value, target && `to ${target}`, items && `items ${items}`, text].filter((part) => part !== undefined && part !== "").join(" "));
       },
     );
   }

@@ -1,7 +1,7 @@
 /** Draws the map: only what was reported, fading with age. */
 
 import { label, Labels } from "./labels.js";
-import { heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { spread } from "./spread.js";
 import { age, eventName, number } from "./words.js";
 
@@ -10,7 +10,7 @@ import { age, eventName, number } from "./words.js";
 /** @typedef {import("./view.js").View} View */
 /** @typedef {CanvasRenderingContext2D} Canvas */
 /** @typedef {Map<number, [number, number]>} Places positions of agents [px] */
-/** @typedef {{heat: boolean, labels: boolean, trees: boolean}} Layers */
+/** @typedef {{heat: boolean, activity: boolean, labels: boolean, trees: boolean}} Layers */
 
 const OLD_S = 30;
 const NEW_EVENT_S = 20;
@@ -31,7 +31,8 @@ export function draw(on, view, app, layers, heat, hasFocus) {
   on.fillRect(0, 0, view.width, view.height);
   if (!hello) return;
   ground(on, view, hello);
-  if (layers.heat) warmth(on, view, heat, app.model.now_s);
+  if (layers.heat) shade(on, view, heat, (cell) => heatColour(app.model.now_s - (heat.heard_s[cell] ?? NaN)));
+  if (layers.activity) shade(on, view, heat, (cell) => activity(heat.active[cell] ?? 0));
   fixed(on, view, hello);
   if (layers.trees) trees(on, view, app);
   const labels = layers.labels ? new Labels() : null;
@@ -95,16 +96,16 @@ export function roundLength(length_m) {
  * @param {Canvas} on
  * @param {View} view
  * @param {import("./heat.js").Heat} heat
- * @param {number} now_s
+ * @param {(cell: number) => string} colour
  */
-function warmth(on, view, heat, now_s) {
+function shade(on, view, heat, colour) {
   for (let row = 0; row < heat.rows; row += 1) {
     for (let column = 0; column < heat.columns; column += 1) {
-      const heard_s = heat.heard_s[row * heat.columns + column] ?? NaN;
-      if (Number.isNaN(heard_s)) continue;
+      const cell = row * heat.columns + column;
+      if (Number.isNaN(heat.heard_s[cell])) continue;
       const [left, bottom] = view.toScreen(column * heat.cell_m, row * heat.cell_m).map(Math.round);
       const [right, top] = view.toScreen((column + 1) * heat.cell_m, (row + 1) * heat.cell_m).map(Math.round);
-      on.fillStyle = heatColour(now_s - heard_s);
+      on.fillStyle = colour(cell);
       on.fillRect(left ?? 0, top ?? 0, (right ?? 0) - (left ?? 0), (bottom ?? 0) - (top ?? 0));
     }
   }

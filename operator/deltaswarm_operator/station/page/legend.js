@@ -1,7 +1,7 @@
 /** The map's legend: what its markers and its shades mean. */
 
 import { make } from "./dom.js";
-import { HEAT, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
+import { ACTIVITY, HEAT, activity, heat as heatColour, inks, mark, markBase, markEvent, markNew, strength } from "./looks.js";
 import { LEAST_MARKER_PX as MARKER_PX } from "./view.js";
 
 /** @param {import("./model.js").Model} model */
@@ -31,16 +31,27 @@ export function markers(model) {
   return entries;
 }
 
-export function ages() {
-  const bands = HEAT.map(([limit, words]) =>
-    sample(words, (on) => {
-      on.fillStyle = heatColour(Math.min(limit, 10000) - 1);
-      on.fillRect(2, 3, 16, 14);
-      on.strokeStyle = inks().soft;
-      on.strokeRect(2.5, 3.5, 15, 13);
-    }),
-  );
-  return [make("span", {}, "last heard from within"), ...bands];
+export const ages = () => [
+  make("span", {}, "last heard from within"),
+  ...HEAT.map(([limit, words]) => shade(words, heatColour(Math.min(limit, 10000) - 1))),
+];
+
+export const activities = () => [
+  make("span", {}, "agents heard there over the last minute"),
+  ...ACTIVITY.map(([least, words]) => shade(words, activity(least))),
+];
+
+/**
+ * @param {string} words
+ * @param {string} colour
+ */
+function shade(words, colour) {
+  return sample(words, (on) => {
+    on.fillStyle = colour;
+    on.fillRect(2, 3, 16, 14);
+    on.strokeStyle = inks().soft;
+    on.strokeRect(2.5, 3.5, 15, 13);
+  });
 }
 
 /**

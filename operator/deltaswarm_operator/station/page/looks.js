@@ -53,6 +53,17 @@ export const HEAT = [
   [900, "15 min", 0.14],
   [Infinity, "older", 0.07],
 ];
+/**
+ * Bands of activity: least number of agents on average, label, and opacity.
+ * @type {[number, string, number][]}
+ */
+export const ACTIVITY = [
+  [2, "2 and more", 0.6],
+  [1, "1", 0.44],
+  [0.3, "0.3", 0.28],
+  [0.05, "less", 0.14],
+];
+const ACTIVITY_RGB = { light: "190, 60, 0", dark: "255, 150, 60" };
 const HEAT_RGB = { light: "0, 120, 110", dark: "60, 210, 190" };
 
 export function isDark() {
@@ -66,6 +77,12 @@ export const inks = () => INKS[isDark() ? "dark" : "light"];
 export function heat(age_s) {
   const band = HEAT.find(([limit]) => age_s < limit);
   return `rgba(${HEAT_RGB[isDark() ? "dark" : "light"]}, ${band ? band[2] : 0})`;
+}
+
+/** @param {number} agents */
+export function activity(agents) {
+  const band = ACTIVITY.find(([least]) => agents >= least);
+  return `rgba(${ACTIVITY_RGB[isDark() ? "dark" : "light"]}, ${band ? band[2] : 0})`;
 }
 
 /**

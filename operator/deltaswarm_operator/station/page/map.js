@@ -3,7 +3,7 @@
 import { byId, element, input, setText } from "./dom.js";
 import { draw } from "./draw.js";
 import { Heat } from "./heat.js";
-import { ages, markers } from "./legend.js";
+import { activities, ages, markers } from "./legend.js";
 import { inks } from "./looks.js";
 import { spread } from "./spread.js";
 import { View } from "./view.js";
@@ -11,7 +11,7 @@ import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 /** @typedef {import("./types.js").App} App */
 /** @typedef {import("./types.js").Selection} Selection */
-/** @typedef {"heat" | "labels" | "trees"} Layer */
+/** @typedef {"heat" | "activity" | "labels" | "trees"} Layer */
 
 const NEAR_PX = 16;
 const PAN_PX = 40;
@@ -38,7 +38,12 @@ export class MapPanel {
     /** kind of the view: the truth needs no heat map, so it is off there until asked for */
     this.kind = "";
     this.arenaOf = "";
-    this.layers = { heat: input("layer-heat"), labels: input("layer-labels"), trees: input("layer-trees") };
+    this.layers = {
+      heat: input("layer-heat"),
+      activity: input("layer-activity"),
+      labels: input("layer-labels"),
+      trees: input("layer-trees"),
+    };
     for (const box of Object.values(this.layers)) box.addEventListener("change", () => this.redraw());
     new ResizeObserver(() => this.resize()).observe(this.canvas);
     this.listen();
@@ -127,9 +132,15 @@ export class MapPanel {
     this.isDirty = true;
     window.requestAnimationFrame(() => {
       this.isDirty = false;
-      const { heat, labels, trees } = this.layers;
+      const { heat, activity, labels, trees } = this.layers;
       element("heat-legend").hidden = !heat.checked;
-      const layers = { heat: heat.checked, labels: labels.checked, trees: trees.checked };
+      element("activity-legend").hidden = !activity.checked;
+      const layers = {
+        heat: heat.checked,
+        activity: activity.checked,
+        labels: labels.checked,
+        trees: trees.checked,
+      };
       draw(this.on, this.view, this.app, layers, this.heat, document.activeElement === this.canvas);
     });
   }
@@ -301,5 +312,6 @@ export class MapPanel {
     this.legendOf = key;
     element("map-legend").replaceChildren(...markers(model));
     element("heat-legend").replaceChildren(...ages());
+    element("activity-legend").replaceChildren(...activities());
   }
 }
