@@ -20,13 +20,14 @@ from deltaswarm_orchestrator.cli.arguments import (
     show,
     whole,
 )
-from deltaswarm_orchestrator.participants.again import ask_again, unanswered
+from deltaswarm_orchestrator.participants.again import ask_again, score_form, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
     attempt_number,
     read_record,
     record_of,
     summaries,
+    summary_of,
 )
 from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
 from deltaswarm_orchestrator.participants.tables import write_tables
@@ -36,6 +37,8 @@ from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
 from deltaswarm_orchestrator.results.run_tables import write_json
 from deltaswarm_orchestrator.run.options import RunOptions
 from deltaswarm_orchestrator.scenarios.load import keys_of, load_scenario
+from deltaswarm_scenario.operator_settings import ProbeSettings
+from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
 
 
@@ -139,7 +142,7 @@ def _do_runs(
         write_json(folder / RECORD, record_of(folder, participant, planned))
         heed_signals_again()
         if code == OK:
-            _ask_again(options.out, run, options_for)
+            _ask_again(options.out, run, options_for, score_form(summary_of(options.out)))
             write_json(folder / RECORD, record_of(folder, participant, planned))
         if code != OK:
             complain(
@@ -153,10 +156,17 @@ def _do_runs(
     return OK
 
 
-def _ask_again(folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions]) -> None:
-    """Ask for the answers that are missing after a complete run, on the same page."""
+def _ask_again(
+    folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions], score: FormSettings | None = None
+) -> None:
+    """Ask for the answers that are missing after a complete run, on the same page; first show the score, if any."""
     probes = unanswered(folder, run.scenario)
-    if probes is None or (station := options_for(run).station) is None:
+    station = options_for(run).station
+    if station is None or (probes is None and score is None):
+        return
+    if score is not None:
+        ask_again(folder, run.scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
+    if probes is None:
         return
     asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
     notice(f"asking again after run {run.position}, {run.label}: {asked}")

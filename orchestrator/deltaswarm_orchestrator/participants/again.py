@@ -7,17 +7,18 @@ import csv
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.processes.station import Station, write_briefing
 from deltaswarm_scenario.operator_settings import TLX, ProbeSettings
-from deltaswarm_scenario.questions import AFTER, tlx_scores
+from deltaswarm_scenario.questions import AFTER, FormSettings, tlx_scores
 from deltaswarm_scenario.scenario import Scenario
 from deltaswarm_wire.session import PASSWORD_VARIABLE
 
-PROBES = "probes.csv"
+PROBES, SCORE = "probes.csv", "score"
 Row = dict[str, str]
 
 
@@ -30,6 +31,20 @@ def unanswered(folder: Path, scenario: Scenario) -> ProbeSettings | None:
     if not has_tlx and not forms:
         return None
     return ProbeSettings(isa_every_s=0.0, tlx=has_tlx, tlx_weights=probes.tlx_weights, form=forms)
+
+
+def score_form(summary: Mapping[str, Any]) -> FormSettings | None:
+    """Return the page that tells the person how the task of a run went; None if there was none."""
+    task = summary.get("task")
+    if not task:
+        return None
+    text = (
+        f"You judged {task['hits'] + task['correct_rejections']} of {task['events']} reported events right. "
+        f"Of the targets, {task['hits']} were found and {task['misses']} were taken for others. "
+        f"Of the others, {task['false_alarms']} were taken for targets. "
+        f"Without a judgement: {task['unjudged']}."
+    )
+    return FormSettings(SCORE, "Your score", text)
 
 
 def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: Station) -> None:

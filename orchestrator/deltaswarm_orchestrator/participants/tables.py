@@ -61,6 +61,16 @@ RUN = {
     "acknowledge_s": Variable(NUMBER, Column("s", "mean time until an item was read"), "person.acknowledge_s"),
     "commands": Variable(WHOLE, Column("", "commands given"), "person.commands"),
     "commands_done": Variable(WHOLE, Column("", "commands carried out by an agent"), "person.commands_by_state.done"),
+    "share_right": Variable(NUMBER, Column("", "reported events that were judged right"), "task.share_right"),
+    "hits": Variable(WHOLE, Column("", "targets that were judged to be targets"), "task.hits"),
+    "misses": Variable(WHOLE, Column("", "targets that were judged to be others"), "task.misses"),
+    "false_alarms": Variable(WHOLE, Column("", "others that were judged to be targets"), "task.false_alarms"),
+    "correct_rejections": Variable(
+        WHOLE, Column("", "others that were judged to be others"), "task.correct_rejections"
+    ),
+    "unjudged": Variable(WHOLE, Column("", "reported events without a judgement"), "task.unjudged"),
+    "d_prime": Variable(NUMBER, Column("", "sensitivity d' of the judgements, log-linear"), "task.d_prime"),
+    "criterion": Variable(NUMBER, Column("", "criterion c of the judgements; above 0: rather other"), "task.criterion"),
     "isa": Variable(NUMBER, Column("", "mean ISA answer, from 1 to 5"), "person.isa"),
     "questions": Variable(WHOLE, Column("", "questions asked"), "person.questions"),
     "answers_missing": Variable(WHOLE, Column("", "questions without an answer"), "person.answers_missing"),

@@ -9,6 +9,15 @@ import { aboutAgent, aboutEvent, eventName, place } from "./words.js";
 
 const OLD_S = 30;
 
+/**
+ * @param {number} event
+ * @param {import("./model.js").Model} model
+ */
+function judged(event, model) {
+  const answer = model.judged.get(event);
+  return answer ? `. Judged: ${answer}` : "";
+}
+
 export class KnowledgePanel {
   /** @param {App} app */
   constructor(app) {
@@ -60,7 +69,7 @@ export class KnowledgePanel {
         key: String(event[0]),
         name: eventName(event[0]),
         old: now_s - event[4] > OLD_S,
-        words: `at ${place(event[1], event[2])}, ${aboutEvent(event, model)}`,
+        words: `at ${place(event[1], event[2])}, ${aboutEvent(event, model)}${judged(event[0], model)}`,
       })),
     );
     const total = model.hello?.agents ?? 0;

@@ -70,6 +70,8 @@ export interface Hello {
   /** For the conductor: the participant's number of each event of the truth. */
   event_numbers?: [number, number][];
   commands: Form[];
+  /** What the participant's task is; empty: none. */
+  goal?: string;
   /** Who sets delta during the run. */
   sets_delta?: "operator" | "swarm" | "system";
   speeds: number[];
@@ -122,6 +124,8 @@ export interface Picture {
   events: EventRow[];
   inbox: InboxRow[];
   unread: number;
+  /** Reported events and the class that the participant judged them to be of. */
+  judged?: [number, string][];
   /** Events that nobody reports any more, and the mean time for which they were reported [s]. */
   closed?: { events: number; after_s: number };
   workload: Workload;
@@ -143,6 +147,7 @@ export interface Act {
   target?: string;
   value?: number | string;
   items?: string;
+  event?: number;
   text?: string;
 }
 

@@ -1,0 +1,48 @@
+/** The participant's task: what it is, and the judgement of the selected event. */
+
+import { button, element, setText } from "./dom.js";
+import { eventName } from "./words.js";
+
+/** @typedef {import("./types.js").App} App */
+
+const CLASSES = ["target", "other"];
+
+export class TaskPanel {
+  /** @param {App} app */
+  constructor(app) {
+    this.app = app;
+    for (const answer of CLASSES) button(`judge-${answer}`).addEventListener("click", () => this.judge(answer));
+  }
+
+  /** The reported event that is selected. */
+  get event() {
+    const { selection, model } = this.app;
+    return selection?.kind === "event" ? (model.picture?.events.find((row) => row[0] === selection.id)?.[0] ?? null) : null;
+  }
+
+  start() {
+    const { goal, kind } = this.app.model.hello ?? {};
+    element("task").hidden = !goal;
+    setText(element("goal"), goal ?? "");
+    element("judge").hidden = kind !== "live";
+    this.update();
+  }
+
+  /** @param {string} answer */
+  judge(answer) {
+    const { event } = this;
+    if (element("task").hidden || element("judge").hidden) return;
+    if (event === null) this.app.say("Select a reported event to judge it.");
+    else this.app.send({ type: "judge", event, answer });
+  }
+
+  update() {
+    const { event } = this;
+    const given = event === null ? undefined : this.app.model.judged.get(event);
+    setText(element("judge-event"), event === null ? "No event is selected." : `Event ${eventName(event)} is`);
+    for (const answer of CLASSES) {
+      button(`judge-${answer}`).disabled = event === null;
+      button(`judge-${answer}`).setAttribute("aria-pressed", String(given === answer));
+    }
+  }
+}
