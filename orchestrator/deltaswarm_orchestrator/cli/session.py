@@ -6,17 +6,20 @@ import sys
 from collections.abc import Callable
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
+from typing import Any
 
 from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import (
+    Group,
     add_dry_run,
     add_json,
     add_markers,
     add_quiet,
     free_folder,
     host_and_port,
+    number,
     show,
     whole,
 )
@@ -29,8 +32,14 @@ from deltaswarm_orchestrator.participants.record import (
     summaries,
     summary_of,
 )
-from deltaswarm_orchestrator.participants.session import MAX_PARTICIPANT, PlannedRun, load_session, plan
-from deltaswarm_orchestrator.participants.tables import write_tables
+from deltaswarm_orchestrator.participants.session import (
+    MAX_PARTICIPANT,
+    PlannedRun,
+    SessionSettings,
+    load_session,
+    plan,
+)
+from deltaswarm_orchestrator.participants.tables import RUNS, write_tables
 from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address
 from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
@@ -41,6 +50,9 @@ from deltaswarm_scenario.operator_settings import ProbeSettings
 from deltaswarm_scenario.questions import FormSettings
 from deltaswarm_scenario.scenario import Scenario
 
+QUESTION = ("metric", "conditions", "effect", "power", "alpha", "test")
+"""Options of --plan."""
+
 
 def add_session(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `deltaswarm session`."""
@@ -50,6 +62,12 @@ def add_session(command: argparse.ArgumentParser) -> None:
     what.add_argument("--participant", type=whole(1, MAX_PARTICIPANT), metavar="N", help="number, from 1 on")
     what.add_argument(
         "--table", type=Path, metavar="FOLDER", help="write the data of all participants there as tables, and do no run"
+    )
+    what.add_argument(
+        "--plan",
+        type=Path,
+        metavar="FOLDER",
+        help="print how many participants a study needs, from a pilot's tables there (see --table), and do no run",
     )
     command.add_argument("--out", type=Path, metavar="FOLDER", help="default: sessions/NAME")
     command.add_argument(
@@ -64,15 +82,35 @@ def add_session(command: argparse.ArgumentParser) -> None:
         "--researcher", action="store_true", help="also serve the conductor's page, which shows the truth"
     )
     add_dry_run(command, "the runs, in the order of the file as long as the session has not begun")
-    command.add_argument("--plan", action="store_true", help="the same as --dry-run")
+    _add_question(command.add_argument_group("with --plan"))
     add_quiet(command)
     add_json(command)
     command.set_defaults(func=session)
 
 
+def _add_question(group: Group) -> None:
+    """Add what a study with the planned number of participants is to show; these options have no effect without it."""
+    group.add_argument("--metric", metavar="NAME", help="a column of runs.tsv (default: all that measure something)")
+    group.add_argument("--conditions", nargs=2, metavar="LABEL", help="the two to compare, if the session has more")
+    group.add_argument(
+        "--effect",
+        type=number(-1e12, 1e12),
+        metavar="N",
+        help="difference to find, in the metric's unit (default: the pilot's)",
+    )
+    group.add_argument("--power", type=number(0.01, 0.99), metavar="N", help="probability of finding it (default: 0.8)")
+    group.add_argument("--alpha", type=number(1e-6, 0.5), metavar="N", help="level of the test (default: 0.05)")
+    group.add_argument("--test", choices=("t", "signed-rank"), help="the test of paired differences (default: t)")
+
+
 def session(arguments: argparse.Namespace) -> int:
-    """Do the remaining runs of a participant's session, or write the tables of all participants."""
+    """Do the remaining runs of a participant's session, write the tables of all participants, or plan their number."""
     settings, beside = load_session(arguments.session)
+    asked = {name: value for name in QUESTION if (value := getattr(arguments, name)) is not None}
+    if asked and arguments.plan is None:
+        raise CommandError(f"--{next(iter(asked))} must be given with --plan, without which it has no effect")
+    if arguments.plan is not None:
+        return _plan(arguments, settings, asked)
     out: Path = arguments.out or Path("sessions") / Path(arguments.session).stem
     if arguments.table:
         files = write_tables(out, arguments.table)
@@ -93,7 +131,7 @@ def session(arguments: argparse.Namespace) -> int:
     for warning in dict.fromkeys(cli_run.isa_warning(run.scenario, settings.speed) for run in planned):
         if warning:
             notice(warning)
-    if arguments.plan or arguments.dry_run:
+    if arguments.dry_run:
         has_begun = (folder / RECORD).exists()
         labels = [settings.training.label, *(condition.label for condition in settings.condition)]
         if has_begun:
@@ -115,6 +153,23 @@ def session(arguments: argparse.Namespace) -> int:
         return _do_runs(arguments, folder, planned, options_for)
     finally:
         lock.release()
+
+
+def _plan(arguments: argparse.Namespace, settings: SessionSettings, asked: dict[str, Any]) -> int:
+    """Print how many participants are needed to find a difference between two conditions."""
+    from deltaswarm_orchestrator.participants.pilot import Question, plan_participants, text  # imports SciPy
+
+    effect = asked.get("effect")
+    if effect is not None and ("metric" not in asked or not effect):
+        raise CommandError("--effect must be a difference other than 0, given with the --metric in whose unit it is")
+    planned = plan_participants(settings, arguments.plan / f"{RUNS}.tsv", Question(**asked))
+    if effect is None:
+        notice(
+            "the effect is the pilot's own, which is uncertain: give the least difference that matters by --effect, "
+            "with --metric"
+        )
+    show(arguments, planned, text(planned))
+    return OK
 
 
 def _do_runs(
