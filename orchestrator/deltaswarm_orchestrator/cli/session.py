@@ -8,7 +8,7 @@ from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from typing import Any
 
-from deltaswarm_orchestrator.base.exits import OK, CommandError, complain, notice
+from deltaswarm_orchestrator.base.exits import FAILED, OK, CommandError, complain, notice
 from deltaswarm_orchestrator.base.signals import heed_signals_again
 from deltaswarm_orchestrator.cli import run as cli_run
 from deltaswarm_orchestrator.cli.arguments import (
@@ -26,11 +26,12 @@ from deltaswarm_orchestrator.cli.arguments import (
 from deltaswarm_orchestrator.participants.again import ask_again, score_form, unanswered
 from deltaswarm_orchestrator.participants.record import (
     RECORD,
-    attempt_number,
+    Attempt,
+    attempts_at,
+    outcome_of,
     read_record,
     record_of,
-    summaries,
-    summary_of,
+    scenario_of,
 )
 from deltaswarm_orchestrator.participants.session import (
     MAX_PARTICIPANT,
@@ -40,6 +41,7 @@ from deltaswarm_orchestrator.participants.session import (
     plan,
 )
 from deltaswarm_orchestrator.participants.tables import RUNS, write_tables
+from deltaswarm_orchestrator.participants.training import END, NOT_REACHED, OPEN, CriterionSettings
 from deltaswarm_orchestrator.processes.station import LOOPBACK, Station, free_address
 from deltaswarm_orchestrator.recording.names import SCENARIO
 from deltaswarm_orchestrator.results.folder_lock import FolderLock, HeldError
@@ -178,54 +180,95 @@ def _do_runs(
     planned: list[PlannedRun],
     options_for: Callable[..., RunOptions],
 ) -> int:
-    """Do the runs that are not complete; keep the record."""
+    """Do the runs that are not complete, and training until its criterion is reached; keep the record."""
     participant: int = arguments.participant
+
+    def record() -> None:
+        write_json(folder / RECORD, record_of(folder, participant, planned))
+
     _check_design(folder, planned)
-    write_json(folder / RECORD, record_of(folder, participant, planned))
+    record()
     is_first = True
     for run in planned:
-        done = [name for name, summary in summaries(folder, run).items() if summary["complete"]]
-        if done:
-            _ask_again(folder / done[-1], run, options_for)
-            write_json(folder / RECORD, record_of(folder, participant, planned))
-            continue
-        notice(f"run {run.position} of {len(planned) - 1}: {run.label}")
-        options, is_first = options_for(run, is_first=is_first), False
-        scenario = run.attempt(attempt_number(options.out.name, run))
-        with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
-            code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
-        write_json(folder / RECORD, record_of(folder, participant, planned))
-        heed_signals_again()
-        if code == OK:
-            _ask_again(options.out, run, options_for, score_form(summary_of(options.out)))
-            write_json(folder / RECORD, record_of(folder, participant, planned))
-        if code != OK:
-            complain(
-                f"the session stops here; to go on: deltaswarm session {arguments.session} --participant {participant}"
-            )
-            return code
-        for summary in [*summaries(folder, run).values()][-1:]:
-            if missing := (summary.get("person") or {}).get("answers_missing"):
-                complain(f"answers missing in run {run.position}, {run.label}: {missing}")
+        for attempt in attempts_at(folder, run):
+            if attempt.is_complete:
+                _ask_again(folder / attempt.folder, run, attempt.scenario, options_for)
+                record()
+        while outcome_of(run, earlier := attempts_at(folder, run)) == OPEN:
+            notice(f"run {run.position} of {len(planned) - 1}: {run.label}{_repeated(run, earlier)}")
+            options, is_first = options_for(run, is_first=is_first), False
+            scenario = scenario_of(run, options.out.name, earlier)
+            with redirect_stdout(sys.stderr) if arguments.json else nullcontext():
+                code = cli_run.run_and_report(scenario, options, quiet=arguments.quiet)
+            record()
+            heed_signals_again()
+            if code != OK:
+                complain(
+                    "the session stops here; to go on: "
+                    f"deltaswarm session {arguments.session} --participant {participant}"
+                )
+                return code
+            ended = attempts_at(folder, run)[-1:]
+            _ask_again(options.out, run, scenario, options_for, *(score_form(attempt.summary) for attempt in ended))
+            record()
+            _complain_of_missing(folder, run)
+            if run.criterion is None:
+                break
+        if _is_ended_by(run, attempts_at(folder, run)):
+            return FAILED
     show(arguments, {"folder": str(folder), **record_of(folder, participant, planned)}, str(folder))
     return OK
 
 
+def _repeated(run: PlannedRun, earlier: list[Attempt]) -> str:
+    """Say why training is repeated, and how often; empty: it is not."""
+    count = sum(attempt.is_complete for attempt in earlier)
+    if run.criterion is None or not count:
+        return ""
+    return f" again ({count + 1} of at most {run.criterion.max_runs}), since {_judged(run.criterion, earlier)}"
+
+
+def _judged(criterion: CriterionSettings, attempts: list[Attempt]) -> str:
+    values = [criterion.value(attempt.summary) for attempt in attempts if attempt.is_complete]
+    got = ", ".join("none" if value is None else f"{value:g}" for value in values)
+    return f"{criterion.metric} must be {criterion.bounds} (got {got})"
+
+
+def _is_ended_by(run: PlannedRun, attempts: list[Attempt]) -> bool:
+    """Say if the criterion of a training was not reached; return whether this ends the session."""
+    if run.criterion is None or outcome_of(run, attempts) != NOT_REACHED:
+        return False
+    ends = run.criterion.if_not_reached == END
+    then = "the session ends here" if ends else "the session goes on"
+    complain(f"the criterion of the training is not reached: {_judged(run.criterion, attempts)}; {then}")
+    return ends
+
+
+def _complain_of_missing(folder: Path, run: PlannedRun) -> None:
+    for attempt in attempts_at(folder, run)[-1:]:
+        if missing := (attempt.summary.get("person") or {}).get("answers_missing"):
+            complain(f"answers missing in run {run.position}, {run.label}: {missing}")
+
+
 def _ask_again(
-    folder: Path, run: PlannedRun, options_for: Callable[..., RunOptions], score: FormSettings | None = None
+    folder: Path,
+    run: PlannedRun,
+    scenario: Scenario,
+    options_for: Callable[..., RunOptions],
+    score: FormSettings | None = None,
 ) -> None:
     """Ask for the answers that are missing after a complete run, on the same page; first show the score, if any."""
-    probes = unanswered(folder, run.scenario)
+    probes = unanswered(folder, scenario)
     station = options_for(run).station
     if station is None or (probes is None and score is None):
         return
     if score is not None:
-        ask_again(folder, run.scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
+        ask_again(folder, scenario, ProbeSettings(isa_every_s=0.0, form=(score,)), station)
     if probes is None:
         return
     asked = ", ".join([*(["NASA-TLX"] if probes.tlx else []), *(form.name for form in probes.form)])
     notice(f"asking again after run {run.position}, {run.label}: {asked}")
-    ask_again(folder, run.scenario, probes, station)
+    ask_again(folder, scenario, probes, station)
 
 
 def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
@@ -240,10 +283,9 @@ def _check_design(folder: Path, planned: list[PlannedRun]) -> None:
         if before != (now := [run.label for run in planned]):
             raise CommandError(f"{folder} must be of the runs {', '.join(now)} (got {', '.join(before)}): {hint}")
     for run in planned:
-        for name, summary in summaries(folder, run).items():
-            file = folder / name / SCENARIO
-            expected = run.attempt(attempt_number(name, run))
-            if summary["complete"] and (changed := _changed_keys(expected, load_scenario(str(file)))):
+        for attempt in attempts_at(folder, run):
+            file = folder / attempt.folder / SCENARIO
+            if attempt.is_complete and (changed := _changed_keys(attempt.scenario, load_scenario(str(file)))):
                 raise CommandError(f"{file} must be as planned (other values of {', '.join(changed)}): {hint}")
 
 

@@ -58,11 +58,19 @@ def ask_again(folder: Path, scenario: Scenario, probes: ProbeSettings, station: 
     subprocess.run([*command, *options], env={**os.environ, PASSWORD_VARIABLE: station.token}, check=False)
 
 
+def rows_of(file: Path) -> list[Row]:
+    """Return the rows of a table of a run; none if there is no such table."""
+    if not file.exists():
+        return []
+    with file.open(newline="", encoding="utf-8") as stream:
+        return list(csv.DictReader(stream))
+
+
 def answers(folder: Path) -> list[Row]:
     """Return the rows of a run's answers; an answer that was given later stands in place of its absence."""
     later = _later(folder)
     given = {(row["probe"], row["item"]) for row in later}
-    first = [row for row in _rows(folder) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
+    first = [row for row in rows_of(folder / PROBES) if row["answered_utc"] or (row["probe"], row["item"]) not in given]
     return [*first, *later]
 
 
@@ -81,17 +89,9 @@ def with_later_answers(folder: Path, summary: dict[str, Any]) -> dict[str, Any]:
 
 def _later(folder: Path) -> list[Row]:
     """Return the answers that were given after a run."""
-    return [row for again in _folders(folder) for row in _rows(again) if row["answered_utc"]]
+    return [row for again in _folders(folder) for row in rows_of(again / PROBES) if row["answered_utc"]]
 
 
 def _folders(folder: Path) -> list[Path]:
     """Return the folders with later answers, in order."""
     return sorted(folder.parent.glob(f"{folder.name}.again-*"), key=lambda path: int(path.name.rpartition("-")[2]))
-
-
-def _rows(folder: Path) -> list[Row]:
-    file = folder / PROBES
-    if not file.exists():
-        return []
-    with file.open(newline="", encoding="utf-8") as stream:
-        return list(csv.DictReader(stream))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from deltaswarm_orchestrator.base.exits import CommandError
-from deltaswarm_orchestrator.participants.again import PROBES, answers
+from deltaswarm_orchestrator.participants.again import PROBES, answers, rows_of
 from deltaswarm_orchestrator.participants.record import RECORD, read_record, summary_of
 from deltaswarm_orchestrator.participants.variables import KEYS, PARTICIPANT, RUN, value_at
 from deltaswarm_scenario.person_tables import TABLES, columns_of
@@ -47,28 +47,27 @@ def _runs(folder: Path, record: Row) -> Iterator[tuple[Path, dict[str, Any]]]:
         keys = {"participant": record["participant"], "condition": run["condition"], "position": run["place"]}
         for number, attempt in enumerate(run["attempts"], 1):
             place = folder / attempt["folder"]
-            summary = summary_of(place) | {"attempt": number, "stream": run.get("stream")}
+            own = {"attempt": number, "stream": run.get("stream"), "training_value": attempt.get("training_value")}
+            summary = summary_of(place) | own
             values = {name: value_at(summary, variable.path) for name, variable in RUN.items()}
             yield place, {**keys, "run": attempt["folder"], **values}
 
 
 def _participant(record: Row) -> Row:
-    attempts = [attempt for run in record["runs"] for attempt in run["attempts"] if attempt["complete"]]
+    complete = {run["place"]: [one for one in run["attempts"] if one["complete"]] for run in record["runs"]}
     return {
         "participant": record["participant"],
         "runs": len(record["runs"]),
-        "complete": len(attempts),
-        "answers_missing": sum(attempt.get("answers_missing") or 0 for attempt in attempts),
+        "complete": sum(map(bool, complete.values())),
+        "answers_missing": sum(one.get("answers_missing") or 0 for attempts in complete.values() for one in attempts),
+        "training_runs": len(complete.get(0, ())),
+        "training_outcome": next((run["outcome"] for run in record["runs"] if "outcome" in run), ""),
     }
 
 
-def _rows(run: Path, name: str) -> Iterator[dict[str, Any]]:
+def _rows(run: Path, name: str) -> list[dict[str, str]]:
     file = run / f"{name}.csv"
-    if file.name == PROBES:
-        yield from answers(run)
-    elif file.exists():
-        with file.open(newline="", encoding="utf-8") as stream:
-            yield from csv.DictReader(stream)
+    return answers(run) if file.name == PROBES else rows_of(file)
 
 
 _TOLD = ("type", "unit", "meaning")

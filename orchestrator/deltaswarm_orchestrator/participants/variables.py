@@ -5,6 +5,9 @@ from typing import Any, NamedTuple
 
 from deltaswarm_scenario.person_tables import Column
 
+SITUATION_RIGHT_SHARE = "person.situation_right_share"
+"""Path of the share of right answers about the situation, which is known only after the run."""
+
 WHOLE, NUMBER, TEXT = "whole number", "number", "text"
 
 
@@ -28,6 +31,11 @@ PARTICIPANT = {
     "runs": (WHOLE, Column("", "runs that were planned")),
     "complete": (WHOLE, Column("", "runs that are complete")),
     "answers_missing": (WHOLE, Column("", "questions without an answer, in all complete runs")),
+    "training_runs": (WHOLE, Column("", "training runs that are complete")),
+    "training_outcome": (
+        TEXT,
+        Column("", "the training's criterion: reached, not reached, or open before its last run; empty: there is none"),
+    ),
 }
 
 RUN_ITSELF = {
@@ -37,6 +45,9 @@ RUN_ITSELF = {
     "stream": Variable(WHOLE, Column("", "stream of arrivals, from 0; empty: one of its own"), "stream"),
     "seed": Variable(WHOLE, Column("", "seed of the run"), "seed"),
     "digest": Variable(TEXT, Column("", "digest of all messages"), "digest"),
+    "training_value": Variable(
+        NUMBER, Column("", "of a training run: what the training's criterion is about"), "training_value"
+    ),
 }
 """Which run it is, and what became of it."""
 
@@ -53,6 +64,9 @@ MEASURES = {
     "items": Variable(WHOLE, Column("", "items of the inbox"), "person.items"),
     "read": Variable(WHOLE, Column("", "items that were read"), "person.read"),
     "missed": Variable(WHOLE, Column("", "items that were unread for too long"), "person.missed"),
+    "missed_share": Variable(
+        NUMBER, Column("", "items that were unread for too long, as a share of all"), "person.missed_share"
+    ),
     "acknowledge_s": Variable(NUMBER, Column("s", "mean time until an item was read"), "person.acknowledge_s"),
     "commands": Variable(WHOLE, Column("", "commands given"), "person.commands"),
     "commands_done": Variable(WHOLE, Column("", "commands carried out by an agent"), "person.commands_by_state.done"),
@@ -66,6 +80,11 @@ MEASURES = {
     "unjudged": Variable(WHOLE, Column("", "reported events without a judgement"), "task.unjudged"),
     "d_prime": Variable(NUMBER, Column("", "sensitivity d' of the judgements, log-linear"), "task.d_prime"),
     "criterion": Variable(NUMBER, Column("", "criterion c of the judgements; above 0: rather other"), "task.criterion"),
+    "situation_right_share": Variable(
+        NUMBER,
+        Column("", "right answers about the situation (SAGAT, SPAM), as a share of those asked for"),
+        SITUATION_RIGHT_SHARE,
+    ),
     "isa": Variable(NUMBER, Column("", "mean ISA answer, from 1 to 5"), "person.isa"),
     "questions": Variable(WHOLE, Column("", "questions asked"), "person.questions"),
     "answers_missing": Variable(WHOLE, Column("", "questions without an answer"), "person.answers_missing"),
